@@ -1,0 +1,1 @@
+"""coop_pin: cooperative closed-chain manipulators on Pinocchio."""

@@ -1,0 +1,318 @@
+"""The tree of errors: every one carries its numbers and says what, value, allowed, what to do."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any, Self
+
+
+def _rebuild(kind: type[CoopPinError], message: str, fields: dict[str, Any]) -> CoopPinError:
+    error = kind.__new__(kind, message)
+    error.args = (message,)
+    error.__dict__.update(fields)
+    return error
+
+
+class CoopPinError(Exception):
+    """Root of every error that coop_pin raises on purpose; picklable, so that workers can send it."""
+
+    def __str__(self) -> str:
+        """Return the message as written (a KeyError would quote it)."""
+        return str(self.args[0]) if self.args else ""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by message and fields: constructors take numbers, not messages."""
+        return _rebuild, (type(self), str(self), self.__dict__)
+
+
+# ---------------------------------------------------------------- arguments
+
+
+class ArgumentError(CoopPinError, ValueError):
+    """A value handed to a function is outside what the function accepts."""
+
+
+class ShapeError(ArgumentError):
+    """An array has the wrong shape.
+
+    Attributes:
+        name: the argument.
+        shape: the shape it has.
+        expected: the shape it must have.
+    """
+
+    def __init__(self, name: str, shape: tuple[int, ...], expected: tuple[int | str, ...]) -> None:
+        self.name, self.shape, self.expected = name, shape, expected
+        wanted = "(" + ", ".join(map(str, expected)) + ("," if len(expected) == 1 else "") + ")"
+        super().__init__(f"{name} has shape {shape}; it must have shape {wanted}")
+
+
+class NotFiniteError(ArgumentError):
+    """An array holds a NaN or an infinity.
+
+    Attributes:
+        name: the argument.
+        index: index of the first bad entry.
+        value: the bad entry.
+    """
+
+    def __init__(self, name: str, index: tuple[int, ...], value: float) -> None:
+        self.name, self.index, self.value = name, index, value
+        where = f"[{', '.join(map(str, index))}]" if index else ""
+        super().__init__(f"{name}{where} is {value}; every entry must be a finite number")
+
+
+class NameNotFoundError(CoopPinError, KeyError):
+    """A name is not known.
+
+    Attributes:
+        kind: what was looked for, for example "frame".
+        name: the name asked for.
+        known: the names there are.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str], where: str) -> None:
+        self.kind, self.name, self.known = kind, name, tuple(known)
+        super().__init__(f"no {kind} {name!r} in {where}; {suggestion(name, self.known)}")
+
+
+class FrameNotFoundError(NameNotFoundError):
+    """A frame name is not in the model."""
+
+
+class JointNotFoundError(NameNotFoundError):
+    """A joint name is not in the model."""
+
+
+class ArmNotFoundError(NameNotFoundError):
+    """An arm name is not in the cell."""
+
+
+class EntryNotFoundError(NameNotFoundError):
+    """A name is not in a catalogue."""
+
+
+def suggestion(name: str, known: Sequence[str]) -> str:
+    """Say which known names come closest to a wrong one, or list them where they are few."""
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    if close:
+        return "did you mean " + " or ".join(map(repr, close)) + "?"
+    shown = ", ".join(map(repr, known[:12]))
+    return f"known: {shown}" + (f" and {len(known) - 12} more" if len(known) > 12 else "")
+
+
+# ---------------------------------------------------------------- scenarios
+
+
+class ScenarioError(CoopPinError, ValueError):
+    """A description or scenario has mistakes; all of them are reported at once.
+
+    Attributes:
+        problems: one FieldError for each mistake.
+    """
+
+    problems: tuple[FieldError, ...]
+
+    def __init__(self, problems: Iterable[FieldError], where: str = "the description") -> None:
+        self.problems = tuple(problems)
+        lines = "\n".join(f"  {problem}" for problem in self.problems)
+        super().__init__(f"{where} has {len(self.problems)} mistakes:\n{lines}")
+
+
+class FieldError(ScenarioError):
+    """One mistake at one field.
+
+    Attributes:
+        path: dotted path of the field, for example "controller.gains.sign_gain".
+        detail: what is wrong, with value and allowed values.
+    """
+
+    def __init__(self, detail: str, path: str = "") -> None:
+        self.path, self.detail = path, detail
+        self.problems = (self,)
+        CoopPinError.__init__(self, f"{path}: {detail}" if path else detail)
+
+    def below(self, prefix: str) -> Self:
+        """Return the same mistake seen from one level further out."""
+        outer = copy.copy(self)
+        outer.path = ".".join(part for part in (prefix, self.path) if part)
+        outer.args = (f"{outer.path}: {self.detail}",)
+        outer.problems = (outer,)
+        return outer
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the reference to itself."""
+        fields = {key: value for key, value in self.__dict__.items() if key != "problems"}
+        return _rebuild_field, (type(self), str(self), fields)
+
+
+def _rebuild_field(kind: type[FieldError], message: str, fields: dict[str, Any]) -> FieldError:
+    error = _rebuild(kind, message, fields)
+    assert isinstance(error, FieldError)
+    error.problems = (error,)
+    return error
+
+
+def one_or_all(problems: Sequence[FieldError], where: str) -> ScenarioError:
+    """Return the only problem itself, so that it can be caught by its type, or all of them together."""
+    return problems[0] if len(problems) == 1 else ScenarioError(problems, where)
+
+
+class UnknownFieldError(FieldError):
+    """A field that does not exist."""
+
+
+class MissingFieldError(FieldError):
+    """A field that must be given is missing."""
+
+
+class FieldNotFiniteError(FieldError):
+    """A field holds a NaN or an infinity."""
+
+
+class FieldShapeError(FieldError):
+    """A field has the wrong number of entries."""
+
+
+class LoadShareError(FieldError):
+    """The load shares do not sum to one, or do not name the arms."""
+
+
+class SqueezeError(FieldError):
+    """The desired internal wrenches do not sum to zero."""
+
+
+class SignGainError(FieldError):
+    """A sign gain (alpha) that is not diagonal: s^T alpha sgn(s) would have no sign."""
+
+
+class UnequalGainsError(FieldError):
+    """Arms with different pose gains or force gains: the proof of Theorem 2 needs one for all."""
+
+
+class ForceGainBoundError(FieldError):
+    """A force gain at or beyond the bound of its sampled force path."""
+
+
+class EventTimeError(FieldError):
+    """An event outside the run."""
+
+
+class UrdfNotFoundError(FieldError, FileNotFoundError):
+    """A robot description file is not where it was looked for."""
+
+
+class UrdfError(FieldError):
+    """A robot description file that cannot be used."""
+
+
+class ScenarioFileError(CoopPinError, ValueError):
+    """A file is not readable as a scenario."""
+
+
+# ---------------------------------------------------------------- closed chains and runs
+
+
+class UnreachablePoseError(CoopPinError, ValueError):
+    """An arm cannot hold the payload at a pose.
+
+    Attributes:
+        arm: the arm.
+        gap_m: distance between its tip and its grasp at the best joint angles found.
+        gap_rad: angle between them.
+    """
+
+    def __init__(self, arm: str, gap_m: float, gap_rad: float, detail: str = "") -> None:
+        self.arm, self.gap_m, self.gap_rad = arm, gap_m, gap_rad
+        super().__init__(
+            f"arm {arm!r} misses its grasp by {gap_m:.3g} m and {gap_rad:.3g} rad at the best joint angles found;"
+            f" move the payload pose, the base or the grasp{detail}"
+        )
+
+
+class OpenClosureError(CoopPinError, ValueError):
+    """Closures stand open where they must be closed.
+
+    Attributes:
+        closure: the closure.
+        gap_m: distance across it.
+        gap_rad: angle across it.
+    """
+
+    def __init__(self, closure: str, gap_m: float, gap_rad: float, allowed: float) -> None:
+        self.closure, self.gap_m, self.gap_rad = closure, gap_m, gap_rad
+        super().__init__(
+            f"closure {closure!r} is open by {gap_m:.3g} m and {gap_rad:.3g} rad (allowed {allowed:.3g});"
+            " project the state onto the closures first, or correct the starting angles"
+        )
+
+
+class ConstraintSolveError(CoopPinError, ArithmeticError):
+    """The constrained dynamics left a residual: J a + gamma is not zero.
+
+    Attributes:
+        residual: its largest entry, m/s^2 or rad/s^2.
+        allowed: the largest accepted.
+    """
+
+    def __init__(self, residual: float, allowed: float) -> None:
+        self.residual, self.allowed = residual, allowed
+        super().__init__(
+            f"the constraint solver left a residual of {residual:.3g} (allowed {allowed:.3g});"
+            " the state is far off the closures or the closures contradict each other"
+        )
+
+
+class SingularJacobianError(CoopPinError, ArithmeticError):
+    """A payload Jacobian is singular (Assumption 2 of the paper fails).
+
+    Attributes:
+        condition: its condition number.
+        time: time, s.
+    """
+
+    def __init__(self, condition: float, time: float, limit: float, owner: str = "the arm") -> None:
+        self.condition, self.time, self.limit = condition, time, limit
+        super().__init__(
+            f"{owner} is singular at t = {time:.6g} s: condition number {condition:.3g} of its payload Jacobian"
+            f" (allowed {limit:.3g}); keep the motion away from stretched or folded arms"
+        )
+
+
+class SingularArmError(SingularJacobianError):
+    """An arm of the cell reached a singular pose.
+
+    Attributes:
+        arm: the arm.
+        condition: condition number of its payload Jacobian.
+        time: time, s.
+    """
+
+    def __init__(self, arm: str, condition: float, time: float, limit: float) -> None:
+        self.arm = arm
+        super().__init__(condition, time, limit, owner=f"arm {arm!r}")
+
+
+class DivergedError(CoopPinError, ArithmeticError):
+    """A run left the range of finite, closed motion; what was computed up to then is kept.
+
+    Attributes:
+        time: time of the last good tick, s.
+        quantity: what ran away.
+        value: its value.
+        result: the RunResult up to then, or None.
+    """
+
+    def __init__(self, time: float, quantity: str, value: float, limit: float) -> None:
+        self.time, self.quantity, self.value, self.limit = time, quantity, value, limit
+        self.result: Any = None
+        super().__init__(
+            f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
+            " lower the gains or raise the control rate; the result up to then is kept"
+        )
+
+
+class ResultFileError(CoopPinError, ValueError):
+    """A file is not a result of coop_pin, or is damaged."""

@@ -1,0 +1,29 @@
+"""The split of interaction wrenches into a load part and an internal part."""
+
+from __future__ import annotations
+
+from coop_pin.arrays import Array
+
+
+def load_wrenches(interaction: Array, load_shares: Array) -> Array:
+    """Return what each arm carries of the load: delta_i = c_i sum_j F_j.
+
+    Gueaieb et al. (2007), eqs. (10)-(12).
+
+    Args:
+        interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
+        load_shares: c_i, summing to one, shape (m,).
+    """
+    return load_shares[:, None] * interaction.sum(axis=-2, keepdims=True)
+
+
+def internal_wrenches(interaction: Array, load_shares: Array) -> Array:
+    """Return the internal wrench of each arm: f_i = F_i - c_i sum_j F_j, so that sum_i f_i = 0.
+
+    Gueaieb et al. (2007), eqs. (7), (8), (12).
+
+    Args:
+        interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
+        load_shares: c_i, summing to one, shape (m,).
+    """
+    return interaction - load_wrenches(interaction, load_shares)

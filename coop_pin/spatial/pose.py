@@ -1,0 +1,49 @@
+"""Poses as 4x4 homogeneous matrices, and the error between two of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from coop_pin.arrays import Array, as_array
+
+
+def rotation_from_rpy(rpy: ArrayLike) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), the URDF convention.
+
+    Args:
+        rpy: roll, pitch, yaw about fixed axes, rad, shape (3,).
+    """
+    return Rotation.from_euler("xyz", as_array("rpy", rpy, 3)).as_matrix()
+
+
+def rpy_from_rotation(rotation: ArrayLike) -> Array:
+    """Return roll, pitch, yaw (rad) of a rotation matrix, shape (3, 3), in the URDF convention."""
+    return Rotation.from_matrix(as_array("rotation", rotation, 3, 3)).as_euler("xyz")
+
+
+def make_pose(translation: ArrayLike = (0.0, 0.0, 0.0), rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Return X_AB of a frame B displaced by translation (m) and turned by rpy (rad) in A, shape (4, 4)."""
+    X_AB = np.eye(4)
+    X_AB[:3, :3] = rotation_from_rpy(rpy)
+    X_AB[:3, 3] = as_array("translation", translation, 3)
+    return X_AB
+
+
+def inverse_pose(X_AB: Array) -> Array:
+    """Return X_BA = X_AB^-1, shape (4, 4)."""
+    R_BA = X_AB[:3, :3].T
+    X_BA = np.eye(4)
+    X_BA[:3, :3] = R_BA
+    X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
+    return X_BA
+
+
+def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
+    """Return the pose error, actual minus desired, in world axes.
+
+    ``[p_WP - p_WP_d, log(R_WP R_WP_d^T)]``, m and rad, shape (6,).
+    """
+    rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
+    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))

@@ -1,0 +1,94 @@
+"""Task rows: which of the six rows of twists, wrenches and pose errors a cell works on."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Literal
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.spatial.pose import pose_error
+
+RowsName = Literal["planar", "full"]
+
+
+class TaskRows(ABC):
+    """The k_0 rows of six-vectors that a cell works on.
+
+    Attributes:
+        name: name in scenario files.
+        indices: the rows, a subset of 0..5 (linear first).
+        axes: a label for each row.
+    """
+
+    name: RowsName
+    indices: tuple[int, ...]
+    axes: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """The number of rows, k_0."""
+        return len(self.indices)
+
+    @abstractmethod
+    def select(self, vector6: Array) -> Array:
+        """Return the rows of a six-vector, shape (k_0,), or of a (6, n) matrix, shape (k_0, n)."""
+
+    @abstractmethod
+    def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
+        """Return the rows of the pose error, actual minus desired, in world axes, shape (k_0,)."""
+
+    def expand(self, rows: Array) -> Array:
+        """Return a six-vector with the rows in place and zeros elsewhere, shape (..., 6)."""
+        vector6 = np.zeros((*rows.shape[:-1], 6))
+        vector6[..., self.indices] = rows
+        return vector6
+
+
+class FullRows(TaskRows):
+    """All six rows."""
+
+    name: RowsName = "full"
+    indices = (0, 1, 2, 3, 4, 5)
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+
+    def select(self, vector6: Array) -> Array:
+        """Return the six-vector itself."""
+        return vector6
+
+    def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
+        """Return ``[p - p_d, log(R R_d^T)]``, shape (6,)."""
+        return pose_error(X_WP, X_WP_d)
+
+
+class PlanarRows(TaskRows):
+    """x, y and the turn about z: motion in the horizontal plane of the world."""
+
+    name: RowsName = "planar"
+    indices = (0, 1, 5)
+    axes = ("x", "y", "rz")
+    _take = np.array(indices)
+
+    def select(self, vector6: Array) -> Array:
+        """Return rows x, y, rz."""
+        return vector6[self._take]
+
+    def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
+        """Return ``[x - x_d, y - y_d, psi - psi_d]`` with the angle in (-pi, pi], shape (3,).
+
+        For planar poses this is the log of the rotation error, at a tenth of its cost.
+        """
+        cosine, sine = X_WP.item(0), X_WP.item(4)
+        cosine_d, sine_d = X_WP_d.item(0), X_WP_d.item(4)
+        angle = math.atan2(sine * cosine_d - cosine * sine_d, cosine * cosine_d + sine * sine_d)
+        return np.array((X_WP.item(3) - X_WP_d.item(3), X_WP.item(7) - X_WP_d.item(7), angle))
+
+
+_ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRows())}
+
+
+def task_rows(name: RowsName) -> TaskRows:
+    """Return the task rows of a name."""
+    return _ROWS[name]
