@@ -1,1 +1,57 @@
-"""coop_pin: cooperative closed-chain manipulators on Pinocchio."""
+"""coop_pin: two or more URDF arms that rigidly hold one object, on Pinocchio.
+
+Everything public is listed here and loaded on first use, so that importing ``coop_pin.control`` never loads Pinocchio.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PUBLIC = {
+    "Arm": "coop_pin.description",
+    "ArmController": "coop_pin.control",
+    "ArmMeasurement": "coop_pin.control",
+    "ArmModel": "coop_pin.model",
+    "ArmReference": "coop_pin.control",
+    "Cell": "coop_pin.description",
+    "CellChain": "coop_pin.chain",
+    "CellController": "coop_pin.control",
+    "Clock": "coop_pin.description",
+    "ClosedChain": "coop_pin.chain",
+    "Closure": "coop_pin.chain",
+    "Command": "coop_pin.control",
+    "CoopPinError": "coop_pin.errors",
+    "JointFriction": "coop_pin.description",
+    "Payload": "coop_pin.description",
+    "PayloadChange": "coop_pin.description",
+    "PlantOptions": "coop_pin.description",
+    "Pose": "coop_pin.description",
+    "RunResult": "coop_pin.results",
+    "Scenario": "coop_pin.description",
+    "SlidingMode": "coop_pin.description",
+    "SlidingModeController": "coop_pin.control",
+    "SlidingModeGains": "coop_pin.description",
+    "Stabilisation": "coop_pin.description",
+    "WrenchPulse": "coop_pin.description",
+    "run": "coop_pin.runs",
+    "scenario_names": "coop_pin.description",
+    "simulate": "coop_pin.simulation",
+}
+
+__all__ = sorted(_PUBLIC)
+__version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'coop_pin' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_PUBLIC[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*__all__, "__version__"]

@@ -12,6 +12,9 @@ from coop_pin.errors import NotFiniteError, ShapeError
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
 
+Mask: TypeAlias = NDArray[np.bool_]
+"""An array of truth values."""
+
 
 def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     """Return value as a new float64 array of a stated shape with finite entries.

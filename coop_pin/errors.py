@@ -16,7 +16,13 @@ def _rebuild(kind: type[CoopPinError], message: str, fields: dict[str, Any]) -> 
 
 
 class CoopPinError(Exception):
-    """Root of every error that coop_pin raises on purpose; picklable, so that workers can send it."""
+    """Root of every error that coop_pin raises on purpose; picklable, so that workers can send it.
+
+    Attributes:
+        result: where a run was under way, its RunResult up to then; otherwise None.
+    """
+
+    result: Any = None
 
     def __str__(self) -> str:
         """Return the message as written (a KeyError would quote it)."""
@@ -62,6 +68,66 @@ class NotFiniteError(ArgumentError):
         self.name, self.index, self.value = name, index, value
         where = f"[{', '.join(map(str, index))}]" if index else ""
         super().__init__(f"{name}{where} is {value}; every entry must be a finite number")
+
+
+class NotPositiveError(ArgumentError):
+    """A number that must be greater than zero is not.
+
+    Attributes:
+        name: the argument.
+        value: the value it has.
+    """
+
+    def __init__(self, name: str, value: float) -> None:
+        self.name, self.value = name, value
+        super().__init__(f"{name} is {value:.6g}; it must be greater than zero")
+
+
+class NotAPoseError(ArgumentError):
+    """A 4x4 matrix is not a pose: its 3x3 block is no rotation, or its last row is not 0 0 0 1.
+
+    Attributes:
+        name: the argument.
+        deviation: the largest entry of R^T R - I, or by how much the last row or the determinant is off.
+    """
+
+    def __init__(self, name: str, deviation: float, allowed: float) -> None:
+        self.name, self.deviation = name, deviation
+        super().__init__(
+            f"{name} is not a pose: rotation block or last row is off by {deviation:.3g} (allowed {allowed:.3g});"
+            " build it with coop_pin.spatial.make_pose"
+        )
+
+
+class NotIncreasingError(ArgumentError):
+    """Times do not increase strictly.
+
+    Attributes:
+        name: the argument.
+        index: index of the first entry that is not greater than the one before it.
+        value: that entry.
+        previous: the entry before it.
+    """
+
+    def __init__(self, name: str, index: int, value: float, previous: float) -> None:
+        self.name, self.index, self.value, self.previous = name, index, value, previous
+        super().__init__(f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly: sort them, drop repeats")
+
+
+class AmbiguousTurnError(ArgumentError):
+    """The way round from one orientation to the next cannot be told: they are too near half a turn apart.
+
+    Attributes:
+        index: index of the second of the two orientations.
+        angle: the angle between them, rad.
+    """
+
+    def __init__(self, first: str, second: str, index: int, angle: float) -> None:
+        self.index, self.angle = index, angle
+        super().__init__(
+            f"the way round from {first} to {second}, {angle:.6g} rad apart, cannot be told (half a turn is pi);"
+            " put an orientation in between, space the times more evenly, or use a Turn about a stated axis"
+        )
 
 
 class NameNotFoundError(CoopPinError, KeyError):
@@ -208,8 +274,45 @@ class UrdfError(FieldError):
     """A robot description file that cannot be used."""
 
 
+class UrdfWarning(UserWarning):
+    """A robot description file whose masses or inertias no body can have."""
+
+
 class ScenarioFileError(CoopPinError, ValueError):
     """A file is not readable as a scenario."""
+
+
+# ---------------------------------------------------------------- references
+
+
+class InconsistentReferenceError(CoopPinError, ValueError):
+    """A desired twist or acceleration is not the derivative of what it belongs to.
+
+    Attributes:
+        quantity: what disagrees, for example "linear part of V_WP_d".
+        time: the time at which it disagrees most, s.
+        gap: norm of the difference there, SI.
+    """
+
+    def __init__(self, quantity: str, time: float, gap: float, allowed: float) -> None:
+        self.quantity, self.time, self.gap = quantity, time, gap
+        super().__init__(
+            f"the {quantity} disagrees with central differences by {gap:.3g} at t = {time:.6g} s (allowed {allowed:.3g});"
+            " check its axes (world), its order (linear first) and its signs, or leave it out"
+        )
+
+
+class ReferenceFileError(CoopPinError, ValueError):
+    """A file is not readable as a table of poses.
+
+    Attributes:
+        path: the file.
+        line: number of the bad line, counted from one; zero for the file as a whole.
+    """
+
+    def __init__(self, path: str, line: int, detail: str) -> None:
+        self.path, self.line = path, line
+        super().__init__(f"{path}, line {line}: {detail}" if line else f"{path}: {detail}")
 
 
 # ---------------------------------------------------------------- closed chains and runs
@@ -302,12 +405,10 @@ class DivergedError(CoopPinError, ArithmeticError):
         time: time of the last good tick, s.
         quantity: what ran away.
         value: its value.
-        result: the RunResult up to then, or None.
     """
 
     def __init__(self, time: float, quantity: str, value: float, limit: float) -> None:
         self.time, self.quantity, self.value, self.limit = time, quantity, value, limit
-        self.result: Any = None
         super().__init__(
             f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
             " lower the gains or raise the control rate; the result up to then is kept"

@@ -10,6 +10,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.spatial.pose import pose_error
+from coop_pin.spatial.wrench import rotate_vector6
 
 RowsName = Literal["planar", "full"]
 
@@ -40,6 +41,10 @@ class TaskRows(ABC):
     def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
         """Return the rows of the pose error, actual minus desired, in world axes, shape (k_0,)."""
 
+    @abstractmethod
+    def turn(self, X_WP: Array, rows_P: Array) -> Array:
+        """Return the rows of a twist or wrench given in payload axes, expressed in world axes, shape (k_0,)."""
+
     def expand(self, rows: Array) -> Array:
         """Return a six-vector with the rows in place and zeros elsewhere, shape (..., 6)."""
         vector6 = np.zeros((*rows.shape[:-1], 6))
@@ -61,6 +66,10 @@ class FullRows(TaskRows):
     def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
         """Return ``[p - p_d, log(R R_d^T)]``, shape (6,)."""
         return pose_error(X_WP, X_WP_d)
+
+    def turn(self, X_WP: Array, rows_P: Array) -> Array:
+        """Return ``[R f, R n]``, shape (6,)."""
+        return rotate_vector6(X_WP[:3, :3], rows_P)
 
 
 class PlanarRows(TaskRows):
@@ -84,6 +93,12 @@ class PlanarRows(TaskRows):
         cosine_d, sine_d = X_WP_d.item(0), X_WP_d.item(4)
         angle = math.atan2(sine * cosine_d - cosine * sine_d, cosine * cosine_d + sine * sine_d)
         return np.array((X_WP.item(3) - X_WP_d.item(3), X_WP.item(7) - X_WP_d.item(7), angle))
+
+    def turn(self, X_WP: Array, rows_P: Array) -> Array:
+        """Return ``[c f_x - s f_y, s f_x + c f_y, n_z]``, shape (3,)."""
+        cosine, sine = X_WP.item(0), X_WP.item(4)
+        x, y, moment = rows_P.tolist()
+        return np.array((cosine * x - sine * y, sine * x + cosine * y, moment))
 
 
 _ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRows())}

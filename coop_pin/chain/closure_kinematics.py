@@ -1,0 +1,85 @@
+"""Position, velocity and acceleration errors of one closure, in the axes of its frame a.
+
+With local twists V_a, V_b and X_ab the pose of b in a, the velocity error is ``e' = A_a V_a + A_b V_b`` and the acceleration
+error ``e'' = A_a a_a + A_b a_b + drift``, where a_a, a_b are spatial accelerations. The wrench on body a at the origin of a
+is ``A_a^T lambda``, on body b at the origin of b ``A_b^T lambda``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array
+from coop_pin.chain.closure import Closure, RowMask
+
+
+class ClosureError(NamedTuple):
+    """The errors of a closure with k rows.
+
+    Attributes:
+        position: e, m and rad, shape (k,).
+        A_a: shape (k, 6).
+        A_b: shape (k, 6).
+        drift: what e'' holds besides A_a a_a + A_b a_b, shape (k,).
+    """
+
+    position: Array
+    A_a: Array
+    A_b: Array
+    drift: Array
+
+
+ErrorFunction = Callable[[pin.SE3, pin.Motion, pin.Motion], ClosureError]
+
+
+def error_function(closure: Closure) -> ErrorFunction:
+    """Return the function (X_ab, V_a, V_b) -> ClosureError of a closure."""
+    mask = closure.mask
+    if all(mask):
+        return _weld
+    if mask == (True, True, True, False, False, False):
+        return _point
+    return lambda X_ab, V_a, V_b: _masked(X_ab, V_a, V_b, mask)
+
+
+def _weld(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
+    """e = -log6(X_ab); e' = V_a - Ad(X_ab) V_b, the error that pinocchio.constraintDynamics stabilises."""
+    V_b_in_a = X_ab.act(V_b)
+    drift = (V_a - V_b_in_a).cross(V_b_in_a).vector
+    return ClosureError(-pin.log6(X_ab).vector, np.eye(6), -X_ab.toActionMatrix(), drift)
+
+
+def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
+    """e = R_WA^T (p_a - p_b) with derivatives taken in the world, so that e decays along a straight line."""
+    R_ab = X_ab.rotation
+    A_a, A_b = np.zeros((3, 6)), np.zeros((3, 6))
+    A_a[:, :3], A_b[:, :3] = np.eye(3), -R_ab
+    drift = np.cross(V_a.angular, V_a.linear) - R_ab @ np.cross(V_b.angular, V_b.linear)
+    return ClosureError(-X_ab.translation, A_a, A_b, drift)
+
+
+def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureError:
+    """Rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
+    R_ab, p_ab = X_ab.rotation, X_ab.translation
+    A_a, A_b = np.eye(6), np.zeros((6, 6))
+    A_a[:3, 3:] = -pin.skew(p_ab)
+    A_b[:3, :3] = A_b[3:, 3:] = -R_ab
+    p_ab_rate = R_ab @ V_b.linear - V_a.linear - np.cross(V_a.angular, p_ab)
+    turning = np.cross(V_a.angular, p_ab_rate) + np.cross(V_a.angular, R_ab @ V_b.linear)
+    linear = turning - R_ab @ np.cross(V_b.angular, V_b.linear)
+    angular = np.cross(V_a.angular, R_ab @ V_b.angular)
+    rows = np.array(mask)
+    position = np.concatenate((-p_ab, _rotation_error(R_ab, mask[3:])))
+    return ClosureError(position[rows], A_a[rows], A_b[rows], np.concatenate((linear, angular))[rows])
+
+
+def _rotation_error(R_ab: Array, held: tuple[bool, ...]) -> Array:
+    """Return -log(R_ab), or where one axis k is free the misalignment of that axis, z_b x z_a: the log would turn with the free angle."""
+    if sum(held) != 2:
+        return -pin.log3(R_ab)
+    free = held.index(False)
+    return np.cross(R_ab[:, free], np.eye(3)[free])

@@ -1,0 +1,99 @@
+"""The decentralised sliding-mode law, exactly as printed: Gueaieb et al. (2007), eqs. (18)-(23)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control.contract import ArmController, ArmReference, Command
+from coop_pin.control.inverse import jacobian_inverse
+from coop_pin.control.measurement import ArmMeasurement
+from coop_pin.control.switching import Switching
+from coop_pin.spatial.task_rows import TaskRows
+
+
+class SlidingModeState(NamedTuple):
+    """Memory of the law.
+
+    Attributes:
+        start_time: t_0, s.
+        start_surface: s(t_0), rad/s, shape (k,).
+        sign_integral: sigma, s, shape (k,).
+    """
+
+    start_time: float
+    start_surface: Array
+    sign_integral: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingModeController(ArmController):
+    """Law (23) for an arm with as many joints as task rows (k = k_0), in sampled time.
+
+    ::
+
+        s       = J^-1 (xtildedot + gamma xtilde)                  (19)
+        s_d     = s(t_0) exp(-kappa (t - t_0))                     (20)
+        s_q     = s - s_d                                          (21)
+        qdot_r  = J^-1 (xdot_d - gamma xtilde) + s_d - alpha sigma
+        s_r     = qdot - qdot_r
+        tau     = -K_d s_r - J^T (f_d - K_f ftilde)                (23)
+        sigma[k+1] = sigma[k] + T sgn(s_q[k]),  sigma[0] = 0       (18)
+
+    The torque of tick k uses sigma[k] and is held for T. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
+
+    Attributes:
+        rows: the k_0 task rows.
+        period: T, s.
+        pose_gain: gamma, 1/s, shape (k_0, k_0).
+        sign_gain: alpha, rad/s^2, shape (k, k), diagonal.
+        damping_gain: K_d, N m s/rad, shape (k, k).
+        force_gain: K_f.
+        transient_rate: kappa, 1/s.
+        switching: sgn, or a smooth function in its place.
+    """
+
+    rows: TaskRows
+    period: float
+    pose_gain: Array
+    sign_gain: Array
+    damping_gain: Array
+    force_gain: float
+    transient_rate: float
+    switching: Switching
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
+        """Return the state at t_0: the surface there, and sigma = 0."""
+        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtildedot = measurement.payload_twist - reference.twist
+        s = jacobian_inverse(measurement.payload_jacobian, measurement.time) @ (xtildedot + self.pose_gain @ xtilde)
+        return SlidingModeState(measurement.time, s, np.zeros_like(s))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
+        """Return the drive torque of this tick and the state of the next.
+
+        Raises:
+            SingularJacobianError: the payload Jacobian is singular.
+        """
+        t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
+        J_inverse = jacobian_inverse(J, t)
+        gamma_xtilde = self.pose_gain @ self.rows.pose_error(measurement.payload_pose, reference.pose)
+        s = J_inverse @ (measurement.payload_twist - reference.twist + gamma_xtilde)
+        s_d = state.start_surface * math.exp(-self.transient_rate * (t - state.start_time))
+        s_q = s - s_d
+        qdot_r = J_inverse @ (reference.twist - gamma_xtilde) + s_d - self.sign_gain @ state.sign_integral
+        s_r = v - qdot_r
+        tau = -self.damping_gain @ s_r - J.T @ self._force_term(measurement, reference)
+        sigma = state.sign_integral + self.period * self.switching(s_q)
+        return Command(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
+
+    def _force_term(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+        """Return f_d - K_f ftilde in world axes; f_d turns with the payload pose that this arm sees."""
+        f_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        if measurement.internal_wrench is None:
+            return f_d
+        return f_d - self.force_gain * (measurement.internal_wrench - f_d)

@@ -1,0 +1,152 @@
+"""A scenario: everything that determines a run, in one value and one TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import tomli_w
+from pydantic import Field, model_validator
+
+from coop_pin.arrays import Array
+from coop_pin.description.base import Description, Positive, Vector6
+from coop_pin.description.catalogue import scenario_names, scenario_path
+from coop_pin.description.cell import Cell, check_arm_names
+from coop_pin.description.clock import Clock, PlantOptions
+from coop_pin.description.controller import Controller
+from coop_pin.description.event import Event, WrenchPulse
+from coop_pin.description.motion import Motion
+from coop_pin.description.pose import Pose
+from coop_pin.description.scenario_checks import controller_problems
+from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, SqueezeError, one_or_all
+
+
+class Scenario(Description):
+    """Everything that determines a run.
+
+    Attributes:
+        name: short name.
+        summary: one line for people.
+        cell: arms, payload, grasps.
+        controller: the law and its gains.
+        motion: desired motion of the payload.
+        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m; zero when omitted.
+        start: payload pose at t = 0, at rest.
+        events: what happens to the payload.
+        clock: control rate and plant steps.
+        plant: how the plant is solved.
+        duration: s.
+        seed: of everything random.
+        beyond_bound: insist on gains outside what the theory or the sampling allows.
+    """
+
+    name: str
+    summary: str = ""
+    cell: Cell
+    controller: Controller
+    motion: Motion
+    squeeze: dict[str, Vector6] = {}
+    start: Pose
+    events: tuple[Event, ...] = ()
+    clock: Clock = Clock()
+    plant: PlantOptions = PlantOptions()
+    duration: Positive = 20.0
+    seed: int = Field(default=0, ge=0)
+    beyond_bound: bool = False
+
+    @model_validator(mode="after")
+    def _whole_is_consistent(self) -> Self:
+        problems = [*self._event_problems(), *self._squeeze_problems()]
+        if not self.beyond_bound:
+            problems += controller_problems(self.controller, list(self.cell.arms))
+        if problems:
+            raise one_or_all(problems, "the scenario")
+        return self
+
+    def _event_problems(self) -> list[FieldError]:
+        late: list[FieldError] = []
+        for index, event in enumerate(self.events):
+            end = event.end if isinstance(event, WrenchPulse) else event.time
+            if end > self.duration:
+                late.append(EventTimeError(f"ends at t = {end:g} s; the run ends at {self.duration:g} s", f"events.{index}.time"))
+        return late
+
+    def _squeeze_problems(self) -> list[FieldError]:
+        if not self.squeeze:
+            return []
+        try:
+            check_arm_names(self.squeeze, self.cell.arms, "squeeze", SqueezeError)
+        except SqueezeError as problem:
+            return [problem]
+        total = self.squeeze_wrenches.sum(axis=0)
+        if np.abs(total).max() > 1e-9:
+            return [SqueezeError(f"entries sum to {total.tolist()}; internal wrenches must sum to zero (eq. (8))", "squeeze")]
+        return []
+
+    @property
+    def squeeze_wrenches(self) -> Array:
+        """f_d in payload axes in the order of the arms, shape (m, 6)."""
+        nothing = (0.0,) * 6
+        return np.array([self.squeeze.get(name, nothing) for name in self.cell.arms])
+
+    @classmethod
+    def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
+        """Read a scenario from the catalogue or from a TOML file.
+
+        Args:
+            name_or_path: name in the catalogue ("adept-paper") or path of a file. URDF paths in a file are relative to it.
+            overrides: fields to change, by dotted path.
+
+        Raises:
+            EntryNotFoundError: no such name or file.
+            ScenarioFileError: the file is not TOML.
+            ScenarioError: the scenario has mistakes; all are reported at once.
+        """
+        path = Path(name_or_path)
+        if str(name_or_path) in scenario_names():
+            path = scenario_path(str(name_or_path))
+        elif not path.is_file():
+            raise EntryNotFoundError("scenario", str(name_or_path), scenario_names(), "the catalogue or the file system")
+        try:
+            data = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
+        _anchor_urdfs(data, path.parent)
+        return cls.from_dict(data, overrides)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], overrides: Mapping[str, Any] | None = None) -> Self:
+        """Build a scenario from nested dictionaries, with some fields overridden by dotted path."""
+        scenario = cls(**data)
+        return scenario.override(overrides) if overrides else scenario
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Read a scenario as written by to_toml."""
+        return cls(**tomllib.loads(text))
+
+    def to_toml(self) -> str:
+        """Return the scenario as resolved: every field with its value."""
+        return tomli_w.dumps(_without_none(self.model_dump(mode="json")), multiline_strings=True)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scenario as resolved."""
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def _anchor_urdfs(data: dict[str, Any], folder: Path) -> None:
+    """Make URDF paths that exist beside the scenario's file absolute."""
+    arms = data.get("cell", {}).get("arms", {}) if isinstance(data.get("cell"), dict) else {}
+    for arm in arms.values() if isinstance(arms, dict) else ():
+        if isinstance(arm, dict) and isinstance(arm.get("urdf"), str) and (folder / arm["urdf"]).is_file():
+            arm["urdf"] = str((folder / arm["urdf"]).resolve())
+
+
+def _without_none(value: Any) -> Any:
+    """Drop absent optional fields: TOML has no null."""
+    if isinstance(value, dict):
+        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
+    return [_without_none(entry) for entry in value] if isinstance(value, list) else value

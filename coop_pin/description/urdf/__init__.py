@@ -1,0 +1,24 @@
+"""URDF files: finding them, and checking them before Pinocchio sees them.
+
+Pinocchio reads a mass of "abc" or "1.0 " as zero, forgets a joint where a link has two parents, takes a zero axis, and dies
+of a chain of 20 000 links. Every defect has a code here, its link or joint, and its line.
+
+**Structural** findings are always errors: Pinocchio would refuse the file or read something else than it says.
+
+- document: ``size``, ``empty``, ``encoding``, ``not_xml``, ``doctype``, ``elements``, ``nesting``, ``root``, ``xacro``
+- names: ``name``, ``reserved_name``, ``duplicate_link``, ``duplicate_joint``, ``duplicate_material``, ``no_links``
+- values: ``number``, ``not_finite``, ``count``, ``negative``, ``line_break``, ``missing_attribute``, ``duplicate_element``
+- joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``, ``mimic_unknown``
+- tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``, ``no_root``, ``two_roots``,
+  ``depth``
+
+**Physical** findings are warnings, and errors when strict: no such body exists.
+
+- ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``, ``inertia_not_psd``, ``inertia_triangle``
+"""
+
+from coop_pin.description.urdf.check import check_urdf, load_checked
+from coop_pin.description.urdf.files import UrdfFile, bundled_urdf_folder, find_urdf
+from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
+
+__all__ = ["UrdfFile", "UrdfFinding", "UrdfReport", "bundled_urdf_folder", "check_urdf", "find_urdf", "load_checked"]

@@ -1,0 +1,75 @@
+"""The check that stands between a URDF and Pinocchio."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from coop_pin.description.urdf.document import MAX_BYTES, read_document
+from coop_pin.description.urdf.elements import element_findings
+from coop_pin.description.urdf.files import UrdfFile
+from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
+from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
+from coop_pin.description.urdf.tree import read_tree
+from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
+
+
+def check_urdf(text_or_path: str | bytes | Path) -> UrdfReport:
+    """Return every defect of a URDF, with its link or joint and its line.
+
+    Args:
+        text_or_path: the text of a URDF (str or bytes), or the path of its file (Path).
+
+    Raises:
+        UrdfNotFoundError: there is no file at the path.
+        UrdfError: the file cannot be read from the disk.
+    """
+    if isinstance(text_or_path, Path):
+        return UrdfReport(str(text_or_path), _findings(_read(text_or_path)))
+    # A lone surrogate has no UTF-8; it is passed on so that the check reports it.
+    data = text_or_path if isinstance(text_or_path, bytes) else text_or_path.encode("utf-8", "surrogatepass")
+    return UrdfReport("the text", _findings(data))
+
+
+def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
+    """Return the text of a URDF that Pinocchio reads as it is written.
+
+    Physical findings in a user's file are warned of (UrdfWarning); bundled files and example-robot-data are known.
+
+    Args:
+        urdf: the file.
+        strict: whether physical findings are errors as well, in any file.
+
+    Raises:
+        UrdfNotFoundError: the file is gone.
+        UrdfError: the file has errors, all of which the message names, or cannot be read from the disk.
+    """
+    data = _read(urdf.path)
+    report = UrdfReport(str(urdf.path), _findings(data))
+    if report.errors(strict):
+        raise UrdfError("\n".join(("the URDF cannot be used:", *report.lines(strict))))
+    if report.warnings(strict) and urdf.origin == "user":
+        warnings.warn("\n".join(("the URDF describes bodies that cannot exist:", *report.lines())), UrdfWarning, stacklevel=2)
+    return data.decode("utf-8")
+
+
+def _read(path: Path) -> bytes:
+    if not path.is_file():
+        raise UrdfNotFoundError(f"no file at {path}")
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise UrdfError(f"{path} cannot be read: {error.strerror}; check its permissions") from error
+
+
+def _findings(data: bytes) -> tuple[UrdfFinding, ...]:
+    document = read_document(data)
+    if document.robot is None:
+        return document.findings
+    tree = read_tree(document.robot)
+    found = [*element_findings(document.robot), *tree.findings, *massless_findings(tree)]
+    for node in document.robot.children:
+        if node.tag == "link":
+            found += inertial_findings(node)
+    return tuple(sorted(found, key=lambda finding: finding.line))

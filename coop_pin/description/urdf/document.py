@@ -1,0 +1,172 @@
+"""The XML of a URDF, read with limits: hostile text ends in a finding, never in a crash or a full memory."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+from xml.parsers import expat
+
+from coop_pin.description.urdf.findings import UrdfFinding, quoted, structural
+
+MAX_BYTES = 5_000_000
+"""Largest file that is read; the largest of example-robot-data has 0.2 MB."""
+
+MAX_ELEMENTS = 100_000
+"""Most XML elements that are read; the largest file of example-robot-data has 4 000."""
+
+MAX_NESTING = 100
+"""Deepest nesting of XML elements; real files stay below 10."""
+
+_READ = frozenset({"link", "joint", "material"})
+"""Children of <robot> that Pinocchio reads; gazebo, transmission and the like are passed over."""
+
+_BROKEN_VALUE = re.compile(rb"""=\s*(?:"[^"]*?[\t\r\n]|'[^']*?[\t\r\n])""")
+"""An attribute whose value holds a tab or a line break: XML makes it a blank, Pinocchio's reader does not."""
+
+
+class Node(NamedTuple):
+    """One XML element.
+
+    Attributes:
+        tag: its name.
+        attributes: its attributes.
+        line: line of the file, from 1.
+        broken: an attribute's value holds a tab or a line break.
+        children: the elements in it.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    broken: bool
+    children: list[Node]
+
+    @property
+    def name(self) -> str:
+        """The name attribute, empty where there is none."""
+        return self.attributes.get("name", "")
+
+    @property
+    def label(self) -> str:
+        """The element as findings call it: "link 'x'", or only "robot"."""
+        if self.tag == "robot":
+            return "robot"
+        return f"{self.tag} {quoted(self.name)}" if self.name else f"{self.tag} (unnamed)"
+
+    def child(self, tag: str) -> Node | None:
+        """Return the first child of a tag, as Pinocchio does."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def family(self) -> Iterator[Node]:
+        """Yield the node and everything in it."""
+        waiting = [self]
+        while waiting:
+            node = waiting.pop()
+            yield node
+            waiting.extend(reversed(node.children))
+
+
+class Document(NamedTuple):
+    """What was read: the <robot> element, or None and the finding that says why not."""
+
+    robot: Node | None
+    findings: tuple[UrdfFinding, ...]
+
+
+class _RefusedError(Exception):
+    """Ends the reading of a document; never leaves this file."""
+
+    def __init__(self, finding: UrdfFinding) -> None:
+        self.finding = finding
+        super().__init__(finding)
+
+
+def read_document(data: bytes) -> Document:
+    """Return the links, joints and materials of a URDF, or the finding that says why it is not one."""
+    try:
+        _require_text(data)
+        reader = _Reader(data)
+        reader.read()
+    except _RefusedError as refused:
+        return Document(None, (refused.finding,))
+    return Document(reader.robot, ())
+
+
+def _refuse(code: str, line: int, message: str) -> _RefusedError:
+    return _RefusedError(structural(code, "document", line, message))
+
+
+def _require_text(data: bytes) -> None:
+    if len(data) > MAX_BYTES:
+        raise _refuse("size", 0, f"the file is larger than {MAX_BYTES} bytes; meshes and textures belong in files of their own")
+    if not data.strip():
+        raise _refuse("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise _refuse("encoding", line, f"byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+    if b"\0" in data:
+        index = data.index(b"\0")
+        raise _refuse("encoding", data.count(b"\n", 0, index) + 1, f"byte {index} is NUL; a URDF is UTF-8 text")
+
+
+class _Reader:
+    """An expat parser that keeps what Pinocchio reads and stops at the first sign of harm."""
+
+    def __init__(self, data: bytes) -> None:
+        self.robot: Node | None = None
+        self._data = data
+        self._count = 0
+        self._path: list[Node | None] = []
+        self._parser = expat.ParserCreate("utf-8")
+        self._parser.StartDoctypeDeclHandler = self._doctype
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+
+    def read(self) -> None:
+        """Read the document.
+
+        Raises:
+            _RefusedError: it is not a URDF.
+        """
+        try:
+            self._parser.Parse(self._data, True)
+        except expat.ExpatError as error:
+            raise _refuse("not_xml", error.lineno, f"not well-formed XML: {expat.ErrorString(error.code)}") from None
+
+    def _doctype(self, *_: object) -> None:
+        line = self._parser.CurrentLineNumber
+        raise _refuse("doctype", line, "a DOCTYPE and its entities are refused: they can read other files or fill the memory; remove it")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        line = self._parser.CurrentLineNumber
+        self._count += 1
+        if self._count > MAX_ELEMENTS:
+            raise _refuse("elements", line, f"more than {MAX_ELEMENTS} XML elements")
+        if len(self._path) >= MAX_NESTING:
+            raise _refuse("nesting", line, f"XML elements nest deeper than {MAX_NESTING}")
+        if tag.startswith("xacro:"):
+            raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; run xacro on the file and use its output")
+        if not self._path and tag != "robot":
+            raise _refuse("root", line, f"the root element is {quoted(tag)}; that of a URDF is 'robot'")
+        self._path.append(self._keep(tag, attributes, line))
+
+    def _keep(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
+        parent = self._path[-1] if self._path else None
+        if self._path and (parent is None or (len(self._path) == 1 and tag not in _READ)):
+            return None
+        node = Node(tag, attributes, line, self._has_broken_value(), [])
+        if parent is None:
+            self.robot = node
+        else:
+            parent.children.append(node)
+        return node
+
+    def _has_broken_value(self) -> bool:
+        start = self._parser.CurrentByteIndex
+        return _BROKEN_VALUE.search(self._data, start, self._data.index(b">", start)) is not None
+
+    def _end(self, _: str) -> None:
+        self._path.pop()

@@ -1,0 +1,84 @@
+"""Finding a URDF: a path, a robot that comes with coop_pin, or one of example-robot-data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from coop_pin.description.urdf.example_data import example_folder, example_srdf, example_urdfs
+from coop_pin.errors import UrdfNotFoundError, suggestion
+
+_PACKAGE_LEVELS = 4
+"""Folders above a user's file in which package:// is looked for: a ROS package keeps its URDF one or two levels down."""
+
+
+@dataclass(frozen=True)
+class UrdfFile:
+    """A URDF that exists.
+
+    Attributes:
+        path: the file, absolute.
+        package_dirs: folders in which the packages of its package:// meshes are looked for, in this order.
+        srdf: its SRDF (postures), where one is known.
+        origin: "user" (found as a path), "bundled" (comes with coop_pin) or "example" (example-robot-data).
+    """
+
+    path: Path
+    package_dirs: tuple[Path, ...]
+    srdf: Path | None = None
+    origin: Literal["user", "bundled", "example"] = "user"
+
+
+def bundled_urdf_folder() -> Path:
+    """Return the folder of the robots that come with coop_pin: in the package of a wheel, at the top of a checkout."""
+    package = Path(__file__).resolve().parents[2]
+    installed = package / "urdf"
+    return installed if installed.is_dir() else package.parent / "urdf"
+
+
+def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> UrdfFile:
+    """Return the URDF of a path or name.
+
+    A path is looked for beside ``relative_to``, then in the working directory; then a name among the bundled robots
+    ("adept_3dof"), then among those of example-robot-data ("panda", "ur5").
+
+    Args:
+        name_or_path: path of a file, or name of a robot.
+        relative_to: folder to which a path is relative, for example that of the scenario's file.
+
+    Raises:
+        UrdfNotFoundError: there is none; the message says where it was looked for and which names are close.
+    """
+    folders = (Path.cwd(),) if relative_to is None else (relative_to, Path.cwd())
+    for folder in folders:
+        path = folder / name_or_path  # an absolute path stays itself
+        if _is_file(path):
+            return _described(path.resolve())
+    name = str(name_or_path)
+    bundled = {path.stem: path for path in sorted(bundled_urdf_folder().glob("*.urdf"))}
+    found = bundled.get(name) or example_urdfs().get(name)
+    if found is not None:
+        return _described(found.resolve())
+    places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
+    places.append(f"example-robot-data ({example_folder() or 'not installed'})")
+    raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, sorted({*bundled, *example_urdfs()}))}")
+
+
+def _described(path: Path) -> UrdfFile:
+    """Return a file with what its place says about it."""
+    examples = example_folder()
+    if examples is not None and path.is_relative_to(examples.resolve()):
+        # Meshes are named package://example-robot-data/robots/...; a few files name their own folder as the package.
+        return UrdfFile(path, (examples.parents[1], examples), example_srdf(path), "example")
+    bundled = bundled_urdf_folder()
+    if path.is_relative_to(bundled):
+        return UrdfFile(path, (bundled,), origin="bundled")
+    return UrdfFile(path, tuple(path.parents[:_PACKAGE_LEVELS]))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name too long for the file system is no file
+        return False

@@ -1,0 +1,99 @@
+"""One arm alone: mass matrix, forward and inverse dynamics, payload kinematics, from Pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from coop_pin.arrays import Array, as_array
+from coop_pin.description.arm import Arm
+from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, load_model, symmetric
+from coop_pin.spatial import inverse_pose
+
+
+class ArmModel:
+    """Dynamics and kinematics of one arm standing in the world, in joint coordinates q, v, tau.
+
+    Friction is not part of it. The payload frame P is rigidly attached to the tip: X_EP.
+
+    Attributes:
+        model: the Pinocchio model.
+        nq: size of q.
+        nv: size of v.
+        drive: drive matrix T with q_drive = T q, shape (nv, nv).
+    """
+
+    def __init__(self, arm: Arm, X_PE: Array | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> None:
+        """Build the model.
+
+        Args:
+            arm: the description.
+            X_PE: pose of the tip in the payload frame, shape (4, 4); identity when omitted.
+            gravity: m/s^2, in world axes.
+
+        Raises:
+            UrdfNotFoundError, UrdfError: the URDF is missing or defective.
+            FrameNotFoundError: the tip is not in the URDF.
+        """
+        alone = load_model(arm.urdf)
+        tip = alone.frames[frame_id(alone, arm.tip)]
+        self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
+        X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_array("X_PE", X_PE, 4, 4)))
+        self._tip = frame_id(self.model, f"arm/{tip.name}")
+        self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
+        self._data = self.model.createData()
+        self.nq, self.nv = int(self.model.nq), int(self.model.nv)
+        self.drive = arm.drive_matrix(self.nv)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Return M(q) by CRBA, kg m^2, shape (nv, nv), symmetric."""
+        return symmetric(pin.crba(self.model, self._data, self._q(q)))
+
+    def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return h(q, v): Coriolis, centrifugal and gravity torques, N m, shape (nv,)."""
+        return np.array(pin.nonLinearEffects(self.model, self._data, self._q(q), self._v("v", v)))
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6) -> Array:
+        """Return a = M^-1 (tau - h + J_WP^T F_EP_W) by ABA, rad/s^2, shape (nv,): eq. (4) of Gueaieb et al. (2007).
+
+        Args:
+            q: joint angles, shape (nq,).
+            v: joint rates, shape (nv,).
+            tau: joint torques, shape (nv,).
+            F_EP_W: wrench on the arm about P in world axes, N and N m, shape (6,).
+        """
+        torque = self._v("tau", tau) + self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
+        return np.array(pin.aba(self.model, self._data, self._q(q), self._v("v", v), torque))
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6) -> Array:
+        """Return tau = M a + h - J_WP^T F_EP_W by RNEA, N m, shape (nv,)."""
+        torque = np.array(pin.rnea(self.model, self._data, self._q(q), self._v("v", v), self._v("a", a)))
+        return torque - self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
+
+    def tip_pose(self, q: ArrayLike) -> Array:
+        """Return X_WE, shape (4, 4)."""
+        return self._frame_pose(q, self._tip)
+
+    def payload_pose(self, q: ArrayLike) -> Array:
+        """Return X_WP through this arm: phi_i(q_i) of eq. (1), shape (4, 4)."""
+        return self._frame_pose(q, self._payload)
+
+    def payload_jacobian(self, q: ArrayLike) -> Array:
+        """Return J_WP with V_WP = J_WP v: J_phi_i of eq. (2), in world axes, shape (6, nv)."""
+        return np.array(pin.computeFrameJacobian(self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED))
+
+    def payload_acceleration_bias(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return Jdot v, the part of d/dt V_WP that needs no joint acceleration (eq. (3)), shape (6,)."""
+        pin.forwardKinematics(self.model, self._data, self._q(q), self._v("v", v), np.zeros(self.nv))
+        return pin.getFrameClassicalAcceleration(self.model, self._data, self._payload, pin.LOCAL_WORLD_ALIGNED).vector.copy()
+
+    def _frame_pose(self, q: ArrayLike, frame: int) -> Array:
+        pin.framesForwardKinematics(self.model, self._data, self._q(q))
+        return np.array(self._data.oMf[frame].homogeneous)
+
+    def _q(self, q: ArrayLike) -> Array:
+        return as_array("q", q, self.nq)
+
+    def _v(self, name: str, v: ArrayLike) -> Array:
+        return as_array(name, v, self.nv)

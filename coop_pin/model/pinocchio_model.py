@@ -1,0 +1,96 @@
+"""The one door to Pinocchio models: every name resolved once, every silent failure a typed error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array
+from coop_pin.description.urdf import find_urdf, load_checked
+from coop_pin.errors import FrameNotFoundError, JointNotFoundError, UrdfError
+
+
+def load_model(urdf: str | Path) -> pin.Model:
+    """Return the Pinocchio model of a URDF file, checked before Pinocchio sees it.
+
+    Args:
+        urdf: a path, or the name of a bundled or example-robot-data arm.
+
+    Raises:
+        UrdfNotFoundError: there is no such file.
+        UrdfError: the file has structural defects.
+    """
+    return model_from_text(load_checked(find_urdf(str(urdf))), str(urdf))
+
+
+def model_from_text(text: str, name: str) -> pin.Model:
+    """Return the Pinocchio model of checked URDF text.
+
+    Raises:
+        UrdfError: Pinocchio refuses it.
+    """
+    try:
+        return pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(f"Pinocchio refuses {name!r}: {error}") from None
+
+
+def frame_id(model: pin.Model, name: str) -> int:
+    """Return the index of a frame; Pinocchio's own look-up answers a wrong name with an index that corrupts memory.
+
+    Raises:
+        FrameNotFoundError: no frame has that name.
+    """
+    if not model.existFrame(name):
+        raise FrameNotFoundError("frame", name, [frame.name for frame in model.frames], f"model {model.name!r}")
+    return int(model.getFrameId(name))
+
+
+def joint_id(model: pin.Model, name: str) -> int:
+    """Return the index of a joint.
+
+    Raises:
+        JointNotFoundError: no joint has that name.
+    """
+    if not model.existJointName(name):
+        raise JointNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
+    return int(model.getJointId(name))
+
+
+def add_frame(model: pin.Model, name: str, joint: int, X_joint_frame: pin.SE3) -> int:
+    """Add an operational frame to a joint and return its index."""
+    return int(model.addFrame(pin.Frame(name, joint, 0, X_joint_frame, pin.FrameType.OP_FRAME)))
+
+
+def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin.Model:
+    """Return the tree with an arm standing at X_WB, its joints and frames named ``prefix/name``."""
+    named = arm.copy()
+    for joint in range(1, named.njoints):
+        named.names[joint] = f"{prefix}/{named.names[joint]}"
+    for frame in named.frames:
+        frame.name = f"{prefix}/{frame.name}"
+    return pin.appendModel(tree, named, 0, pin.SE3(X_WB))
+
+
+def empty_model(gravity: tuple[float, ...] | Array) -> pin.Model:
+    """Return a model with nothing in it but gravity, m/s^2."""
+    model = pin.Model()
+    model.gravity.linear = np.array(gravity, dtype=float)
+    return model
+
+
+def without_inertia(model: pin.Model) -> pin.Model:
+    """Return a copy that knows kinematics only: every inertia is zero, so that no dynamics can leak from it."""
+    copy = model.copy()
+    for joint in range(copy.njoints):
+        copy.inertias[joint] = pin.Inertia.Zero()
+    copy.gravity.linear = np.zeros(3)
+    return copy
+
+
+def symmetric(upper: Array) -> Array:
+    """Return the full matrix of which Pinocchio's crba fills the upper triangle."""
+    triangle = np.triu(upper)
+    return triangle + np.triu(upper, 1).T

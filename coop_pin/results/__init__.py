@@ -1,0 +1,6 @@
+"""Recorded runs: labelled arrays that judge themselves, saved so that a good file is never destroyed."""
+
+from coop_pin.results.result import RunResult
+from coop_pin.results.samples import RunSamples
+
+__all__ = ["RunResult", "RunSamples"]

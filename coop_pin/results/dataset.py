@@ -1,0 +1,86 @@
+"""Samples of a run as an xarray Dataset: named axes, units as attributes."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from coop_pin.arrays import Array
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.samples import RunSamples
+from coop_pin.spatial import internal_wrenches, rotate_vector6
+
+AXES = ["x", "y", "z", "rx", "ry", "rz"]
+_POSITION = AXES[:3]
+
+
+def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
+    """Return the labelled arrays of a run, errors and internal wrenches included.
+
+    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x, y, z, w).
+    """
+    interaction = _determined(scenario, samples.interaction_wrench)
+    internal = internal_wrenches(interaction, scenario.cell.shares)
+    desired_internal = rotate_vector6(samples.payload_pose[:, None, :3, :3], samples.desired_squeeze)
+    data = xr.Dataset(coords=_coordinates(scenario, samples), attrs={"title": scenario.summary or scenario.name})
+    for name, dims, values, unit, text in (
+        ("configuration", "q", samples.configuration, "rad or m", "configuration of the Pinocchio tree"),
+        ("velocity", "v", samples.velocity, "rad/s or m/s", "velocity of the Pinocchio tree"),
+        ("payload_position", "position", samples.payload_pose[:, :3, 3], "m", "position of P"),
+        ("payload_quaternion", "quaternion", _quaternions(samples.payload_pose), "1", "orientation of P"),
+        ("payload_twist", "axis", samples.payload_twist, "m/s, rad/s", "V_WP"),
+        ("desired_position", "position", samples.desired_pose[:, :3, 3], "m", "desired position of P"),
+        ("desired_quaternion", "quaternion", _quaternions(samples.desired_pose), "1", "desired orientation of P"),
+        ("desired_twist", "axis", samples.desired_twist, "m/s, rad/s", "V_WP_d"),
+        ("pose_error", "axis", _pose_errors(samples), "m, rad", "actual minus desired pose"),
+        ("tip_position", "arm position", samples.tip_position, "m", "position of each tip"),
+        ("drive_velocity", "arm joint", samples.drive_velocity, "rad/s", "drive rates"),
+        ("torque", "arm joint", samples.torque, "N m", "drive torques held from the tick on"),
+        ("interaction_wrench", "arm axis", interaction, "N, N m", "on the arm by the payload, about P"),
+        ("internal_wrench", "arm axis", internal, "N, N m", "f_i = F_i - c_i sum_j F_j"),
+        ("desired_internal_wrench", "arm axis", desired_internal, "N, N m", "f_d_i turned by the payload"),
+        ("external_wrench", "axis", samples.external_wrench, "N, N m", "on the payload, about P"),
+        ("closure_distance", "arm", samples.closure_error[..., 0], "m", "tip to grasp"),
+        ("closure_angle", "arm", samples.closure_error[..., 1], "rad", "tip to grasp"),
+        ("jacobian_condition", "arm", samples.jacobian_condition, "1", "condition number of the payload Jacobian"),
+        ("kinetic_energy", "", samples.energy[:, 0], "J", "of arms and payload"),
+        ("potential_energy", "", samples.energy[:, 1], "J", "of arms and payload"),
+        ("work_actuation", "", samples.work[:, 0], "J", "done by the drives since the start"),
+        ("work_friction", "", samples.work[:, 1], "J", "done by joint friction since the start"),
+        ("work_external", "", samples.work[:, 2], "J", "done by external wrenches since the start"),
+        ("work_payload_change", "", samples.work[:, 3], "J", "energy brought or taken by payload changes"),
+    ):
+        data[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
+    return data
+
+
+def _coordinates(scenario: Scenario, samples: RunSamples) -> dict[str, object]:
+    joints = samples.torque.shape[2]
+    return {
+        "time": ("time", samples.time, {"units": "s"}),
+        "arm": list(scenario.cell.arms),
+        "joint": np.arange(1, joints + 1),
+        "axis": AXES,
+        "position": _POSITION,
+        "quaternion": ["x", "y", "z", "w"],
+    }
+
+
+def _determined(scenario: Scenario, wrenches: Array) -> Array:
+    """Return wrenches with NaN outside the task rows: how planar arms share the weight between their structures is not determined."""
+    unknown = np.setdiff1d(np.arange(6), scenario.cell.task_rows.indices)
+    known = wrenches.copy()
+    known[..., unknown] = np.nan
+    return known
+
+
+def _quaternions(poses: Array) -> Array:
+    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+
+
+def _pose_errors(samples: RunSamples) -> Array:
+    """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
+    R, R_d = samples.payload_pose[:, :3, :3], samples.desired_pose[:, :3, :3]
+    rotation = Rotation.from_matrix(R @ np.swapaxes(R_d, 1, 2)).as_rotvec()
+    return np.concatenate((samples.payload_pose[:, :3, 3] - samples.desired_pose[:, :3, 3], rotation), axis=1)

@@ -1,0 +1,108 @@
+"""What a run's arrays say: settling, tracking, internal force, closure, energy; each with its window stated."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from coop_pin.arrays import Array, Mask
+
+POSITION_BAND_M = 5e-3
+ORIENTATION_BAND_RAD = 5e-3
+STEADY_FROM_S = 4.0
+
+
+class Window(NamedTuple):
+    """A span of time.
+
+    Attributes:
+        start: s.
+        end: s.
+    """
+
+    start: float
+    end: float
+
+
+class InternalForceError(NamedTuple):
+    """Internal-wrench errors over a window, over all arms.
+
+    The axis of an arm is the line from its own tip to the middle of the other tips: for two arms, the line between the tips.
+
+    Attributes:
+        axial_mean: mean internal force along the axis, N; negative where the arms squeeze.
+        axial_rms_error: rms of its error, N.
+        shear_rms: rms of the force error across the axis, N.
+        moment_rms_error: rms of the moment error about P, N m.
+    """
+
+    axial_mean: float
+    axial_rms_error: float
+    shear_rms: float
+    moment_rms_error: float
+
+    @property
+    def force_rms_error(self) -> float:
+        """Axial and shear together, N."""
+        return math.hypot(self.axial_rms_error, self.shear_rms)
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square over all samples; not a number when there are none."""
+    return math.sqrt(float(np.mean(np.square(values)))) if values.size else math.nan
+
+
+def in_band(data: xr.Dataset) -> Mask:
+    """Return for every sample whether position and orientation errors are within 5 mm and 5 mrad, shape (n,)."""
+    error = data["pose_error"].values
+    near = np.linalg.norm(error[:, :3], axis=1) <= POSITION_BAND_M
+    aligned = np.linalg.norm(error[:, 3:], axis=1) <= ORIENTATION_BAND_RAD
+    return np.asarray(near & aligned)
+
+
+def settling_time(data: xr.Dataset, window: Window) -> float:
+    """Return the time from the window's start after which the errors stay in the band; inf if they do not."""
+    inside, time = samples_of(data, window), data["time"].values
+    out = np.flatnonzero(inside & ~in_band(data))
+    if out.size == 0:
+        return 0.0
+    after = np.flatnonzero(inside & (np.arange(len(time)) > out[-1]))
+    return float(time[after[0]] - window.start) if after.size else math.inf
+
+
+def samples_of(data: xr.Dataset, window: Window) -> Mask:
+    """Return a mask of the samples with start <= t < end; the last sample of a run belongs to it."""
+    time = data["time"].values
+    return np.asarray((time >= window.start - 1e-9) & ((time < window.end - 1e-9) | (time == time[-1]) & (window.end >= time[-1] - 1e-9)))
+
+
+def axial_directions(data: xr.Dataset) -> Array:
+    """Return for every sample and arm the unit vector from its tip to the middle of the other tips, shape (n, m, 3)."""
+    tips = data["tip_position"].values
+    others = (tips.sum(axis=1, keepdims=True) - tips) / max(tips.shape[1] - 1, 1)
+    line = others - tips
+    length = np.linalg.norm(line, axis=2, keepdims=True)
+    return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+
+
+def internal_force(data: xr.Dataset, window: Window) -> InternalForceError:
+    """Judge internal wrenches over a window; not a number for a single arm, which has none."""
+    inside, axis = samples_of(data, window), axial_directions(data)
+    actual = np.nan_to_num(data["internal_wrench"].values)  # outside the task rows nothing is known and nothing is judged
+    error = np.nan_to_num(data["internal_wrench"].values - data["desired_internal_wrench"].values)
+    axial = np.einsum("nmi,nmi->nm", actual[..., :3], axis)[inside]
+    axial_error = np.einsum("nmi,nmi->nm", error[..., :3], axis)
+    shear_error = np.linalg.norm(error[..., :3] - axial_error[..., None] * axis, axis=2)
+    moment_error = np.linalg.norm(error[..., 3:], axis=2)
+    mean = float(axial.mean()) if axial.size else math.nan
+    return InternalForceError(mean, rms(axial_error[inside]), rms(shear_error[inside]), rms(moment_error[inside]))
+
+
+def energy_balance(data: xr.Dataset) -> Array:
+    """Return energy minus its start minus all work done, J, shape (n,): zero for an exact integration."""
+    energy = data["kinetic_energy"].values + data["potential_energy"].values
+    work = sum(data[f"work_{channel}"].values for channel in ("actuation", "friction", "external", "payload_change"))
+    return np.asarray(energy - energy[0] - work)

@@ -1,0 +1,49 @@
+"""What a run hands over: one plain array for each recorded quantity."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from coop_pin.arrays import Array
+
+
+class RunSamples(NamedTuple):
+    """Samples of a run at its n ticks; m arms, at most k joints each. Torques and wrenches hold from the tick on.
+
+    Attributes:
+        time: s, shape (n,).
+        configuration: q of the tree, shape (n, nq).
+        velocity: v of the tree, shape (n, nv).
+        payload_pose: X_WP, shape (n, 4, 4).
+        payload_twist: V_WP, shape (n, 6).
+        desired_pose: X_WP_d, shape (n, 4, 4).
+        desired_twist: V_WP_d, shape (n, 6).
+        desired_squeeze: f_d in payload axes, shape (n, m, 6).
+        tip_position: m, shape (n, m, 3).
+        drive_velocity: rad/s, shape (n, m, k); NaN beyond an arm's joints.
+        torque: drive torques, N m, shape (n, m, k); NaN beyond an arm's joints.
+        interaction_wrench: on each arm by the payload, about P in world axes, shape (n, m, 6).
+        external_wrench: on the payload, about P in world axes, shape (n, 6).
+        closure_error: distance and angle of each grasp, m and rad, shape (n, m, 2).
+        jacobian_condition: of each payload Jacobian, shape (n, m).
+        energy: kinetic and potential, J, shape (n, 2).
+        work: of actuation, friction, external wrenches and payload changes so far, J, shape (n, 4).
+    """
+
+    time: Array
+    configuration: Array
+    velocity: Array
+    payload_pose: Array
+    payload_twist: Array
+    desired_pose: Array
+    desired_twist: Array
+    desired_squeeze: Array
+    tip_position: Array
+    drive_velocity: Array
+    torque: Array
+    interaction_wrench: Array
+    external_wrench: Array
+    closure_error: Array
+    jacobian_condition: Array
+    energy: Array
+    work: Array

@@ -1,0 +1,32 @@
+"""From a scenario to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from coop_pin.controllers import build_controller
+from coop_pin.description.scenario import Scenario
+from coop_pin.results import RunResult
+from coop_pin.simulation import simulate
+from coop_pin.simulation.loop import Progress
+
+
+def run(scenario: Scenario | str | Path, overrides: Mapping[str, Any] | None = None, progress: Progress | None = None) -> RunResult:
+    """Run a scenario with the controller it names.
+
+    Args:
+        scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
+        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
+        progress: called after every tick with (ticks done, ticks in all).
+
+    Raises:
+        ScenarioError: the scenario has mistakes.
+        CoopPinError: the run could not start or go on; ``error.result`` holds what there is.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = Scenario.load(scenario, overrides)
+    elif overrides:
+        scenario = scenario.override(overrides)
+    return simulate(scenario, build_controller(scenario), progress)

@@ -1,0 +1,79 @@
+"""When things happen: ticks, plant steps within them, and events at their exact times."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.clock import Clock
+from coop_pin.description.event import Event, PayloadChange, WrenchPulse
+
+# Two times closer than this part of a plant step are the same instant.
+_SAME = 1e-9
+
+
+class PlantStep(NamedTuple):
+    """One plant step.
+
+    Attributes:
+        start: s.
+        length: s.
+    """
+
+    start: float
+    length: float
+
+
+class Timeline:
+    """Ticks and events of a run.
+
+    Attributes:
+        ticks: number of control periods; the run has ticks + 1 samples.
+        period: T, s.
+    """
+
+    def __init__(self, clock: Clock, duration: float, events: Sequence[Event]) -> None:
+        self.ticks = max(1, round(duration * clock.rate_hz))
+        self.period = clock.period
+        self._step = clock.period / clock.steps_per_tick
+        self._per_tick = clock.steps_per_tick
+        self._changes = sorted((e for e in events if isinstance(e, PayloadChange)), key=lambda change: change.time)
+        self._pulses = [e for e in events if isinstance(e, WrenchPulse)]
+        self._instants = sorted({t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes})
+
+    def time(self, tick: int) -> float:
+        """Return t_k, s."""
+        return tick * self.period
+
+    def steps(self, tick: int) -> Iterator[PlantStep]:
+        """Yield the plant steps of a tick, cut at event times."""
+        start, tolerance = self.time(tick), _SAME * self._step
+        edges = [start + i * self._step for i in range(self._per_tick)] + [self.time(tick + 1)]
+        cuts = [t for t in self._instants if edges[0] + tolerance < t < edges[-1] - tolerance]
+        for cut in cuts:
+            if min(abs(cut - edge) for edge in edges) > tolerance:
+                edges.append(cut)
+        edges.sort()
+        for left, right in itertools.pairwise(edges):
+            yield PlantStep(left, right - left)
+
+    def happens_at(self, time: float) -> bool:
+        """Say whether any event starts or ends at this time."""
+        return any(self._same(time, instant) for instant in self._instants)
+
+    def changes_at(self, time: float) -> list[PayloadChange]:
+        """Return the payload changes at this time."""
+        return [change for change in self._changes if self._same(time, change.time)]
+
+    def push_at(self, time: float) -> Array:
+        """Return the sum of the pulses that push from this time on, N and N m, shape (6,)."""
+        tolerance = _SAME * self._step
+        active = [pulse.wrench for pulse in self._pulses if pulse.time - tolerance <= time < pulse.end - tolerance]
+        return np.array(active).sum(axis=0) if active else np.zeros(6)
+
+    def _same(self, time: float, instant: float) -> bool:
+        return abs(time - instant) <= _SAME * self._step

@@ -1,0 +1,71 @@
+"""The two cells that every law is tested on: the planar one of the paper, and a spatial one with turned grasps and gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.cell import Cell
+from coop_pin.description.controller import SlidingMode, SlidingModeGains
+from coop_pin.description.motion import HoldMotion
+from coop_pin.description.payload import Payload
+from coop_pin.description.pose import Pose
+from coop_pin.description.scenario import Scenario
+
+SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
+
+
+def planar_scenario() -> Scenario:
+    """The paper's experiment."""
+    return Scenario.load("adept-paper")
+
+
+def spatial_cell() -> Cell:
+    """Two UR5 that hold a box between them; the grasp frames are turned away from box and world."""
+    friction = JointFriction(viscous=(2.0, 2.0, 1.5, 0.5, 0.5, 0.5), coulomb=0.2, coulomb_velocity=0.1)
+    return Cell(
+        arms={
+            "left": Arm(
+                urdf="ur5", tip="tool0", base=Pose(xyz=(-0.2, 0.0, 0.0)), posture=(0.1, -1.2, 1.6, -1.0, -1.4, 0.2), friction=friction
+            ),
+            "right": Arm(
+                urdf="ur5",
+                tip="tool0",
+                base=Pose(xyz=(1.1, 0.1, 0.05), rpy=(0.0, 0.0, 3.0)),
+                posture=(0.1, -1.2, 1.6, -1.0, -1.4, 0.2),
+                friction=friction,
+            ),
+        },
+        payload=Payload(mass=3.0, inertia=(0.02, 0.03, 0.04, 0.002, -0.003, 0.001), size=(0.3, 0.1, 0.1)),
+        grasps={
+            "left": Pose(xyz=(-0.15, 0.01, 0.02), rpy=(0.2, 1.4, 0.3)),
+            "right": Pose(xyz=(0.15, -0.02, 0.01), rpy=(-0.3, -1.5, 0.4)),
+        },
+        load_shares={"left": 0.3, "right": 0.7},
+    )
+
+
+def spatial_scenario() -> Scenario:
+    """Hold the box of the spatial cell, squeezed."""
+    gains = SlidingModeGains(
+        pose_gain=2.0, sign_gain=0.0, damping_gain=(60.0, 60.0, 30.0, 4.0, 4.0, 2.0), force_gain=0.0, transient_rate=5.0
+    )
+    return Scenario(
+        name="spatial-hold",
+        cell=spatial_cell(),
+        controller=SlidingMode(gains=gains),
+        motion=HoldMotion(pose=SPATIAL_START),
+        squeeze={"left": (-8.0, 1.0, 0.0, 0.0, 0.2, 0.0), "right": (8.0, -1.0, 0.0, 0.0, -0.2, 0.0)},
+        start=SPATIAL_START,
+        clock={"rate_hz": 250.0, "steps_per_tick": 2},
+        duration=1.0,
+    )
+
+
+SCENARIOS = {"planar": planar_scenario, "spatial": spatial_scenario}
+
+
+def random_velocity(chain: object, q: np.ndarray, seed: int) -> np.ndarray:
+    """A velocity on the closures."""
+    v = np.random.default_rng(seed).normal(size=chain.model.nv)
+    return chain.project_velocity(q, v)

@@ -1,0 +1,315 @@
+"""The check of URDF files: every defect is named, nothing that it lets pass harms Pinocchio, real robots pass."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from malformed_urdf import BODIES, CORPUS, arm, chain
+
+from coop_pin.description import urdf
+from coop_pin.description.urdf import UrdfFile, bundled_urdf_folder, check_urdf, find_urdf, load_checked
+from coop_pin.description.urdf.document import MAX_BYTES
+from coop_pin.description.urdf.example_data import example_folder, example_urdfs
+from coop_pin.description.urdf.tree import MAX_DEPTH
+from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
+
+ARMS = ("panda", "ur3", "ur5", "ur10", "ur5_gripper", "kinova", "xarm7", "z1", "baxter", "so100", "so101")
+
+# One process for each document: a crash of one must not hide the others. They are forked after the slow import.
+JUDGE = """
+import json, os, signal, sys, warnings
+sys.path.insert(0, sys.argv[1])
+import pinocchio
+from coop_pin.description.urdf import check_urdf
+from malformed_urdf import CORPUS
+
+def judge(text):
+    report = check_urdf(text)
+    if report.errors():
+        return 10
+    try:
+        pinocchio.buildModelFromXML(text)
+    except Exception:
+        return 11
+    return 12
+
+endings = {}
+for name, malformed in CORPUS.items():
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)
+        os._exit(judge(malformed.text))
+    endings[name] = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+print(json.dumps(endings))
+"""
+REFUSED, BUILT = 10, 12
+
+
+@pytest.fixture(scope="module")
+def endings() -> dict[str, int]:
+    """How the process of each document ended: an exit code, or minus a signal."""
+    command = [sys.executable, "-c", JUDGE, str(Path(__file__).parent)]
+    return json.loads(subprocess.run(command, capture_output=True, check=True, text=True, timeout=300).stdout)
+
+
+@pytest.mark.parametrize("name", CORPUS)
+def test_a_defect_is_found_with_its_code_element_and_line_and_nothing_else_is(name):
+    malformed = CORPUS[name]
+    findings = check_urdf(malformed.text).findings
+    kind = "physical" if malformed.physical else "structural"
+    assert (kind, malformed.code, malformed.element, malformed.line) in [finding[:4] for finding in findings]
+    assert {finding.code for finding in findings} == {malformed.code} | malformed.besides
+
+
+@pytest.mark.parametrize("name", CORPUS)
+def test_no_document_ends_its_process_and_pinocchio_builds_what_the_check_lets_pass(name, endings):
+    assert endings[name] == (BUILT if CORPUS[name].physical else REFUSED)
+
+
+def test_every_code_of_the_docstring_is_in_the_corpus_and_conversely():
+    listed = inspect.getdoc(urdf).split("**Structural**")[1]
+    codes = set(re.findall(r"``(\w+)``", listed))
+    assert len(CORPUS) >= 40
+    assert codes == {malformed.code for malformed in CORPUS.values()}
+
+
+def test_the_sound_arm_has_no_findings():
+    assert check_urdf(arm()).findings == ()
+    assert check_urdf(arm().encode()).findings == ()
+    assert check_urdf("\ufeff" + arm()).findings == ()
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"axis_1": ""},
+        {"mass": '<mass value=" +2.5e+0"/>'},
+        {"origin_1": '<origin xyz=" 0  -.5 1. "/>'},
+        {"joint_1": '<joint name="one" type="continuous">', "limit_1": ""},
+        {"more": '<link name="tool"/><joint name="t" type="fixed"><parent link="c"/><child link="tool"/><axis xyz="0 0 0"/></joint>'},
+        {"link_c": '<link name="c"/>', "more": arm().splitlines()[10].replace('"c"', '"d"') + '<joint name="t" type="fixed">'
+         '<parent link="c"/><child link="d"/></joint>'},
+        {"more": '<gazebo><xacro_like value="nan"/></gazebo><!-- <xacro:x v="${m}"/> -->'},
+        {"robot": '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'},
+    ],
+)  # fmt: skip
+def test_what_is_legal_and_common_is_no_finding_and_pinocchio_builds_it(parts):
+    text = arm(**parts)
+    assert check_urdf(text).findings == ()
+    pin.buildModelFromXML(text)
+
+
+def test_a_tree_of_the_greatest_depth_passes_and_pinocchio_builds_it():
+    text = chain(MAX_DEPTH, "revolute")
+    assert check_urdf(text).errors() == ()
+    assert pin.buildModelFromXML(text).njoints == MAX_DEPTH + 1
+
+
+def test_strict_turns_warnings_into_errors():
+    report = check_urdf(BODIES["mass negative"].text)
+    assert [finding.code for finding in report.warnings()] == ["mass_negative"]
+    assert report.errors() == report.warnings(strict=True) == ()
+    assert report.errors(strict=True) == report.warnings()
+
+
+def test_a_report_reads_as_one_line_for_each_finding_and_a_count():
+    text = arm(mass='<mass value="-2.5"/>', axis_1='<axis xyz="0 0 0"/>')
+    assert check_urdf(text).lines() == (
+        "error: line 15: joint 'one': the axis is zero; give a direction [axis_zero]",
+        "warning: line 6: link 'b': the mass is -2.5 kg; it must be positive [mass_negative]",
+        "the text: 1 error, 1 warning",
+    )
+    assert check_urdf(text).lines(strict=True)[-1] == "the text: 2 errors, 0 warnings"
+
+
+def test_a_report_of_a_hostile_file_stays_short():
+    report = check_urdf('<robot name="r">' + f'<link name="{"x" * 500}"/>' * 5000 + "</robot>")
+    assert len(report.findings) == 4999
+    assert len("\n".join(report.lines())) < 30_000
+
+
+@given(st.binary() | st.text())
+@settings(deadline=None)
+def test_any_bytes_and_any_text_end_in_a_report(data):
+    assert check_urdf(data).errors()
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=150)
+def test_an_arm_with_a_piece_cut_out_or_doubled_is_refused_or_built(data):
+    text = arm()
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, min(len(text), start + 40)))
+    mutilated = text[:start] + text[start:end] * data.draw(st.sampled_from([0, 2])) + text[end:]
+    if not check_urdf(mutilated).errors():
+        pin.buildModelFromXML(mutilated)
+
+
+@given(st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=6), st.sampled_from([1e-9, 1.0, 1e9]))
+@settings(deadline=None)
+def test_the_inertia_of_any_set_of_points_is_possible(points, scale):
+    """I = sum_i |r_i|^2 1 - r_i r_i^T, the oracle of both inequalities."""
+    r = np.array(points)
+    inertia = scale * (np.sum(r * r) * np.eye(3) - r.T @ r)
+    assert check_urdf(_with_inertia(inertia)).findings == ()
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(1e-3, 1.0), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_an_inertia_beyond_the_triangle_inequality_is_found_in_any_axes(I1, I2, excess, seed):
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    inertia = turn @ np.diag([I1, I2, I1 + I2 + excess]) @ turn.T
+    assert [finding.code for finding in check_urdf(_with_inertia(inertia)).findings] == ["inertia_triangle"]
+
+
+def _with_inertia(inertia: np.ndarray) -> str:
+    entries = " ".join(f'i{"xyz"[i]}{"xyz"[j]}="{inertia[i, j]!r}"' for i in range(3) for j in range(i, 3))
+    return arm(inertia=f"<inertia {entries}/>".replace("np.float64(", "").replace(")", ""))
+
+
+# ---------------------------------------------------------------- real robots
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_arms_of_example_robot_data_have_no_structural_findings_and_load(name):
+    file = find_urdf(name)
+    assert check_urdf(file.path).errors() == ()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        text = load_checked(file)
+    assert pin.buildModelFromXML(text).njoints > 5
+
+
+def test_pinocchio_builds_every_example_that_passes_and_few_do_not():
+    files = sorted(example_folder().glob("*/*/*.urdf"))
+    passed = [path for path in files if not check_urdf(path).errors()]
+    for path in passed:
+        pin.buildModelFromXML(path.read_text(encoding="utf-8"))
+    # ur3.urdf is an empty stub, alex_psyonic_hands.urdf mimics joints that it does not have.
+    assert {path.stem for path in files} - {path.stem for path in passed} == {"ur3", "alex_psyonic_hands"}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_all_meshes_of_the_example_arms_are_found(name):
+    file = find_urdf(name)
+    model = pin.buildModelFromUrdf(str(file.path))
+    folders = [str(folder) for folder in file.package_dirs]
+    geometry = pin.buildGeomFromUrdf(model, str(file.path), pin.GeometryType.VISUAL, package_dirs=folders)
+    assert geometry.ngeoms > 5
+
+
+# ---------------------------------------------------------------- finding files
+
+
+def test_a_path_is_found_beside_the_scenario_before_the_working_directory(tmp_path, monkeypatch):
+    beside, working = tmp_path / "beside", tmp_path / "working"
+    for folder in (beside, working):
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(arm())
+    monkeypatch.chdir(working)
+    assert find_urdf("arm.urdf").path == working / "arm.urdf"
+    assert find_urdf("arm.urdf", relative_to=beside).path == beside / "arm.urdf"
+    assert find_urdf(beside / "arm.urdf").path == beside / "arm.urdf"
+    (beside / "arm.urdf").unlink()
+    assert find_urdf("arm.urdf", relative_to=beside).path == working / "arm.urdf"
+    assert find_urdf("arm.urdf").origin == "user"
+
+
+def test_the_packages_of_a_users_file_are_looked_for_above_it(tmp_path):
+    folder = tmp_path / "my_robot" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "arm.urdf").write_text(arm())
+    assert tmp_path in find_urdf(folder / "arm.urdf").package_dirs
+
+
+def test_bundled_robots_are_found_by_name_and_sound():
+    for path in bundled_urdf_folder().glob("*.urdf"):
+        file = find_urdf(path.stem)
+        assert (file.path, file.origin) == (path, "bundled")
+        assert check_urdf(path).errors(strict=True) == ()
+
+
+def test_example_names_are_those_that_users_know():
+    known = {name: find_urdf(name).path.name for name in ("ur3", "ur5", "panda", "solo8", "talos")}
+    assert known == {
+        "ur3": "ur3_robot.urdf", "ur5": "ur5_robot.urdf", "panda": "panda.urdf", "solo8": "solo.urdf", "talos": "talos_reduced.urdf"
+    }  # fmt: skip
+    assert find_urdf("panda").srdf.name == "panda.srdf"
+    assert find_urdf("ur5").srdf.name == "ur5.srdf"
+    assert all(path.is_file() for path in example_urdfs().values())
+
+
+@pytest.mark.parametrize("name", ["pandaa", "panda.urdf", "", "nowhere/arm.urdf", "x" * 5000, "a\0b", "../panda"])
+def test_a_missing_file_says_where_it_was_looked_for(name, tmp_path):
+    with pytest.raises(UrdfNotFoundError) as caught:
+        find_urdf(name, relative_to=tmp_path)
+    assert all(place in str(caught.value) for place in (str(tmp_path), str(Path.cwd()), "robots of coop_pin", "example-robot-data"))
+
+
+def test_a_missing_file_names_the_closest_robot():
+    with pytest.raises(UrdfNotFoundError, match="did you mean 'panda'"):
+        find_urdf("pandaa")
+
+
+def test_files_are_found_and_checked_without_importing_pinocchio():
+    code = "import sys; from coop_pin.description.urdf import *; load_checked(find_urdf('panda')); print('pinocchio' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout.strip() == "False"
+
+
+# ---------------------------------------------------------------- loading
+
+
+def _file(folder: Path, text: str) -> UrdfFile:
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    return find_urdf(folder / "arm.urdf")
+
+
+def test_a_sound_file_is_loaded_as_it_is(tmp_path):
+    assert load_checked(_file(tmp_path, arm()), strict=True) == arm()
+
+
+def test_an_error_names_every_finding(tmp_path):
+    file = _file(tmp_path, arm(mass='<mass value="abc"/>', axis_1='<axis xyz="0 0 0"/>', inertia='<inertia ixx="1"/>'))
+    with pytest.raises(UrdfError) as caught:
+        load_checked(file)
+    for words in ("line 6: link 'b'", "'abc'", "line 15: joint 'one'", "inertia_missing", "2 errors, 1 warning", str(file.path)):
+        assert words in caught.value.detail
+
+
+def test_impossible_bodies_are_warned_of_in_a_users_file_and_errors_when_strict(tmp_path):
+    file = _file(tmp_path, BODIES["mass negative"].text)
+    with pytest.warns(UrdfWarning, match=r"link 'b': the mass is -2\.5 kg"):
+        assert load_checked(file) == BODIES["mass negative"].text
+    with pytest.raises(UrdfError, match="mass_negative"):
+        load_checked(file, strict=True)
+
+
+def test_impossible_bodies_of_known_robots_are_not_warned_of_but_errors_when_strict():
+    file = find_urdf("icub")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_checked(file)
+    with pytest.raises(UrdfError, match="inertia_not_psd"):
+        load_checked(file, strict=True)
+
+
+def test_a_file_that_is_gone_a_folder_and_a_huge_file_are_typed_errors(tmp_path):
+    with pytest.raises(UrdfNotFoundError):
+        check_urdf(tmp_path / "gone.urdf")
+    with pytest.raises(UrdfNotFoundError):
+        check_urdf(tmp_path)
+    huge = tmp_path / "huge.urdf"
+    with huge.open("wb") as file:
+        file.truncate(100 * MAX_BYTES)
+    assert [finding.code for finding in check_urdf(huge).findings] == ["size"]

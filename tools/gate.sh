@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# The gate: format, lint, types, tests. Sets itself up; stops at the first failure.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source tools/setup.sh
+
+export MPLBACKEND=Agg
+export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" # one worker, one core
+
+stage() {
+    local name="$1"
+    shift
+    echo "== $name"
+    "$VENV_PYTHON" -m "$@" </dev/null
+}
+
+setup_environment test
+stage "format" ruff format --check .
+stage "lint" ruff check .
+stage "types" mypy
+stage "tests" pytest -n auto -q
+echo "== gate passed"
