@@ -171,6 +171,7 @@ VALUES: dict[str, Malformed] = {
     "joint origin with tabs": _bad("line_break", "joint 'one'", origin_1='<origin xyz="0\t0\t1"/>'),
     "visual origin nan": _bad("not_finite", "link 'b'", visual='<visual><origin xyz="nan 0 0"/></visual>'),
     "box of two numbers": _bad("count", "link 'b'", visual='<collision><geometry><box size="1 1"/></geometry></collision>'),
+    "mesh without file": _bad("missing_attribute", "link 'b'", visual="<visual><geometry><mesh/></geometry></visual>"),
     "mesh in a xacro package": _bad(
         "xacro", "link 'b'", visual='<visual><geometry><mesh filename="$(find arm)/b.stl"/></geometry></visual>'
     ),

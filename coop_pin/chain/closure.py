@@ -47,9 +47,9 @@ class Closure:
             if self.rows not in _MASKS:
                 raise FieldError(f"is {self.rows!r}; it must be one of {list(_MASKS)} or six booleans", "rows")
             return _MASKS[self.rows]
-        x, y, z, rx, ry, rz, *rest = (*map(bool, self.rows), *(False,) * 6)
         if len(self.rows) != 6 or not any(self.rows):
             raise FieldError(f"is {list(self.rows)}; it must be six booleans, at least one of them true", "rows")
+        x, y, z, rx, ry, rz = map(bool, self.rows)
         return (x, y, z, rx, ry, rz)
 
     @property

@@ -47,14 +47,14 @@ def error_function(closure: Closure) -> ErrorFunction:
 
 
 def _weld(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
-    """e = -log6(X_ab); e' = V_a - Ad(X_ab) V_b, the error that pinocchio.constraintDynamics stabilises."""
+    """Return e = -log6(X_ab), e' = V_a - Ad(X_ab) V_b: the error that pinocchio.constraintDynamics stabilises."""
     V_b_in_a = X_ab.act(V_b)
     drift = (V_a - V_b_in_a).cross(V_b_in_a).vector
     return ClosureError(-pin.log6(X_ab).vector, np.eye(6), -X_ab.toActionMatrix(), drift)
 
 
 def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
-    """e = R_WA^T (p_a - p_b) with derivatives taken in the world, so that e decays along a straight line."""
+    """Return e = R_WA^T (p_a - p_b) with derivatives taken in the world, so that e decays along a straight line."""
     R_ab = X_ab.rotation
     A_a, A_b = np.zeros((3, 6)), np.zeros((3, 6))
     A_a[:, :3], A_b[:, :3] = np.eye(3), -R_ab
@@ -63,7 +63,7 @@ def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
 
 
 def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureError:
-    """Rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
+    """Return the held rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
     R_ab, p_ab = X_ab.rotation, X_ab.translation
     A_a, A_b = np.eye(6), np.zeros((6, 6))
     A_a[:3, 3:] = -pin.skew(p_ab)

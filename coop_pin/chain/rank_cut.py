@@ -49,7 +49,7 @@ class MassWeightedClosure(NamedTuple):
 
 def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
     """Decompose a closure Jacobian in the metric of the mass matrix."""
-    factor: Array = np.linalg.cholesky(mass_matrix)
+    factor = np.asarray(np.linalg.cholesky(mass_matrix), dtype=np.float64)
     weighted = solve_triangular(factor, jacobian.T, lower=True).T
     left, values, right = np.linalg.svd(weighted, full_matrices=False)
     rank = int(np.sum(values > RANK_CUT * values[0])) if values.size and values[0] > 0.0 else 0

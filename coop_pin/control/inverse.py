@@ -23,7 +23,7 @@ def jacobian_inverse(J: Array, time: float) -> Array:
         SingularJacobianError: the condition number exceeds 1e6 (Assumption 2 of the paper, eq. (22), fails).
     """
     try:
-        J_inverse = np.linalg.inv(J)
+        J_inverse: Array = np.asarray(np.linalg.inv(J), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise SingularJacobianError(float("inf"), time, CONDITION_LIMIT) from None
     condition = float(np.vdot(J, J) * np.vdot(J_inverse, J_inverse)) ** 0.5

@@ -65,7 +65,7 @@ class LateForcePath(Description):
 
     @property
     def pole(self) -> float:
-        """p = 0."""
+        """The filter's p: 0."""
         return 0.0
 
     @property
@@ -144,7 +144,7 @@ class SlidingMode(Description):
 
     kind: Literal["sliding-mode"] = "sliding-mode"
     gains: SlidingModeGains
-    arm_gains: dict[str, SlidingModeGains] = {}
+    arm_gains: dict[str, SlidingModeGains] = Field(default_factory=dict)
     switching: Switching = Sign()
     force_path: ForcePath = NoForcePath()
 
@@ -164,7 +164,7 @@ class UserController(Description):
 
     kind: Literal["user"] = "user"
     target: str
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
     force_path: ForcePath = NoForcePath()
 
     @model_validator(mode="after")

@@ -48,7 +48,7 @@ class Scenario(Description):
     cell: Cell
     controller: Controller
     motion: Motion
-    squeeze: dict[str, Vector6] = {}
+    squeeze: dict[str, Vector6] = Field(default_factory=dict)
     start: Pose
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()

@@ -42,7 +42,7 @@ class ConstantSqueeze(SqueezeReference):
         """Check the wrenches."""
         keep(self, wrenches=as_array("wrenches", self.wrenches, "m", 6))
 
-    def at(self, time: float) -> Array:  # noqa: ARG002 - the same at every time
+    def at(self, time: float) -> Array:
         """Return the wrenches, the same array at every time."""
         return self.wrenches
 

@@ -13,7 +13,15 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 _PINOCCHIO_ROOT = "universe"
 _ONCE = frozenset({"inertial", "origin", "mass", "inertia", "geometry", "parent", "child", "axis", "limit", "mimic", "dynamics"})
-_REQUIRED = {"limit": ("effort", "velocity"), "safety_controller": ("k_velocity",), "mimic": ("joint",)}
+_REQUIRED = {
+    "limit": ("effort", "velocity"),
+    "safety_controller": ("k_velocity",),
+    "mimic": ("joint",),
+    "mesh": ("filename",),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+}
 _NOT_NEGATIVE = {"limit": ("effort", "velocity"), "dynamics": ("damping", "friction")}
 
 

@@ -81,7 +81,7 @@ def physical(code: str, element: str, line: int, message: str) -> UrdfFinding:
 def quoted(text: str) -> str:
     """Return a piece of a file for a message: in quotes, printable and short."""
     short = text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."
-    return ascii(short)
+    return repr(short)
 
 
 def listed(names: Iterable[str], most: int = 5) -> str:

@@ -1,0 +1,92 @@
+"""Finding URDF files: by path, among the robots of coop_pin, and in example-robot-data."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pinocchio as pin
+import pytest
+from malformed_urdf import arm
+
+import coop_pin
+from coop_pin.description.urdf import bundled_urdf_folder, check_urdf, find_urdf
+from coop_pin.description.urdf.example_data import example_urdfs
+from coop_pin.errors import UrdfNotFoundError
+
+
+def test_a_path_is_found_beside_the_scenario_before_the_working_directory(tmp_path, monkeypatch):
+    beside, working = tmp_path / "beside", tmp_path / "working"
+    for folder in (beside, working):
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(arm())
+    monkeypatch.chdir(working)
+    assert find_urdf("arm.urdf").path == working / "arm.urdf"
+    assert find_urdf("arm.urdf", relative_to=beside).path == beside / "arm.urdf"
+    assert find_urdf(beside / "arm.urdf").path == beside / "arm.urdf"
+    (beside / "arm.urdf").unlink()
+    assert find_urdf("arm.urdf", relative_to=beside).path == working / "arm.urdf"
+    assert find_urdf("arm.urdf").origin == "user"
+
+
+def test_the_packages_of_a_users_file_are_looked_for_above_it(tmp_path):
+    folder = tmp_path / "my_robot" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "arm.urdf").write_text(arm())
+    assert tmp_path in find_urdf(folder / "arm.urdf").package_dirs
+
+
+def test_bundled_robots_are_found_by_name_and_sound():
+    for path in bundled_urdf_folder().glob("*.urdf"):
+        file = find_urdf(path.stem)
+        assert (file.path, file.origin) == (path, "bundled")
+        assert check_urdf(path).errors(strict=True) == ()
+
+
+def test_example_names_are_those_that_users_know():
+    known = {name: find_urdf(name).path.name for name in ("ur3", "ur5", "panda", "solo8", "talos")}
+    assert known == {
+        "ur3": "ur3_robot.urdf", "ur5": "ur5_robot.urdf", "panda": "panda.urdf", "solo8": "solo.urdf", "talos": "talos_reduced.urdf"
+    }  # fmt: skip
+    assert find_urdf("panda").srdf.name == "panda.srdf"
+    assert find_urdf("ur5").srdf.name == "ur5.srdf"
+    assert all(path.is_file() for path in example_urdfs().values())
+
+
+@pytest.mark.parametrize("name", ["pandaa", "panda.urdf", "", "nowhere/arm.urdf", "x" * 5000, "a\0b", "../panda"])
+def test_a_missing_file_says_where_it_was_looked_for(name, tmp_path):
+    with pytest.raises(UrdfNotFoundError) as caught:
+        find_urdf(name, relative_to=tmp_path)
+    assert all(place in str(caught.value) for place in (str(tmp_path), str(Path.cwd()), "robots of coop_pin", "example-robot-data"))
+
+
+def test_a_missing_file_names_the_closest_robot():
+    with pytest.raises(UrdfNotFoundError, match="did you mean 'panda'"):
+        find_urdf("pandaa")
+
+
+def test_files_are_found_and_checked_without_importing_pinocchio():
+    code = "import sys; from coop_pin.description.urdf import *; load_checked(find_urdf('panda')); print('pinocchio' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout.strip() == "False"
+
+
+def test_bundled_robots_are_found_in_the_layout_of_a_wheel(tmp_path):
+    shutil.copytree(Path(coop_pin.__file__).parent, tmp_path / "coop_pin", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(bundled_urdf_folder(), tmp_path / "coop_pin" / "urdf", dirs_exist_ok=True)
+    code = "from coop_pin.description.urdf import *; print(bundled_urdf_folder()); print(find_urdf('adept_3dof').path)"
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, check=True, text=True)
+    folder = tmp_path / "coop_pin" / "urdf"
+    assert run.stdout.splitlines() == [str(folder), str(folder / "adept_3dof.urdf")]
+
+
+@pytest.mark.parametrize("name", ["panda", "ur3", "ur5", "ur10", "kinova", "xarm7", "z1", "baxter", "so100"])
+def test_all_meshes_of_the_example_arms_are_found(name):
+    file = find_urdf(name)
+    model = pin.buildModelFromUrdf(str(file.path))
+    folders = [str(folder) for folder in file.package_dirs]
+    geometry = pin.buildGeomFromUrdf(model, str(file.path), pin.GeometryType.VISUAL, package_dirs=folders)
+    assert geometry.ngeoms > 5
