@@ -71,7 +71,9 @@ def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin
         named.names[joint] = f"{prefix}/{named.names[joint]}"
     for frame in named.frames:
         frame.name = f"{prefix}/{frame.name}"
-    return pin.appendModel(tree, named, 0, pin.SE3(X_WB))
+    joined = pin.appendModel(tree, named, 0, pin.SE3(X_WB))
+    joined.gravity = tree.gravity  # appendModel goes back to the Earth's
+    return joined
 
 
 def empty_model(gravity: tuple[float, ...] | Array) -> pin.Model:

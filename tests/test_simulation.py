@@ -1,0 +1,171 @@
+"""The loop: the paper's experiment as a whole, reproducibility, exact events, energy, force paths, friction."""
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.chain import CellChain
+from coop_pin.control import CellController, Command
+from coop_pin.controllers import build_controller
+from coop_pin.description import Clock, PayloadChange, WrenchPulse
+from coop_pin.simulation.drives import Drives
+from coop_pin.simulation.timeline import Timeline
+from coop_pin.spatial import internal_wrenches
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return cp.run("adept-paper")
+
+
+def test_paper_experiment_is_a_good_run(paper):
+    m = paper.metrics()
+    assert m["settling_time_s"] < 2.5
+    assert m["resettling_time_s"] < 2.5
+    assert m["event_peak_position_error_m"] > 0.020
+    assert m["position_rms_m"] < 0.5e-3
+    assert 20.0 < m["torque_peak_Nm"] < 140.0
+    assert m["closure_error_max_m"] < 1e-8
+    assert m["closure_error_max_rad"] < 1e-8
+    assert m["energy_balance_max_J"] < 1e-6
+    assert m["window_s"] == [4.0, 10.0]
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_two_runs_give_the_same_bits(cell):
+    scenario = SCENARIOS[cell]().replace(duration=0.5, events=())
+    first, second = cp.run(scenario).data, cp.run(scenario).data
+    for name in first:
+        assert np.array_equal(first[name].values, second[name].values, equal_nan=True), name
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi-implicit-euler"])
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_energy_equals_power_in(cell, payload, integrator):
+    """Through a push, a mass drop and friction; semi-implicit Euler is first order and gets a first-order tolerance."""
+    scenario = SCENARIOS[cell]()
+    push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
+    events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))
+    result = cp.run(scenario.replace(events=events, duration=0.5), {"plant.payload": payload, "plant.integrator": integrator})
+    assert result.energy_balance_max() < (1e-6 if integrator == "rk4" else 0.1)
+    assert abs(float(result.data.work_external[-1])) > 1e-3
+    assert float(result.data.work_friction[-1]) < 0.0
+    assert float(result.data.work_payload_change[-1]) != 0.0
+
+
+@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_rooted_and_free_payload_run_the_same(cell, formulation):
+    scenario = SCENARIOS[cell]().replace(duration=0.3, events=())
+    scenario = scenario.override({"controller.gains.sign_gain": 0.0, "clock.steps_per_tick": 8})
+    rooted = cp.run(scenario)
+    free = cp.run(scenario, {"plant.payload": "free", "plant.formulation": formulation})
+    assert_allclose(free.data.payload_position, rooted.data.payload_position, atol=1e-9)
+    difference = (free.data.internal_wrench - rooted.data.internal_wrench).values
+    assert_allclose(np.nan_to_num(difference), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_projection_at_every_step_keeps_the_closures_at_rounding(cell):
+    result = cp.run(SCENARIOS[cell]().replace(duration=0.2, events=()), {"plant.project": "step"})
+    assert max(result.closure_error_max()) < 5e-12
+
+
+def test_timeline_cuts_steps_at_events():
+    clock = Clock(rate_hz=100.0, steps_per_tick=4)
+    events = (PayloadChange(time=0.0231, mass=1.0), WrenchPulse(time=0.02, duration=0.00525, wrench=(1, 0, 0, 0, 0, 0)))
+    timeline = Timeline(clock, 0.1, events)
+    starts = [step.start for step in timeline.steps(2)]
+    assert_allclose(starts, [0.02, 0.0225, 0.0231, 0.025, 0.02525, 0.0275], atol=1e-15)
+    for tick in range(timeline.ticks):
+        assert sum(step.length for step in timeline.steps(tick)) == pytest.approx(0.01, abs=1e-15)
+    assert timeline.push_at(0.02)[0] == 1.0
+    assert timeline.push_at(0.02525)[0] == 0.0
+
+
+def test_push_between_ticks_has_its_exact_impulse():
+    """The work of a push depends on its exact times: halving the plant step changes nothing that RK4 would not change."""
+    push = {"events": [{"kind": "wrench-pulse", "time": 0.1031, "duration": 0.0507, "wrench": [200, 100, 0, 0, 0, 2]}]}
+    works = [
+        float(cp.run("adept-paper", push | {"duration": 0.2, "clock.steps_per_tick": steps}).data.work_external[-1]) for steps in (3, 24)
+    ]
+    assert works[0] == pytest.approx(works[1], rel=1e-6)
+
+
+class Spy(CellController):
+    """Hands everything on and keeps what it saw."""
+
+    def __init__(self, inner):
+        self.inner, self.seen = inner, []
+
+    def init(self, measurements, references):
+        return self.inner.init(measurements, references)
+
+    def step(self, measurements, references, state):
+        self.seen.append(measurements)
+        return self.inner.step(measurements, references, state)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("pole", [0.0, 0.6])
+def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
+    """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d: f(t_k^-) recomputed from the recorded state and last torque."""
+    scenario = SCENARIOS[cell]().replace(duration=0.1, events=())
+    scenario = scenario.override({"controller.force_path": {"kind": "low-pass", "pole": pole}, "controller.gains.force_gain": 0.5})
+    spy = Spy(build_controller(scenario))
+    data = cp.simulate(scenario, spy).data
+    chain = CellChain(scenario.cell, scenario.plant)
+    drives = Drives(scenario.cell, chain.tree.arms, chain.tree.model.nv)
+    rows = scenario.cell.task_rows
+    expected = rows.select(data.desired_internal_wrench.values[0, 0])
+    assert_allclose(spy.seen[0][0].internal_wrench, expected, atol=1e-12)
+    for k in range(1, len(data.time)):
+        q, v = data.configuration.values[k], data.velocity.values[k]
+        tau = drives.torque(list(data.torque.values[k - 1])) + drives.friction(v)
+        before = internal_wrenches(chain.interaction_wrenches(q, v, tau), scenario.cell.shares)[0]
+        expected = pole * expected + (1 - pole) * rows.select(before)
+        assert_allclose(spy.seen[k][0].internal_wrench, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_friction_acts_in_drive_coordinates(cell):
+    scenario = SCENARIOS[cell]()
+    chain = CellChain(scenario.cell)
+    drives = Drives(scenario.cell, chain.tree.arms, chain.tree.model.nv)
+    v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
+    for place, speeds in zip(chain.tree.arms, drives.velocities(v), strict=True):
+        friction = scenario.cell.arms[place.name].friction
+        assert_allclose(speeds, place.drive @ v[place.v])
+        at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(speeds / friction.coulomb_velocity)
+        assert_allclose(drives.friction(v)[place.v], place.drive.T @ at_drive, atol=1e-12)
+
+
+class Nothing(CellController):
+    """No torque at all."""
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        return Command([np.zeros(len(m.v)) for m in measurements], None)
+
+
+def test_time_is_counted_from_tick_numbers(paper):
+    """t_k = k T, not a sum of T: the last sample stands at exactly 20 s."""
+    assert float(paper.data.time[-1]) == 20.0
+    assert len(paper.data.time) == 1601
+
+
+def test_without_torque_the_planar_cell_rests():
+    """Gravity does no work in the plane: the bar stays where it is."""
+    data = cp.simulate(cp.Scenario.load("adept-paper").replace(events=(), duration=0.5), Nothing()).data
+    assert_allclose(data.payload_position.values, np.broadcast_to(data.payload_position.values[0], (41, 3)), atol=1e-13)
+
+
+def test_gravity_is_the_scenarios():
+    """pinocchio.appendModel forgets it."""
+    moon = SCENARIOS["spatial"]().cell.replace(gravity=(0.1, 0.2, -1.6))
+    assert_allclose(CellChain(moon).tree.model.gravity.linear, [0.1, 0.2, -1.6])
