@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,8 @@ from coop_pin.errors import NotFiniteError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
+
+Entry = TypeVar("Entry", bound=np.generic)
 
 Mask: TypeAlias = NDArray[np.bool_]
 """An array of truth values."""
@@ -42,7 +44,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     return array
 
 
-def frozen(array: Array) -> Array:
+def frozen(array: NDArray[Entry]) -> NDArray[Entry]:
     """Return the array itself, made read-only."""
     array.flags.writeable = False
     return array

@@ -278,6 +278,10 @@ class UrdfWarning(UserWarning):
     """A robot description file whose masses or inertias no body can have."""
 
 
+class GeometryWarning(UserWarning):
+    """A visual geometry that cannot be read and is left out of pictures; the physics does not use it."""
+
+
 class ScenarioFileError(CoopPinError, ValueError):
     """A file is not readable as a scenario."""
 
@@ -413,6 +417,23 @@ class DivergedError(CoopPinError, ArithmeticError):
             f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
             " lower the gains or raise the control rate; the result up to then is kept"
         )
+
+
+class RunInterruptedError(KeyboardInterrupt):
+    """Ctrl-C during a run; what was computed up to then is kept. A KeyboardInterrupt, so that ``except Exception`` lets it pass.
+
+    Attributes:
+        time: time of the last recorded tick, s; not a number if there is none.
+        result: the RunResult up to then.
+    """
+
+    def __init__(self, time: float, result: Any) -> None:
+        self.time, self.result = time, result
+        super().__init__(f"the run was interrupted at t = {time:.6g} s; the result up to then is kept")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by fields, not by message."""
+        return type(self), (self.time, self.result)
 
 
 class ResultFileError(CoopPinError, ValueError):

@@ -69,3 +69,9 @@ def random_velocity(chain: object, q: np.ndarray, seed: int) -> np.ndarray:
     """A velocity on the closures."""
     v = np.random.default_rng(seed).normal(size=chain.model.nv)
     return chain.project_velocity(q, v)
+
+
+def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
+    """A test cell and the payload pose X_WP it starts from."""
+    scenario = SCENARIOS[name]()
+    return scenario.cell, scenario.start.matrix

@@ -391,7 +391,7 @@ def test_an_acceleration_that_is_not_the_rate_of_the_twist_is_refused() -> None:
 
 def test_a_users_own_reference_must_return_poses() -> None:
     class Mirrored(PoseReference):
-        def at(self, time: float) -> PoseTarget:  # noqa: ARG002
+        def at(self, time: float) -> PoseTarget:
             return PoseTarget(np.diag((1.0, 1.0, -1.0, 1.0)), np.zeros(6), np.zeros(6))
 
     with pytest.raises(NotAPoseError, match="mirror"):

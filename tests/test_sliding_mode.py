@@ -37,7 +37,9 @@ def inputs(rows, time, seed, force=True):
     turn = lambda: rng.normal(size=3) * 0.3 if rows.name == "full" else (0, 0, rng.normal())  # noqa: E731
     place = lambda: rng.normal(size=3) * (1 if rows.name == "full" else np.array([1, 1, 0]))  # noqa: E731
     J, v = rng.normal(size=(k, k)) + 2 * np.eye(k), rng.normal(size=k)
-    measurement = ArmMeasurement(time, rng.normal(size=k), v, make_pose(place(), turn()), J @ v, J, rng.normal(size=k) if force else None)
+    measurement = ArmMeasurement(
+        time, rng.normal(size=k), v, make_pose(place(), turn()), J @ v, J, rng.normal(size=k) if force else None, np.zeros(k, dtype=bool)
+    )
     return measurement, ArmReference(make_pose(place(), turn()), rng.normal(size=k), rng.normal(size=k), rng.normal(size=k))
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any, NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
@@ -15,8 +18,28 @@ from coop_pin.description.clock import PlantOptions
 from coop_pin.description.payload import Payload
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CELL_MODELS
+from coop_pin.model.pinocchio_model import frame_id
 
 _NO_WRENCH = np.zeros(6)
+_CLOSED_BY_TREE = Gap(0.0, 0.0)
+
+
+class Observation(NamedTuple):
+    """What can be read off a closed chain that moves under given forces.
+
+    Attributes:
+        payload_pose: X_WP, shape (4, 4).
+        payload_twist: V_WP, shape (6,).
+        tip_positions: of every tip in the world, m, shape (m, 3).
+        gaps: for each arm how far its tip stands from its grasp.
+        interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (m, 6).
+    """
+
+    payload_pose: Array
+    payload_twist: Array
+    tip_positions: Array
+    gaps: list[Gap]
+    interaction_wrenches: Array
 
 
 class CellChain:
@@ -46,6 +69,7 @@ class CellChain:
         self.chain = chain.with_rank_cut() if options.formulation == "rank-cut" else chain
         self._data = self.tree.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
+        self._grasps = [frame_id(self.tree.model, f"payload/{name}") for name in cell.arms]
 
     def set_payload(self, payload: Payload) -> None:
         """Give the payload another mass and inertia, at once."""
@@ -65,8 +89,7 @@ class CellChain:
 
     def payload_pose(self, q: Array) -> Array:
         """Return X_WP, shape (4, 4)."""
-        pin.forwardKinematics(self.tree.model, self._data, q)
-        return np.array(pin.updateFramePlacement(self.tree.model, self._data, self.tree.payload_frame).homogeneous)
+        return self._at(q)[self.tree.payload_frame].homogeneous
 
     def payload_jacobian(self, q: Array) -> Array:
         """Return J_WP of the tree with V_WP = J_WP v, shape (6, nv)."""
@@ -75,19 +98,15 @@ class CellChain:
 
     def payload_twist(self, q: Array, v: Array) -> Array:
         """Return V_WP, shape (6,)."""
-        return self.payload_jacobian(q) @ v
+        return self.payload_jacobian(q).dot(v)
 
     def tip_positions(self, q: Array) -> Array:
         """Return the position of every tip in the world, m, shape (m, 3)."""
-        pin.framesForwardKinematics(self.tree.model, self._data, q)
-        return np.array([self._data.oMf[arm.tip].translation for arm in self.tree.arms])
+        return self._tips(self._at(q))
 
     def gaps(self, q: Array) -> list[Gap]:
         """Return for each arm how far its tip stands from its grasp."""
-        gaps = [Gap(0.0, 0.0)] * len(self.cell.arms)
-        for index, gap in zip(self._held, self.chain.gaps(q), strict=True):
-            gaps[index] = gap
-        return gaps
+        return self._gaps(self._at(q))
 
     def interaction_wrenches(self, q: Array, v: Array, tau: Array, external: Array = _NO_WRENCH) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
@@ -98,26 +117,49 @@ class CellChain:
             tau: generalised force of everything but the closures, including J_WP^T external, shape (nv,).
             external: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
-        a = self.chain.solver.acceleration(q, v, tau)
-        model, data = self.tree.model, self._data
-        pin.forwardKinematics(model, data, q, v, a)
-        pin.updateFramePlacements(model, data)
-        wrenches = np.zeros((len(self.cell.arms), 6))
-        p_WP = data.oMf[self.tree.payload_frame].translation
-        for index, local in zip(self._held, self.chain.solver.wrenches(), strict=True):
-            X_WE = data.oMf[self.tree.arms[index].tip]
-            force, moment = X_WE.rotation @ local[:3], X_WE.rotation @ local[3:]
-            wrenches[index, :3], wrenches[index, 3:] = force, moment + np.cross(X_WE.translation - p_WP, force)
+        return self._wrenches(self._at(q, v, self.chain.solver.acceleration(q, v, tau)), external)
+
+    def observe(self, q: Array, v: Array, tau: Array, external: Array = _NO_WRENCH) -> Observation:
+        """Return all of this at once, from one pass over the tree; arguments as of interaction_wrenches."""
+        frames = self._at(q, v, self.chain.solver.acceleration(q, v, tau))
+        twist = pin.getFrameVelocity(self.tree.model, self._data, self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED).vector
+        wrenches = self._wrenches(frames, external)
+        return Observation(frames[self.tree.payload_frame].homogeneous, twist, self._tips(frames), self._gaps(frames), wrenches)
+
+    def _at(self, q: Array, *rates: Array) -> Any:
+        """Move the tree to (q, v, a) and return its frames; they are Pinocchio's own and change with the next move."""
+        pin.forwardKinematics(self.tree.model, self._data, q, *rates)
+        pin.updateFramePlacements(self.tree.model, self._data)
+        return self._data.oMf
+
+    def _tips(self, frames: Any) -> Array:
+        return np.array([frames[arm.tip].translation for arm in self.tree.arms])
+
+    def _gaps(self, frames: Any) -> list[Gap]:
+        gaps = [_CLOSED_BY_TREE] * len(self.tree.arms)
+        for index in self._held:
+            error = pin.log6(frames[self.tree.arms[index].tip].actInv(frames[self._grasps[index]])).vector.tolist()
+            gaps[index] = Gap(math.hypot(*error[:3]), math.hypot(*error[3:]))
+        return gaps
+
+    def _wrenches(self, frames: Any, external: Array) -> Array:
+        """Return the wrenches of the solver's last solution: moved from each tip to P in payload axes, and turned at the end."""
+        X_WP = frames[self.tree.payload_frame]
+        R_WP, in_payload = X_WP.rotation, np.zeros((len(self.tree.arms), 6))
+        for index, F_E in zip(self._held, self.chain.solver.wrenches(), strict=True):
+            X_PE = X_WP.actInv(frames[self.tree.arms[index].tip])
+            in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if self.tree.closed_by_tree:
-            wrenches[0] = external - self._payload_balance() - wrenches.sum(axis=0)
+            in_payload[0] = -self._payload_balance(X_WP) - in_payload.sum(axis=0)
+        wrenches: Array = in_payload.reshape(-1, 3).dot(R_WP.T).reshape(-1, 6)
+        if self.tree.closed_by_tree:
+            wrenches[0] += external
         return wrenches
 
-    def _payload_balance(self) -> Array:
-        """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the wrench that the payload's motion takes, about P in world axes."""
-        model, data, frame = self.tree.model, self._data, self.tree.payload_frame
-        X_WP, inertia = data.oMf[frame], self.tree.payload_inertia
+    def _payload_balance(self, X_WP: pin.SE3) -> Array:
+        """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the wrench that the payload's motion takes, about P in payload axes."""
+        model, data, frame, inertia = self.tree.model, self._data, self.tree.payload_frame, self.tree.payload_inertia
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
-        A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL)
-        A.linear -= X_WP.rotation.T @ model.gravity.linear
-        wrench = inertia * A + V.cross(inertia * V)
-        return np.concatenate((X_WP.rotation @ wrench.linear, X_WP.rotation @ wrench.angular))
+        A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
+        balance: Array = (inertia * A + V.cross(inertia * V)).vector
+        return balance

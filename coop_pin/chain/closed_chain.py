@@ -98,23 +98,21 @@ class ClosedChain:
             tau: generalised force, shape (nv,).
 
         Raises:
-            ConstraintSolveError: the residual of the independent rows is too large.
+            ConstraintSolveError: the residual is too large.
         """
         q, v, tau = self._q(q), as_array("v", v, self.model.nv), as_array("tau", tau, self.model.nv)
         a = np.array(self.solver.acceleration(q, v, tau))
         state = self.closures.state(q, v)
-        weighted = self._weighted(q, state)
-        residual = float(np.abs(self._stabilised(state, a, weighted)).max(initial=0.0))
+        residual = float(np.abs(self._stabilised(state, a)).max(initial=0.0))
         allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
-        return ChainDynamics(a, self.solver.wrenches(), weighted.rank, residual)
+        return ChainDynamics(a, self.solver.wrenches(), self._weighted(q, state).rank, residual)
 
-    def _stabilised(self, state: ClosureState, a: Array, weighted: MassWeightedClosure) -> Array:
-        """Return what is left of J a + gamma + 2 zeta omega e' + omega^2 e in the independent rows."""
+    def _stabilised(self, state: ClosureState, a: Array) -> Array:
+        """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""
         gains = self.stabilisation
-        left = state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
-        return weighted.left @ (weighted.left.T @ left)
+        return state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
 
     def gaps(self, q: Array) -> list[Gap]:
         """Return how far each closure stands open."""

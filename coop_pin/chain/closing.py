@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
+from coop_pin.spatial import inverse_pose, pose_error
 
 _SEEDS = 24
 _STEPS = 200
@@ -33,15 +34,17 @@ def closing_angles(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike
     """
     target = as_array("X_WP", X_WP, 4, 4)
     near = pin.neutral(arm.model) if posture is None else as_array(f"posture of arm {name!r}", posture, arm.nq)
-    found, best_gap = [], np.full(6, np.inf)
+    found, best, best_gap = [], near, np.inf
     for seed in (near, *_seeds(arm.model)):
         q, gap = _descend(arm, pin.SE3(target), seed)
-        if np.abs(gap).max() < np.abs(best_gap).max():
-            best_gap = gap
+        if np.abs(gap).max() < best_gap:
+            best, best_gap = q, float(np.abs(gap).max())
         if np.abs(gap).max() < _ACCEPTED:
             found.append(_unwound(arm.model, near, q))
     if not found:
-        raise UnreachablePoseError(name, float(np.linalg.norm(best_gap[:3])), float(np.linalg.norm(best_gap[3:])))
+        grasp_pose = target @ inverse_pose(arm.payload_pose(best)) @ arm.tip_pose(best)
+        left_open = pose_error(arm.tip_pose(best), grasp_pose)
+        raise UnreachablePoseError(name, float(np.linalg.norm(left_open[:3])), float(np.linalg.norm(left_open[3:])))
     return min(found, key=lambda q: float(np.linalg.norm(pin.difference(arm.model, near, q))))
 
 

@@ -7,6 +7,7 @@ is ``A_a^T lambda``, on body b at the origin of b ``A_b^T lambda``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -65,21 +66,44 @@ def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
 def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureError:
     """Return the held rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
     R_ab, p_ab = X_ab.rotation, X_ab.translation
+    w_a, w_b, v_b = V_a.angular, R_ab @ V_b.angular, R_ab @ V_b.linear
+    rotation = _rotation_error(R_ab, w_b - w_a, mask[3:])
     A_a, A_b = np.eye(6), np.zeros((6, 6))
-    A_a[:3, 3:] = -pin.skew(p_ab)
-    A_b[:3, :3] = A_b[3:, 3:] = -R_ab
-    p_ab_rate = R_ab @ V_b.linear - V_a.linear - np.cross(V_a.angular, p_ab)
-    turning = np.cross(V_a.angular, p_ab_rate) + np.cross(V_a.angular, R_ab @ V_b.linear)
-    linear = turning - R_ab @ np.cross(V_b.angular, V_b.linear)
-    angular = np.cross(V_a.angular, R_ab @ V_b.angular)
+    A_a[:3, 3:], A_a[3:, 3:] = -pin.skew(p_ab), rotation.G
+    A_b[:3, :3], A_b[3:, 3:] = -R_ab, -rotation.G @ R_ab
+    p_ab_rate = v_b - V_a.linear - np.cross(w_a, p_ab)
+    linear = np.cross(w_a, p_ab_rate) + np.cross(w_a, v_b) - R_ab @ np.cross(V_b.angular, V_b.linear)
+    angular = rotation.G @ np.cross(w_a, w_b) - rotation.G_rate @ (w_b - w_a)
     rows = np.array(mask)
-    position = np.concatenate((-p_ab, _rotation_error(R_ab, mask[3:])))
+    position = np.concatenate((-p_ab, rotation.position))
     return ClosureError(position[rows], A_a[rows], A_b[rows], np.concatenate((linear, angular))[rows])
 
 
-def _rotation_error(R_ab: Array, held: tuple[bool, ...]) -> Array:
-    """Return -log(R_ab), or where one axis k is free the misalignment of that axis, z_b x z_a: the log would turn with the free angle."""
-    if sum(held) != 2:
-        return -pin.log3(R_ab)
-    free = held.index(False)
-    return np.cross(R_ab[:, free], np.eye(3)[free])
+class _RotationError(NamedTuple):
+    """Rotation rows of a closure: e' = -G Omega, with Omega the angular velocity of b against a in axes a."""
+
+    position: Array
+    G: Array
+    G_rate: Array
+
+
+def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _RotationError:
+    """Return the rotation error that fits the number of held turns; the log would turn with the free angles.
+
+    With k the one axis that is free or held, u its unit vector, z = R_ab u and c = u . z:
+
+    - two held, a hinge: e = z x u, the misalignment of the axes; G = c I - z u^T.
+    - one held, a joint that passes a turn on: e = -(twist of R_ab about u); row k of G is (u + z)^T / (1 + c).
+    - three held: e = -log(R_ab) and G = I, its derivative at small errors, as for a weld.
+    """
+    if sum(held) not in (1, 2):
+        return _RotationError(-pin.log3(R_ab), np.eye(3), np.zeros((3, 3)))
+    k = held.index(sum(held) == 1)
+    u, z, c = np.eye(3)[k], R_ab[:, k], R_ab[k, k]
+    z_rate = np.cross(Omega, z)
+    if sum(held) == 2:
+        return _RotationError(np.cross(z, u), c * np.eye(3) - np.outer(z, u), z_rate[k] * np.eye(3) - np.outer(z_rate, u))
+    i, j = (k + 1) % 3, (k + 2) % 3
+    twist = math.atan2(R_ab[j, i] - R_ab[i, j], R_ab[i, i] + R_ab[j, j])
+    n = (u + z) / (1.0 + c)
+    return _RotationError(-twist * u, np.outer(u, n), np.outer(u, (z_rate - n * z_rate[k]) / (1.0 + c)))

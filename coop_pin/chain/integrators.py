@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.chain.configuration_space import ConfigurationSpace
+from coop_pin.chain.configuration_space import ConfigurationSpace, VectorSpace
 
 Rate = Callable[[Array, Array], tuple[Array, Array]]
 """(q, v) -> (acceleration, shape (nv,); powers of the force channels, W, shape (channels,))."""
@@ -32,9 +32,6 @@ class Step(NamedTuple):
 class Integrator(ABC):
     """Advances (q, v) by a step of h seconds."""
 
-    def __init__(self, space: ConfigurationSpace) -> None:
-        self.space = space
-
     @abstractmethod
     def step(self, rate: Rate, q: Array, v: Array, h: float) -> Step:
         """Return the state after h seconds."""
@@ -45,6 +42,9 @@ _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
 class RungeKutta4(Integrator):
     """The classical fourth-order Runge-Kutta method, Munthe-Kaas form."""
+
+    def __init__(self, space: ConfigurationSpace) -> None:
+        self.space = space
 
     def step(self, rate: Rate, q: Array, v: Array, h: float) -> Step:
         """Return the state after h seconds."""
@@ -61,14 +61,49 @@ class RungeKutta4(Integrator):
         a4, p4 = rate(space.step(q, u), v4)
         weights = h * _WEIGHTS
         return Step(
-            space.step(q, weights @ np.array((v, k2, k3, k4))),
-            v + weights @ np.array((a1, a2, a3, a4)),
-            weights @ np.array((p1, p2, p3, p4)),
+            space.step(q, weights.dot(np.array((v, k2, k3, k4)))),
+            v + weights.dot(np.array((a1, a2, a3, a4))),
+            weights.dot(np.array((p1, p2, p3, p4))),
         )
+
+
+class VectorRungeKutta4(Integrator):
+    """The same method for plain vectors, where q' = v, with a quarter of the array operations.
+
+    With Butcher's tableau A (its weights as the last row), stages and end of the step combine what is known already::
+
+        v_i = v + h sum_j A_ij a_j
+        q_i = q + h sum_j A_ij v_j = q + h sum_j A_ij v + h^2 sum_j (A A)_ij a_j
+
+    so that (q_i, v_i) = C_i(h) [q, v, a_1, ..., a_4], one small product.
+    """
+
+    _A = np.array([[0, 0, 0, 0], [1 / 2, 0, 0, 0], [0, 1 / 2, 0, 0], [0, 0, 1, 0], _WEIGHTS])
+    _C = np.zeros((3, 4, 2, 6))  # C_2, C_3, C_4 and C_end as polynomials in h
+    _C[0, :, (0, 1), (0, 1)] = 1.0
+    _C[1, :, 0, 1] = _A[1:].sum(axis=1)
+    _C[1, :, 1, 2:] = _A[1:]
+    _C[2, :, 0, 2:] = _A[1:] @ _A[:4]
+    _C.shape = (3, 48)
+
+    def step(self, rate: Rate, q: Array, v: Array, h: float) -> Step:
+        """Return the state after h seconds."""
+        C = np.array((1.0, h, h * h)).dot(self._C).reshape(4, 2, 6)
+        known = np.zeros((6, len(q)))
+        known[0], known[1] = q, v
+        known[2], p1 = rate(q, v)
+        known[3], p2 = rate(*C[0].dot(known))
+        known[4], p3 = rate(*C[1].dot(known))
+        known[5], p4 = rate(*C[2].dot(known))
+        q_end, v_end = C[3].dot(known)
+        return Step(q_end, v_end, (h * _WEIGHTS).dot(np.array((p1, p2, p3, p4))))
 
 
 class SemiImplicitEuler(Integrator):
     """v' = v + h a(q, v), then q' = q + h v'; first order."""
+
+    def __init__(self, space: ConfigurationSpace) -> None:
+        self.space = space
 
     def step(self, rate: Rate, q: Array, v: Array, h: float) -> Step:
         """Return the state after h seconds."""
@@ -77,4 +112,11 @@ class SemiImplicitEuler(Integrator):
         return Step(self.space.step(q, h * v_next), v_next, h * powers)
 
 
-INTEGRATORS: dict[str, type[Integrator]] = {"rk4": RungeKutta4, "semi-implicit-euler": SemiImplicitEuler}
+def _runge_kutta_4(space: ConfigurationSpace) -> Integrator:
+    return VectorRungeKutta4() if isinstance(space, VectorSpace) else RungeKutta4(space)
+
+
+INTEGRATORS: dict[str, Callable[[ConfigurationSpace], Integrator]] = {
+    "rk4": _runge_kutta_4,
+    "semi-implicit-euler": SemiImplicitEuler,
+}

@@ -15,7 +15,7 @@ from coop_pin.model.pinocchio_model import frame_id
 # mu = 0, Pinocchio's default, answers NaN on redundant rows; from 1e-8 on twenty steps reach 1e-14.
 _ACCURACY, _MU, _STEPS = 1e-14, 1e-8, 20
 
-_TYPES = {"full": pin.ContactType.CONTACT_6D, "point": pin.ContactType.CONTACT_3D}
+_TYPES = {(True,) * 6: pin.ContactType.CONTACT_6D, (True,) * 3 + (False,) * 3: pin.ContactType.CONTACT_3D}
 
 
 class ProximalSolver:
@@ -29,12 +29,13 @@ class ProximalSolver:
         self._constraints = pin.StdVec_RigidConstraintModel(constraints)
         self._constraint_data = pin.StdVec_RigidConstraintData([constraint.createData() for constraint in constraints])
         self._settings = pin.ProximalSettings(_ACCURACY, _MU, _STEPS)
+        self._solved = list(self._constraint_data)  # live references; Pinocchio's own iteration costs more than a solution
         pin.initConstraintDynamics(model, self._data, self._constraints, self._constraint_data)
 
     @staticmethod
     def can_solve(closures: Sequence[Closure]) -> bool:
         """Say whether Pinocchio's rigid constraints express these rows."""
-        return all(closure.rows in _TYPES for closure in closures)
+        return all(closure.mask in _TYPES for closure in closures)
 
     def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
         """Return a, shape (nv,)."""
@@ -43,14 +44,12 @@ class ProximalSolver:
 
     def wrenches(self) -> Array:
         """Return the wrench on body a of each closure at a, in axes a, of the last solve, shape (closures, 6)."""
-        if not len(self._constraint_data):
-            return np.zeros((0, 6))
-        return np.array([data.contact_force.vector for data in self._constraint_data])
+        return np.array([data.contact_force.vector for data in self._solved]).reshape(-1, 6)
 
 
 def _constraint(model: pin.Model, closure: Closure, baumgarte: pin.BaumgarteCorrectorParameters) -> pin.RigidConstraintModel:
     a, b = (model.frames[frame_id(model, name)] for name in (closure.frame_a, closure.frame_b))
-    kind = _TYPES[str(closure.rows)]
+    kind = _TYPES[closure.mask]
     constraint = pin.RigidConstraintModel(kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL)
     constraint.setBaumgarteCorrectorParameters(baumgarte)
     return constraint

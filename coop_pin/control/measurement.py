@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 
 
 class ArmMeasurement(NamedTuple):
@@ -19,6 +19,7 @@ class ArmMeasurement(NamedTuple):
         payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,), or None where the
             scenario's force path provides none.
+        saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at the first.
     """
 
     time: float
@@ -28,3 +29,4 @@ class ArmMeasurement(NamedTuple):
     payload_twist: Array
     payload_jacobian: Array
     internal_wrench: Array | None
+    saturated: Mask

@@ -4,22 +4,15 @@ from coop_pin.description.arm import Arm, JointFriction
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.description.cell import Cell
 from coop_pin.description.clock import Clock, PlantOptions, Stabilisation
-from coop_pin.description.controller import (
-    LateForcePath,
-    LowPassForcePath,
-    NoForcePath,
-    Saturation,
-    Sign,
-    SlidingMode,
-    SlidingModeGains,
-    Tanh,
-    UserController,
-)
+from coop_pin.description.controller import PayloadSpace, RedundantSlidingMode, SlidingMode, UserController
 from coop_pin.description.event import PayloadChange, WrenchPulse
+from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.motion import ExponentialMotion, HoldMotion
 from coop_pin.description.payload import Payload
 from coop_pin.description.pose import Pose
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.switching import Saturation, Sign, Tanh
 
 __all__ = [
     "Arm",
@@ -33,8 +26,12 @@ __all__ = [
     "NoForcePath",
     "Payload",
     "PayloadChange",
+    "PayloadSpace",
+    "PayloadSpaceGains",
     "PlantOptions",
     "Pose",
+    "PostureGains",
+    "RedundantSlidingMode",
     "Saturation",
     "Scenario",
     "Sign",

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Matrix, NotNegative, Positive, Vector
+from coop_pin.description.base import Description, Matrix, NumberOrVector, Positive, Vector
 from coop_pin.description.pose import Pose
 from coop_pin.errors import FieldError, FieldShapeError
 
@@ -24,8 +24,8 @@ class JointFriction(Description):
         coulomb_velocity: the speed over which Coulomb friction changes sign, rad/s. A step would cost RK4 its order.
     """
 
-    viscous: NotNegative | Vector = 0.0
-    coulomb: NotNegative | Vector = 0.0
+    viscous: NumberOrVector = 0.0
+    coulomb: NumberOrVector = 0.0
     coulomb_velocity: Positive = 0.05
 
     @field_validator("viscous", "coulomb")

@@ -1,24 +1,18 @@
-"""The frozen base of all descriptions, and its mistakes as typed errors with paths."""
+"""The frozen base of all descriptions, and the kinds of numbers they hold."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping
+from numbers import Real
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
-from pydantic_core import ErrorDetails
 
-from coop_pin.errors import (
-    FieldError,
-    FieldNotFiniteError,
-    FieldShapeError,
-    MissingFieldError,
-    ScenarioError,
-    UnknownFieldError,
-    one_or_all,
-    suggestion,
-)
+from coop_pin.description.mistakes import field_errors
+from coop_pin.description.overrides import overridden
+from coop_pin.errors import FieldError, FieldNotFiniteError, FieldShapeError, one_or_all
 
 
 def _as_tuples(value: Any) -> Any:
@@ -40,12 +34,56 @@ def _not_negative(value: float) -> float:
     return value
 
 
+def _sized(size: int) -> Callable[[Any], Any]:
+    """Return a validator of the number of entries."""
+
+    def check(value: Any) -> Any:
+        entries = _as_tuples(value)
+        if isinstance(entries, tuple) and len(entries) != size:
+            raise FieldShapeError(f"has {len(entries)} entries {list(entries)}; it must have {size}")
+        return entries
+
+    return check
+
+
+def _number_or_row(value: Any) -> float | tuple[float, ...]:
+    """Read a number or a row of numbers. One reader, because a union of types reports one mistake once for each type."""
+    entries = _as_tuples(value)
+    if not isinstance(entries, tuple):
+        return _number(entries)
+    if not entries:
+        raise FieldShapeError("has no entries; it must be a number or have one entry for each row it acts on")
+    return tuple(_number(entry, str(index)) for index, entry in enumerate(entries))
+
+
+def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
+    """Read a number, a row of numbers, or rows of equal length."""
+    entries = _as_tuples(value)
+    if not (isinstance(entries, tuple) and any(isinstance(row, tuple) for row in entries)):
+        return _number_or_row(entries)
+    lengths = [len(row) if isinstance(row, tuple) else 0 for row in entries]
+    if len(set(lengths)) > 1 or not lengths[0]:
+        raise FieldShapeError(f"has rows of {lengths} entries; all rows must have the same number of entries, at least one")
+    return tuple(tuple(_number(entry, f"{i}.{j}") for j, entry in enumerate(row)) for i, row in enumerate(entries))
+
+
+def _number(value: Any, path: str = "") -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise FieldError(f"is {value!r}; it must be a number", path)
+    number = float(value)
+    if not math.isfinite(number):
+        raise FieldNotFiniteError(f"is {number}; it must be a finite number", path)
+    return number
+
+
 Positive = Annotated[float, AfterValidator(_positive)]
 NotNegative = Annotated[float, AfterValidator(_not_negative)]
-Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_as_tuples)]
-Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_as_tuples)]
+Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_sized(3))]
+Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_sized(6))]
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_as_tuples)]
+NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(_number_or_row)]
+NumberVectorOrMatrix = Annotated[float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)]
 
 
 class Description(BaseModel):
@@ -61,56 +99,19 @@ class Description(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise one_or_all(_problems(error, type(self)), type(self).__name__) from None
+            raise one_or_all(field_errors(error, fields, type(self)), type(self).__name__) from None
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, checked like a new one."""
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | fields)
 
     def override(self, changes: Mapping[str, Any]) -> Self:
-        """Return a copy with fields changed by dotted path, for example ``{"clock.rate_hz": 400}``."""
-        data = self.model_dump(exclude_unset=False)
-        for path, value in changes.items():
-            _set(data, path.split("."), value, path)
-        return type(self)(**data)
+        """Return a copy with fields changed by dotted path, for example ``{"clock.rate_hz": 400, "events.0.time": 5.0}``.
 
+        Entries of lists are counted from zero; the number after the last one adds an entry. A changed ``kind`` starts from the
+        defaults of the new kind.
 
-def _set(data: Any, keys: Sequence[str], value: Any, path: str) -> None:
-    """Set one entry of nested dictionaries and lists."""
-    for key in keys[:-1]:
-        data = _entry(data, key, path)
-    _entry(data, keys[-1], path, missing_ok=True)
-    data[int(keys[-1]) if isinstance(data, list) else keys[-1]] = value
-
-
-def _entry(data: Any, key: str, path: str, missing_ok: bool = False) -> Any:
-    if isinstance(data, list | tuple) and key.isdigit() and int(key) < len(data):
-        return data[int(key)]
-    if isinstance(data, dict) and (key in data or missing_ok):
-        return data.get(key)
-    known = list(data) if isinstance(data, dict) else [str(i) for i in range(len(data))] if isinstance(data, list | tuple) else []
-    raise UnknownFieldError(f"there is no field {key!r}; {suggestion(key, known)}", path)
-
-
-def _problems(error: ValidationError, model: type[BaseModel]) -> list[FieldError]:
-    """Turn pydantic's findings into our own, keeping the typed ones that validators raised."""
-    return [problem for details in error.errors() for problem in _problem(details, model)]
-
-
-def _problem(details: ErrorDetails, model: type[BaseModel]) -> list[FieldError]:
-    path = ".".join(str(part) for part in details["loc"])
-    cause = details.get("ctx", {}).get("error")
-    if isinstance(cause, ScenarioError):
-        return [problem.below(path) for problem in cause.problems]
-    value, message = details["input"], details["msg"]
-    match details["type"]:
-        case "extra_forbidden":
-            return [UnknownFieldError(f"there is no such field; {suggestion(str(details['loc'][-1]), list(model.model_fields))}", path)]
-        case "missing":
-            return [MissingFieldError("must be given", path)]
-        case "finite_number":
-            return [FieldNotFiniteError(f"is {value}; it must be a finite number", path)]
-        case "too_short" | "too_long":
-            return [FieldShapeError(f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path)]
-        case _:
-            return [FieldError(f"is {value!r}: {message[0].lower()}{message[1:]}", path)]
+        Raises:
+            ScenarioError: a path does not exist, or the copy has mistakes.
+        """
+        return type(self)(**overridden(self, changes))

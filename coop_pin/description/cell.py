@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Iterable
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm
@@ -36,18 +35,30 @@ class Cell(Description):
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
 
-    @model_validator(mode="after")
-    def _arms_agree(self) -> Self:
-        check_arm_names(self.grasps, self.arms, "grasps")
-        for name in self.arms:
+    @field_validator("arms")
+    @classmethod
+    def _named(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
+        for name in arms:
             if "/" in name or "." in name or not name:
-                raise FieldError(f"arm name {name!r} must not be empty or hold '/' or '.'", "arms")
-        if self.load_shares is not None:
-            check_arm_names(self.load_shares, self.arms, "load_shares", LoadShareError)
-            total = sum(self.load_shares.values())
-            if abs(total - 1.0) > 1e-9:
-                raise LoadShareError(f"{self.load_shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11))", "load_shares")
-        return self
+                raise FieldError(f"arm name {name!r} must not be empty or hold '/' or '.'")
+        return arms
+
+    @field_validator("grasps")
+    @classmethod
+    def _one_grasp_each(cls, grasps: dict[str, Pose], earlier: ValidationInfo) -> dict[str, Pose]:
+        check_arm_names(grasps, earlier.data.get("arms"))
+        return grasps
+
+    @field_validator("load_shares")
+    @classmethod
+    def _shares_sum_to_one(cls, shares: dict[str, float] | None, earlier: ValidationInfo) -> dict[str, float] | None:
+        if shares is None:
+            return None
+        check_arm_names(shares, earlier.data.get("arms"), LoadShareError)
+        total = sum(shares.values())
+        if abs(total - 1.0) > 1e-9:
+            raise LoadShareError(f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11))")
+        return shares
 
     @property
     def task_rows(self) -> TaskRows:
@@ -62,11 +73,14 @@ class Cell(Description):
         return np.array([self.load_shares[name] for name in self.arms])
 
 
-def check_arm_names(given: Mapping[str, object], arms: Mapping[str, Arm], field: str, error: type[FieldError] = FieldError) -> None:
-    """Refuse a table by arm that misses an arm or names one that does not exist."""
+def check_arm_names(given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError) -> None:
+    """Refuse a table by arm that misses an arm or names one that does not exist; without arms (they have mistakes) say nothing."""
+    if arms is None:
+        return
+    given, arms = list(given), list(arms)
     for name in given:
         if name not in arms:
-            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, list(arms))}", field)
+            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}")
     missing = [name for name in arms if name not in given]
     if missing:
-        raise error(f"has no entry for {missing}; every arm needs one", field)
+        raise error(f"has no entry for {missing}; every arm needs one")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.base import Description, Positive, Vector6
@@ -23,6 +24,9 @@ from coop_pin.description.pose import Pose
 from coop_pin.description.scenario_checks import controller_problems
 from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, SqueezeError, one_or_all
 
+# tomli_w writes one number to a line. No string can match: it writes those on one line.
+_NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
+
 
 class Scenario(Description):
     """Everything that determines a run.
@@ -30,6 +34,9 @@ class Scenario(Description):
     Attributes:
         name: short name.
         summary: one line for people.
+        duration: s.
+        seed: of everything random.
+        beyond_bound: insist on gains outside what the theory or the sampling allows.
         cell: arms, payload, grasps.
         controller: the law and its gains.
         motion: desired motion of the payload.
@@ -38,13 +45,13 @@ class Scenario(Description):
         events: what happens to the payload.
         clock: control rate and plant steps.
         plant: how the plant is solved.
-        duration: s.
-        seed: of everything random.
-        beyond_bound: insist on gains outside what the theory or the sampling allows.
     """
 
     name: str
     summary: str = ""
+    duration: Positive = 20.0
+    seed: int = Field(default=0, ge=0)
+    beyond_bound: bool = False
     cell: Cell
     controller: Controller
     motion: Motion
@@ -53,38 +60,43 @@ class Scenario(Description):
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
-    duration: Positive = 20.0
-    seed: int = Field(default=0, ge=0)
-    beyond_bound: bool = False
 
-    @model_validator(mode="after")
-    def _whole_is_consistent(self) -> Self:
-        problems = [*self._event_problems(), *self._squeeze_problems()]
-        if not self.beyond_bound:
-            problems += controller_problems(self.controller, list(self.cell.arms))
-        if problems:
-            raise one_or_all(problems, "the scenario")
-        return self
+    # Each check asks only for the fields that it needs, so that a mistake elsewhere hides none here.
 
-    def _event_problems(self) -> list[FieldError]:
-        late: list[FieldError] = []
-        for index, event in enumerate(self.events):
-            end = event.end if isinstance(event, WrenchPulse) else event.time
-            if end > self.duration:
-                late.append(EventTimeError(f"ends at t = {end:g} s; the run ends at {self.duration:g} s", f"events.{index}.time"))
-        return late
+    @field_validator("controller")
+    @classmethod
+    def _suits_the_cell(cls, controller: Controller, earlier: ValidationInfo) -> Controller:
+        if "cell" in earlier.data and not earlier.data.get("beyond_bound"):
+            problems = controller_problems(controller, list(earlier.data["cell"].arms))
+            if problems:
+                raise one_or_all(problems, "the controller")
+        return controller
 
-    def _squeeze_problems(self) -> list[FieldError]:
-        if not self.squeeze:
-            return []
-        try:
-            check_arm_names(self.squeeze, self.cell.arms, "squeeze", SqueezeError)
-        except SqueezeError as problem:
-            return [problem]
-        total = self.squeeze_wrenches.sum(axis=0)
+    @field_validator("squeeze")
+    @classmethod
+    def _sums_to_zero(cls, squeeze: dict[str, tuple[float, ...]], earlier: ValidationInfo) -> dict[str, tuple[float, ...]]:
+        if not squeeze:
+            return squeeze
+        check_arm_names(squeeze, earlier.data["cell"].arms if "cell" in earlier.data else None, SqueezeError)
+        total = np.sum(list(squeeze.values()), axis=0)
         if np.abs(total).max() > 1e-9:
-            return [SqueezeError(f"entries sum to {total.tolist()}; internal wrenches must sum to zero (eq. (8))", "squeeze")]
-        return []
+            raise SqueezeError(f"entries sum to {total.tolist()}; internal wrenches must sum to zero (eq. (8))")
+        return squeeze
+
+    @field_validator("events")
+    @classmethod
+    def _within_the_run(cls, events: tuple[Event, ...], earlier: ValidationInfo) -> tuple[Event, ...]:
+        duration = earlier.data.get("duration", np.inf)
+        late: list[FieldError] = []
+        for index, event in enumerate(events):
+            end = event.end if isinstance(event, WrenchPulse) else event.time
+            if end > duration:
+                late.append(
+                    EventTimeError(f"ends at t = {end:g} s; the run ends at {duration:g} s: lengthen it or move the event", f"{index}.time")
+                )
+        if late:
+            raise one_or_all(late, "the events")
+        return events
 
     @property
     def squeeze_wrenches(self) -> Array:
@@ -130,7 +142,8 @@ class Scenario(Description):
 
     def to_toml(self) -> str:
         """Return the scenario as resolved: every field with its value."""
-        return tomli_w.dumps(_without_none(self.model_dump(mode="json")), multiline_strings=True)
+        text = tomli_w.dumps(_without_none(self.model_dump(mode="json")))
+        return _NUMBERS_IN_LINES.sub(lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text)
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as resolved."""

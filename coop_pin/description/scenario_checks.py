@@ -1,34 +1,34 @@
-"""What only the whole cell knows about gains: checked when a scenario is read, never by the laws."""
+"""What only the whole cell knows about gains: checked when a scenario is read, never by the laws. Paths start at the controller."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.description.controller import SlidingMode, UserController
+from coop_pin.description.controller import Prescribed, UserController
 from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
 
 _INSIST = "or insist with beyond_bound = true"
 
 
-def controller_problems(controller: SlidingMode | UserController, arms: list[str]) -> list[FieldError]:
+def controller_problems(controller: Prescribed | UserController, arms: list[str]) -> list[FieldError]:
     """Return what is wrong with a controller for a cell with these arms."""
     if isinstance(controller, UserController):
         return []
     strangers = [name for name in controller.arm_gains if name not in arms]
     if strangers:
         detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
-        return [FieldError(detail, "controller.arm_gains")]
+        return [FieldError(detail, "arm_gains")]
     return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
 
 
-def _unequal(controller: SlidingMode, arms: list[str]) -> list[FieldError]:
+def _unequal(controller: Prescribed, arms: list[str]) -> list[FieldError]:
     problems: list[FieldError] = []
     for field, symbol in (("pose_gain", "gamma"), ("force_gain", "K_f")):
         values = {name: getattr(controller.gains_of(name), field) for name in arms}
         first = next(iter(values.values()))
         if any(not _same(value, first) for value in values.values()):
             detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms. Make them equal, {_INSIST}"
-            problems.append(UnequalGainsError(detail, f"controller.arm_gains.*.{field}"))
+            problems.append(UnequalGainsError(detail, f"arm_gains.*.{field}"))
     return problems
 
 
@@ -37,10 +37,10 @@ def _same(left: object, right: object) -> bool:
     return a.shape == b.shape and bool(np.all(a == b))
 
 
-def _beyond_force_bound(controller: SlidingMode, arms: list[str]) -> list[FieldError]:
+def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldError]:
     largest = max(controller.gains_of(name).force_gain for name in arms)
     bound = controller.force_path.force_gain_bound
-    path = "controller.gains.force_gain"
+    path = "gains.force_gain"
     if controller.force_path.kind == "none":
         if largest == 0.0:
             return []

@@ -46,4 +46,4 @@ class ArmKinematics:
         """Return the payload pose and Jacobian at joint angles q."""
         J = pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
         pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
-        return PayloadView(pose, self._rows.select(J) @ self._to_joint_rates)
+        return PayloadView(pose, self._rows.select(J).dot(self._to_joint_rates))

@@ -28,6 +28,6 @@ class Hold(PoseReference):
         pose = as_pose("pose", self.pose)
         keep(self, pose=pose, _target=make_target(pose[:3, :3], pose[:3, 3]))
 
-    def at(self, time: float) -> PoseTarget:  # noqa: ARG002 - the same at every time
+    def at(self, time: float) -> PoseTarget:
         """Return the target, the same object at every time."""
         return self._target

@@ -20,8 +20,7 @@ def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
 
     Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x, y, z, w).
     """
-    interaction = _determined(scenario, samples.interaction_wrench)
-    internal = internal_wrenches(interaction, scenario.cell.shares)
+    internal = internal_wrenches(samples.interaction_wrench, scenario.cell.shares)
     desired_internal = rotate_vector6(samples.payload_pose[:, None, :3, :3], samples.desired_squeeze)
     data = xr.Dataset(coords=_coordinates(scenario, samples), attrs={"title": scenario.summary or scenario.name})
     for name, dims, values, unit, text in (
@@ -37,7 +36,7 @@ def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
         ("tip_position", "arm position", samples.tip_position, "m", "position of each tip"),
         ("drive_velocity", "arm joint", samples.drive_velocity, "rad/s", "drive rates"),
         ("torque", "arm joint", samples.torque, "N m", "drive torques held from the tick on"),
-        ("interaction_wrench", "arm axis", interaction, "N, N m", "on the arm by the payload, about P"),
+        ("interaction_wrench", "arm axis", samples.interaction_wrench, "N, N m", "on the arm by the payload, about P"),
         ("internal_wrench", "arm axis", internal, "N, N m", "f_i = F_i - c_i sum_j F_j"),
         ("desired_internal_wrench", "arm axis", desired_internal, "N, N m", "f_d_i turned by the payload"),
         ("external_wrench", "axis", samples.external_wrench, "N, N m", "on the payload, about P"),
@@ -52,6 +51,8 @@ def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
         ("work_payload_change", "", samples.work[:, 3], "J", "energy brought or taken by payload changes"),
     ):
         data[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
+    determined = np.isfinite(samples.interaction_wrench).all(axis=(0, 1))
+    data["wrench_is_determined"] = ("axis", determined, {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"})
     return data
 
 
@@ -65,14 +66,6 @@ def _coordinates(scenario: Scenario, samples: RunSamples) -> dict[str, object]:
         "position": _POSITION,
         "quaternion": ["x", "y", "z", "w"],
     }
-
-
-def _determined(scenario: Scenario, wrenches: Array) -> Array:
-    """Return wrenches with NaN outside the task rows: how planar arms share the weight between their structures is not determined."""
-    unknown = np.setdiff1d(np.arange(6), scenario.cell.task_rows.indices)
-    known = wrenches.copy()
-    known[..., unknown] = np.nan
-    return known
 
 
 def _quaternions(poses: Array) -> Array:

@@ -22,7 +22,8 @@ class RunSamples(NamedTuple):
         tip_position: m, shape (n, m, 3).
         drive_velocity: rad/s, shape (n, m, k); NaN beyond an arm's joints.
         torque: drive torques, N m, shape (n, m, k); NaN beyond an arm's joints.
-        interaction_wrench: on each arm by the payload, about P in world axes, shape (n, m, 6).
+        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies do not
+            determine, shape (n, m, 6).
         external_wrench: on the payload, about P in world axes, shape (n, 6).
         closure_error: distance and angle of each grasp, m and rad, shape (n, m, 2).
         jacobian_condition: of each payload Jacobian, shape (n, m).

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file beside its place, sync it, and rename it over the old one.
 
     When writing fails (a full disk, an interrupt) the old file stays as it was and the part is removed.
@@ -18,9 +18,8 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         write: writes the content to the path it is given.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    part = Path(name)
+    # Not tempfile: its files are closed to everybody else, and the result would stay so.
+    part = path.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
     try:
         write(part)
         with part.open("rb") as written:

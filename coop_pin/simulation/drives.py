@@ -37,6 +37,7 @@ class Drives:
         self._viscous = -self._map.T @ np.diag(viscous) @ self._map
         self._to_scaled_speed = self._map / speeds[:, None]
         self._coulomb = -self._map.T * coulomb
+        self._has_coulomb = bool(coulomb.any())
 
     def velocities(self, v: Array) -> list[Array]:
         """Return each arm's drive velocities, rad/s."""
@@ -45,11 +46,12 @@ class Drives:
 
     def torque(self, drive_torques: Sequence[Array]) -> Array:
         """Return the generalised force of drive torques, N m, shape (nv,)."""
-        return self._map.T @ np.concatenate(drive_torques)
+        return self._map.T.dot(np.concatenate(drive_torques))
 
     def friction(self, v: Array) -> Array:
         """Return -D^T (viscous w + coulomb tanh(w / coulomb_velocity)) with w = D v, N m, shape (nv,)."""
-        return self._viscous @ v + self._coulomb @ np.tanh(self._to_scaled_speed @ v)
+        viscous: Array = self._viscous.dot(v)
+        return viscous + self._coulomb.dot(np.tanh(self._to_scaled_speed.dot(v))) if self._has_coulomb else viscous
 
 
 def _fitting(values: Array, rows: slice, path: str, square: bool = False) -> Array:

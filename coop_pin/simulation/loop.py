@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from coop_pin.control.contract import ArmReference, CellController
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, DivergedError
+from coop_pin.errors import CoopPinError, DivergedError, RunInterruptedError
 from coop_pin.reference import ConstantSqueeze, PoseTarget
 from coop_pin.results import RunResult
 from coop_pin.simulation.plant import Plant
@@ -41,7 +42,8 @@ def simulate(scenario: Scenario, controller: CellController, progress: Progress 
         UnreachablePoseError: the start is out of an arm's reach.
         SingularArmError: an arm became singular.
         DivergedError: the motion left the range of finite, closed motion.
-        Any CoopPinError raised after the start carries the result up to then as ``result``.
+        RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
+        Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
     run = _Run(scenario, controller)
     try:
@@ -50,8 +52,11 @@ def simulate(scenario: Scenario, controller: CellController, progress: Progress 
             if progress is not None:
                 progress(tick, run.timeline.ticks)
     except CoopPinError as error:
-        error.result = run.recorder.result()
+        error.result = run.recorder.result() if run.recorder.count else None
         raise
+    except KeyboardInterrupt:
+        kept = run.recorder.result() if run.recorder.count else None
+        raise RunInterruptedError(kept.end if kept else math.nan, kept) from None
     return run.recorder.result()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.chain.cell_chain import CellChain
+from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.configuration_space import configuration_space
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.description.clock import PlantOptions
@@ -34,7 +34,7 @@ class Plant:
         self.chain, self.drives = chain, Drives(chain.cell, chain.tree.arms, model.nv)
         self.q, self.v = q, np.zeros(model.nv)
         self.external, self.work = np.zeros(6), np.zeros(len(CHANNELS))
-        self._forces = np.zeros((len(CHANNELS), model.nv))
+        self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._solve = chain.chain.solver.acceleration
@@ -45,12 +45,16 @@ class Plant:
 
     def push(self, external: Array) -> None:
         """Push the payload with a constant wrench from now on."""
-        self.external = external
+        self.external, self._pushed = external, bool(external.any())
         self._forces[2] = 0.0
 
     def generalised_force(self) -> Array:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
-        return self._apply(self.q, self.v).sum(axis=0)
+        return _ALL.dot(self._apply(self.q, self.v))
+
+    def observe(self) -> Observation:
+        """Return what the chain does at the present state, under the present forces."""
+        return self.chain.observe(self.q, self.v, self.generalised_force(), self.external)
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
@@ -67,12 +71,12 @@ class Plant:
 
     def _rate(self, q: Array, v: Array) -> tuple[Array, Array]:
         forces = self._apply(q, v)
-        return self._solve(q, v, _ALL @ forces), forces @ v
+        return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of each channel, shape (3, nv)."""
         forces = self._forces
         forces[1] = self.drives.friction(v)
-        if self.external.any():
-            forces[2] = self.chain.payload_jacobian(q).T @ self.external
+        if self._pushed:
+            forces[2] = self.chain.payload_jacobian(q).T.dot(self.external)
         return forces

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.chain.determined import determined_rows
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference import PoseTarget
@@ -19,16 +20,19 @@ class Recorder:
     """Samples a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
     Attributes:
+        count: ticks recorded so far.
         payload_energy: energy that payload changes have added so far, J.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
         self._scenario, self._plant = scenario, plant
-        self._count = 0
+        self.count = 0
         self.payload_energy = 0.0
+        self._determined = determined_rows(plant.chain, plant.q)
         samples, arms = timeline.ticks + 1, plant.chain.tree.arms
         joints = max(len(arm.drive) for arm in arms)
         m, model = len(arms), plant.chain.tree.model
+        self._jacobians = [np.zeros((samples, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
         self._samples = RunSamples(
             time=np.zeros(samples),
             configuration=np.zeros((samples, model.nq)),
@@ -59,24 +63,25 @@ class Recorder:
         squeeze: Array,
     ) -> None:
         """Keep the sample of one tick; its torques are already held."""
-        kept, plant, chain = self._samples, self._plant, self._plant.chain
+        kept, plant = self._samples, self._plant
         kept.time[tick] = time
         kept.configuration[tick], kept.velocity[tick] = plant.q, plant.v
-        kept.interaction_wrench[tick] = plant.interaction_wrenches()
-        kept.payload_pose[tick] = chain.payload_pose(plant.q)
-        kept.payload_twist[tick] = chain.payload_twist(plant.q, plant.v)
+        seen = plant.observe()
+        kept.payload_pose[tick], kept.payload_twist[tick] = seen.payload_pose, seen.payload_twist
+        kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.gaps
+        kept.interaction_wrench[tick] = np.where(self._determined, seen.interaction_wrenches, np.nan)
         kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = target.X_WP_d, target.V_WP_d, squeeze
-        kept.tip_position[tick] = chain.tip_positions(plant.q)
         kept.external_wrench[tick] = plant.external
-        kept.closure_error[tick] = chain.gaps(plant.q)
-        kept.energy[tick] = chain.chain.energy(plant.q, plant.v)
+        kept.energy[tick] = plant.chain.chain.energy(plant.q, plant.v)
         kept.work[tick, :-1], kept.work[tick, -1] = plant.work, self.payload_energy
         for index, (measurement, torque) in enumerate(zip(measurements, torques, strict=True)):
             kept.torque[tick, index, : len(torque)] = torque
             kept.drive_velocity[tick, index, : len(torque)] = measurement.v
-            kept.jacobian_condition[tick, index] = np.linalg.cond(measurement.payload_jacobian)
-        self._count = tick + 1
+            self._jacobians[index][tick] = measurement.payload_jacobian
+        self.count = tick + 1
 
     def result(self) -> RunResult:
         """Return the result up to the last recorded tick."""
-        return RunResult.from_samples(self._scenario, RunSamples(*(array[: self._count] for array in self._samples)))
+        for index, jacobians in enumerate(self._jacobians):
+            self._samples.jacobian_condition[: self.count, index] = np.linalg.cond(jacobians[: self.count])
+        return RunResult.from_samples(self._scenario, RunSamples(*(array[: self.count] for array in self._samples)))

@@ -7,7 +7,7 @@ import numpy as np
 from coop_pin.arrays import Array, frozen
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.model.arm_kinematics import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.spatial import internal_wrenches
@@ -25,15 +25,16 @@ class ArmSensor:
         """Return this arm's measurement from the state of the whole tree."""
         angles, T = q[self._place.q], self._place.drive
         view = self._kinematics.view(angles)
-        v_drive = T @ v[self._place.v]
+        v_drive = T.dot(v[self._place.v])
         return ArmMeasurement(
             time=time,
-            q=frozen(T @ angles if self._angles_turn_with_drive else angles.copy()),
+            q=frozen(T.dot(angles) if self._angles_turn_with_drive else angles.copy()),
             v=frozen(v_drive),
             payload_pose=frozen(view.pose),
-            payload_twist=frozen(view.jacobian @ v_drive),
+            payload_twist=frozen(view.jacobian.dot(v_drive)),
             payload_jacobian=frozen(view.jacobian),
             internal_wrench=internal_wrench,
+            saturated=frozen(np.zeros(len(v_drive), dtype=bool)),
         )
 
 

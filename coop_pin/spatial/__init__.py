@@ -19,17 +19,18 @@ vector (log) of ``R_WP @ R_WP_d.T``, expressed in the world.
 **Internal wrench.** The interaction wrench ``F_i`` acts on arm i by the payload, about P. With load shares c_i that sum to
 one, ``f_i = F_i - c_i sum_j F_j`` is the internal wrench and ``sum_i f_i = 0`` (Gueaieb et al. (2007), eqs. (7)-(12)).
 
-**Task rows.** A cell works on k_0 rows of the six: all of them ("full") or x, y and the turn about z ("planar").
+**Task rows.** A cell works on k_0 rows of the six: all of them ("full"), x, y and the turn about z ("planar"), or x, y, z ("positional").
 """
 
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
 from coop_pin.spatial.pose import inverse_pose, make_pose, pose_error, rotation_from_rpy, rpy_from_rotation
-from coop_pin.spatial.task_rows import FullRows, PlanarRows, TaskRows, task_rows
+from coop_pin.spatial.task_rows import FullRows, PlanarRows, PositionalRows, TaskRows, task_rows
 from coop_pin.spatial.wrench import rotate_vector6, shift_wrench
 
 __all__ = [
     "FullRows",
     "PlanarRows",
+    "PositionalRows",
     "TaskRows",
     "internal_wrenches",
     "inverse_pose",

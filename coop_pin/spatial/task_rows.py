@@ -12,7 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.spatial.pose import pose_error
 from coop_pin.spatial.wrench import rotate_vector6
 
-RowsName = Literal["planar", "full"]
+RowsName = Literal["planar", "positional", "full"]
 
 
 class TaskRows(ABC):
@@ -82,7 +82,7 @@ class PlanarRows(TaskRows):
 
     def select(self, vector6: Array) -> Array:
         """Return rows x, y, rz."""
-        return vector6[self._take]
+        return vector6.take(self._take, axis=0)
 
     def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
         """Return ``[x - x_d, y - y_d, psi - psi_d]`` with the angle in (-pi, pi], shape (3,).
@@ -101,7 +101,27 @@ class PlanarRows(TaskRows):
         return np.array((cosine * x - sine * y, sine * x + cosine * y, moment))
 
 
-_ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRows())}
+class PositionalRows(TaskRows):
+    """x, y and z: the orientation of the payload is left to the arms."""
+
+    name: RowsName = "positional"
+    indices = (0, 1, 2)
+    axes = ("x", "y", "z")
+
+    def select(self, vector6: Array) -> Array:
+        """Return the linear rows."""
+        return vector6[:3]
+
+    def pose_error(self, X_WP: Array, X_WP_d: Array) -> Array:
+        """Return ``p - p_d``, shape (3,)."""
+        return X_WP[:3, 3] - X_WP_d[:3, 3]
+
+    def turn(self, X_WP: Array, rows_P: Array) -> Array:
+        """Return ``R f``, shape (3,)."""
+        return X_WP[:3, :3] @ rows_P
+
+
+_ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRows(), PositionalRows())}
 
 
 def task_rows(name: RowsName) -> TaskRows:

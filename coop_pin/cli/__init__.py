@@ -1,0 +1,40 @@
+"""The command line: parse, call, print. What it does can be done in Python as well."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from coop_pin import __version__
+from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run ``coop-pin`` and return its exit code; ``coop_pin.cli.exit_codes`` lists them.
+
+    Args:
+        arguments: the words after ``coop-pin``; those of the process when omitted.
+
+    Raises:
+        SystemExit: help was asked for (0), or the words make no command (2).
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words == ["--version"]:
+        print(f"coop-pin {__version__}")
+        return OK
+    from coop_pin.cli.parsing import parse  # what follows takes longer to load
+    from coop_pin.errors import CoopPinError
+
+    try:
+        return parse(words).execute()
+    except CoopPinError as error:
+        return _report(str(error), BAD_INPUT)
+    except OSError as error:
+        return _report(str(error), FAILED)
+    except KeyboardInterrupt as interrupt:
+        return _report(str(interrupt) or "interrupted", INTERRUPTED)
+
+
+def _report(message: str, code: int) -> int:
+    print(f"coop-pin: {message}", file=sys.stderr)
+    return code

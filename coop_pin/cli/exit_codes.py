@@ -1,0 +1,7 @@
+"""What ``coop-pin`` tells the shell."""
+
+OK = 0
+FAILED = 1
+"""A run diverged, a check found errors, a file cannot be written."""
+BAD_INPUT = 2
+INTERRUPTED = 130

@@ -1,0 +1,56 @@
+"""The fields of a scenario as options of the command line, with values and meanings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel
+
+_VALUE_WIDTH = 28
+
+
+def field_list(description: BaseModel) -> list[str]:
+    """Return one line for each field: ``--a.b.c VALUE  meaning``; the meanings are those of the docstrings."""
+    fields = list(_fields(description, "", ""))
+    width = max(len(option) for option, _, _ in fields)
+    return [f"{option:<{width}}  {value:<{_VALUE_WIDTH}}  {meaning}".rstrip() for option, value, meaning in fields]
+
+
+def _fields(value: Any, path: str, meaning: str) -> Iterator[tuple[str, str, str]]:
+    """Yield option, value and meaning of everything below a path."""
+    entries: dict[str, tuple[Any, str]] = {}
+    if isinstance(value, BaseModel):
+        meanings = _meanings(type(value))
+        entries = {name.replace("_", "-"): (getattr(value, name), meanings.get(name, meaning)) for name in type(value).model_fields}
+    elif isinstance(value, dict):
+        entries = {name: (entry, meaning) for name, entry in value.items()}
+    elif isinstance(value, tuple) and any(isinstance(entry, BaseModel) for entry in value):
+        entries = {str(index): (entry, meaning) for index, entry in enumerate(value)}
+    if not entries:
+        yield f"--{path}", _written(value), meaning
+    for name, (entry, entry_meaning) in entries.items():
+        yield from _fields(entry, f"{path}.{name}" if path else name, entry_meaning)
+
+
+def _meanings(model: type[BaseModel]) -> dict[str, str]:
+    """Return what the ``Attributes:`` of a docstring say of each field."""
+    _, _, attributes = inspect.cleandoc(model.__doc__ or "").partition("Attributes:\n")
+    return {name: " ".join(text.split()) for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", attributes, re.MULTILINE)}
+
+
+def _written(value: Any) -> str:
+    """Return a value as it can be typed; one with brackets needs quotes in a shell."""
+    match value:
+        case None:
+            return "(omitted)"
+        case bool():
+            return str(value).lower()
+        case tuple() if value and not any(isinstance(entry, tuple) for entry in value):
+            return " ".join(map(str, value))
+        case tuple():
+            return str([list(row) for row in value])
+        case _:
+            return str(value)

@@ -1,0 +1,57 @@
+"""From words to a command; fields of a scenario are told apart from options here."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from coop_pin.cli.catalogue import Fields, List
+from coop_pin.cli.check_urdf import CheckUrdf
+from coop_pin.cli.run import Run
+from coop_pin.cli.view import View
+
+Command = (
+    Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[List, tyro.conf.subcommand("list")]
+    | Annotated[Fields, tyro.conf.subcommand("fields")]
+    | Annotated[View, tyro.conf.subcommand("view")]
+    | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
+)
+_DESCRIPTION = "Two or more robot arms that hold one object: run scenarios, look at them, read their numbers."
+
+
+def parse(words: Sequence[str]) -> Run | List | Fields | View | CheckUrdf:
+    """Return the command that the words after ``coop-pin`` name.
+
+    Raises:
+        SystemExit: help was asked for (0), or the words make no command (2).
+    """
+    own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
+    command: Run | List | Fields | View | CheckUrdf = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
+    return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command
+
+
+def split_fields(words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Split the words of ``run`` into its own ones and the fields of the scenario, ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
+
+    Returns:
+        The own words, and the values of each field as written.
+    """
+    options = {"--help", *(form for option in dataclasses.fields(Run) for form in (f"--{option.name}", f"--no-{option.name}"))}
+    own: list[str] = []
+    fields: dict[str, list[str]] = {}
+    open_field: list[str] | None = None
+    for word in words:
+        option, equals, value = word.partition("=")
+        if word == "-h" or option in options:
+            open_field = None
+            own.append(word)
+        elif option.startswith("--"):
+            fields[option[2:]] = [value] if equals else []
+            open_field = None if equals else fields[option[2:]]
+        else:
+            (own if open_field is None else open_field).append(word)
+    return own, fields

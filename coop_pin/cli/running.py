@@ -1,0 +1,58 @@
+"""What ``coop-pin run`` does."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
+from coop_pin.cli.progress_bar import ProgressBar
+from coop_pin.cli.run import Run
+from coop_pin.cli.values import changes
+from coop_pin.controllers import build_controller
+from coop_pin.description import Scenario
+from coop_pin.errors import CoopPinError, RunInterruptedError
+from coop_pin.output import RunFolder, Stopwatch, Timing
+from coop_pin.results import RunResult
+from coop_pin.simulation import simulate
+
+
+def run_into_folder(command: Run) -> int:
+    """Run a scenario, write its folder, print a table, and return the exit code.
+
+    A run that breaks off is written as far as it came.
+
+    Raises:
+        CoopPinError: the run could not start.
+    """
+    sys.path.append(str(Path.cwd()))  # users' own controllers are found as python -m finds them
+    scenario = Scenario.load(command.scenario)
+    scenario = scenario.override(changes(command.fields, scenario.cell.arms))
+    folder = RunFolder(command.out or Path("out") / scenario.name)
+    folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
+    watch = Stopwatch()
+    try:
+        with ProgressBar(scenario.name, command.quiet) as bar:
+            result = simulate(scenario, build_controller(scenario), bar.show)
+    except (CoopPinError, RunInterruptedError) as error:
+        if error.result is None:
+            raise
+        folder.write_unfinished(error.result, watch.timing(error.result))
+        print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
+        return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
+    timing = watch.timing(result)
+    folder.write(result, timing, replay=command.replay, figures=command.figures)
+    if not command.quiet:
+        print(table(result, timing))
+        print(f"written to {folder.path}")
+    return OK
+
+
+def table(result: RunResult, timing: Timing) -> str:
+    """Return the metrics of a run as lines of text."""
+    scenario = result.scenario
+    lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"]
+    for name, value in result.metrics().items():
+        text = " to ".join(f"{entry:g}" for entry in value) if isinstance(value, list) else f"{value:.4g}"
+        lines.append(f"  {name:<30} {text}")
+    return "\n".join(lines)

@@ -1,0 +1,56 @@
+"""Fields and values as typed on a command line."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+from coop_pin.errors import MissingFieldError
+
+_FLAGS = {"beyond_bound"}
+
+
+def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[str, Any]:
+    """Return typed fields as changes by dotted path, ready for Scenario.override.
+
+    Dashes stand for underscores ("sign-gain"), but the names of arms are kept. Several values make a list; a flag needs none.
+
+    Args:
+        fields: the words given for each field.
+        arms: names of the scenario's arms.
+
+    Raises:
+        MissingFieldError: a field has no value.
+    """
+    paths = {_path(field, arms): words for field, words in fields.items()}
+    return {path: _value(path, words) for path, words in paths.items()}
+
+
+def _path(field: str, arms: Collection[str]) -> str:
+    return ".".join(part if part in arms else part.replace("-", "_") for part in field.split("."))
+
+
+def _value(path: str, words: Sequence[str]) -> Any:
+    if not words and path in _FLAGS:
+        return True
+    if not words:
+        raise MissingFieldError("has no value; write it after the field", path)
+    return literal(words[0]) if len(words) == 1 else [literal(word) for word in words]
+
+
+def literal(word: str) -> Any:
+    """Read a word as a TOML value (0.5, true, [1, 2], {kind = "tanh"}), as a number (.5), or as plain text."""
+    try:
+        table = tomllib.loads(f"value = {word}")
+    except tomllib.TOMLDecodeError:
+        return _number_or_text(word)
+    value = table.get("value")
+    return value if len(table) == 1 and isinstance(value, bool | int | float | str | list | dict) else word
+
+
+def _number_or_text(word: str) -> float | str:
+    try:
+        return float(word)
+    except ValueError:
+        return word

@@ -1,0 +1,106 @@
+"""Shapes to draw, as plain numbers, read from Pinocchio's geometry objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.arrays import Array
+
+
+class Box(NamedTuple):
+    """A box centred at its origin.
+
+    Attributes:
+        size: edges along x, y, z, m.
+    """
+
+    size: tuple[float, float, float]
+
+
+class Cylinder(NamedTuple):
+    """A cylinder about z, centred at its origin.
+
+    Attributes:
+        radius: m.
+        length: along z, m.
+    """
+
+    radius: float
+    length: float
+
+
+class Sphere(NamedTuple):
+    """A sphere about its origin.
+
+    Attributes:
+        radius: m.
+    """
+
+    radius: float
+
+
+class Mesh(NamedTuple):
+    """A triangle mesh.
+
+    Attributes:
+        vertices: m, shape (n, 3).
+        faces: three vertices of each triangle, shape (k, 3).
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+
+
+Shape: TypeAlias = Box | Cylinder | Sphere | Mesh
+
+
+def half_extents(shape: Shape) -> Array:
+    """Return half the edges of a box about the origin that holds the shape, m, shape (3,)."""
+    match shape:
+        case Box(size):
+            return np.array(size) / 2.0
+        case Cylinder(radius, length):
+            return np.array((radius, radius, length / 2.0))
+        case Sphere(radius):
+            return np.full(3, radius)
+        case Mesh(vertices, _):
+            return np.abs(vertices).max(axis=0)
+
+
+def shape_of(geometry: Any) -> Shape | None:
+    """Return the shape of one of Pinocchio's collision geometries; None for a kind that is not drawn."""
+    reader = _READERS.get(type(geometry).__name__)
+    return None if reader is None else reader(geometry)
+
+
+def _box(geometry: Any) -> Box:
+    x, y, z = (2.0 * float(half) for half in geometry.halfSide)
+    return Box((x, y, z))
+
+
+def _cylinder(geometry: Any) -> Cylinder:
+    return Cylinder(float(geometry.radius), 2.0 * float(geometry.halfLength))
+
+
+def _sphere(geometry: Any) -> Sphere:
+    return Sphere(float(geometry.radius))
+
+
+def _mesh(geometry: Any) -> Mesh:
+    triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
+    faces = np.array([(triangle[0], triangle[1], triangle[2]) for triangle in triangles], dtype=np.int64).reshape(-1, 3)
+    return Mesh(np.array(geometry.vertices(), dtype=float), faces)
+
+
+# By name: the module of these classes has changed its own name from one Pinocchio to the next.
+_READERS: dict[str, Callable[[Any], Shape]] = {
+    "Box": _box,
+    "Cylinder": _cylinder,
+    "Sphere": _sphere,
+    "BVHModelOBBRSS": _mesh,
+    "BVHModelOBB": _mesh,
+}

@@ -1,0 +1,116 @@
+"""The folder of a run: its scenario, numbers and pictures, each file written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from coop_pin.results import RunResult
+from coop_pin.results.storage import write_atomically
+
+
+class Timing(NamedTuple):
+    """How long a run took; kept apart from its metrics, which are the same on every machine.
+
+    Attributes:
+        wall_s: s.
+        cpu_s: s.
+        real_time_factor: simulated seconds in one second of wall time.
+    """
+
+    wall_s: float
+    cpu_s: float
+    real_time_factor: float
+
+
+class Stopwatch:
+    """Starts when it is made."""
+
+    def __init__(self) -> None:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+
+    def timing(self, result: RunResult) -> Timing:
+        """Return how long it took to compute a result."""
+        wall = time.perf_counter() - self._wall
+        return Timing(wall, time.process_time() - self._cpu, result.end / wall)
+
+
+class RunFolder:
+    """A folder that holds one run.
+
+    Attributes:
+        path: the folder.
+    """
+
+    SCENARIO, RESULT, METRICS, TIMING, REPLAY = "scenario.toml", "result.nc", "metrics.json", "timing.json", "replay.html"
+    FIGURES = ("figure2", "figure3", "errors")
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+
+    def write_unfinished(self, result: RunResult, timing: Timing) -> None:
+        """Write a run that broke off: no metrics, whose windows it did not reach, and no pictures."""
+        self._remove([self.METRICS, *self._pictures()])
+        self._write_run(result, timing)
+
+    def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
+        """Write a finished run; pictures of an earlier run do not stay beside the numbers of this one."""
+        self._remove(self._pictures())
+        self._write_run(result, timing)
+        self._write_json(self.METRICS, result.metrics())
+        if replay:
+            self.write_replay(result)
+        if figures:
+            self._write_figures(result)
+
+    def write_replay(self, result: RunResult) -> Path:
+        """Write the 3-D replay and return its file."""
+        from coop_pin.viz import save_replay  # a run without pictures does not wait for the viewers to load
+
+        path = self.path / self.REPLAY
+        save_replay(result, path)
+        return path
+
+    def replay(self) -> Path:
+        """Return the file of the 3-D replay; it is written from the result if it is missing.
+
+        Raises:
+            ResultFileError: there is no result either, or it is damaged.
+        """
+        path = self.path / self.REPLAY
+        return path if path.is_file() else self.write_replay(RunResult.load(self.path / self.RESULT))
+
+    def _write_run(self, result: RunResult, timing: Timing) -> None:
+        text = result.scenario.to_toml()
+        write_atomically(self.path / self.SCENARIO, lambda part: part.write_text(text, encoding="utf-8"))
+        result.save(self.path / self.RESULT)
+        self._write_json(self.TIMING, timing._asdict())
+
+    def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
+        text = json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False) + "\n"
+        write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
+
+    def _write_figures(self, result: RunResult) -> None:
+        from coop_pin.viz import figures
+
+        makers = (figures.tracking_figure, figures.torque_figure, figures.error_figure)
+        for name, make in zip(self.FIGURES, makers, strict=True):
+            figures.save_figure(make(result), self.path / name)
+
+    def _pictures(self) -> list[str]:
+        return [self.REPLAY, *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))]
+
+    def _remove(self, names: list[str]) -> None:
+        for name in names:
+            (self.path / name).unlink(missing_ok=True)
+
+
+def _strict(value: Any) -> Any:
+    """JSON has no number for infinity and not-a-number: they become null."""
+    if isinstance(value, list):
+        return [_strict(entry) for entry in value]
+    return value if math.isfinite(value) else None

@@ -1,0 +1,32 @@
+"""Showing results: a 3-D replay with the forces drawn, and figures. Shows what was recorded, computes no physics.
+
+Everything is loaded on first use: meshcat and matplotlib take their time.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PUBLIC = {
+    "NotebookView": "coop_pin.viz.notebook",
+    "notebook_view": "coop_pin.viz.notebook",
+    "replay_html": "coop_pin.viz.replay",
+    "save_replay": "coop_pin.viz.replay",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'coop_pin.viz' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_PUBLIC[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return list(__all__)

@@ -1,0 +1,127 @@
+"""The scene of a recorded run: arms, payload, where it should be, its trail, the floor, and the forces on the arms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.cell import Cell
+from coop_pin.model.shapes import Box, Mesh, half_extents
+from coop_pin.model.visuals import Body, CellVisuals
+from coop_pin.results import RunResult
+from coop_pin.viz import palette
+from coop_pin.viz.arrows import arrow_items, arrow_tracks, force_series, newtons_per_metre
+from coop_pin.viz.camera import camera_on
+from coop_pin.viz.meshes import grid_points, thinned, tube
+from coop_pin.viz.scene import Item, Paint, Scene, Segments, Track, translation
+
+FRAMES_PER_SECOND = 30.0
+LINK_VERTICES = 1500
+"""Most vertices of one link's mesh."""
+
+_TRIAD_M = 0.05
+_TRAIL_SPACING_M = 0.004
+_GHOST_M = 0.004
+"""How much larger the ghost of the payload is: equal faces would flicker."""
+
+_GRID_M = 0.25
+_FLOOR_M = 3.0
+
+
+def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND) -> Scene:
+    """Return everything there is to see of a run.
+
+    The keyframes are recorded samples at their recorded times: nothing is interpolated here.
+
+    Args:
+        result: the run.
+        frames_per_second: of the keyframes; the recording's own rate where that is lower.
+    """
+    scenario, kept = result.scenario, replay_samples(result.data["time"].values, frames_per_second)
+    data = result.data.isel(time=kept)
+    arms = CellVisuals(scenario.cell, scenario.plant.payload)
+    poses = arms.poses(data["configuration"].values)
+    path = data["payload_position"].values
+    forces, scale = force_series(data), newtons_per_metre(result.data)
+    floor = floor_height(scenario.cell, arms.bodies)
+    camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), floor)
+    items = (
+        *_floor_items(camera.target, floor),
+        *(item for body in arms.bodies for item in _body_items(body)),
+        *_payload_items(scenario.cell),
+        *_trail_items(path, data["desired_position"].values),
+        *(item for series in forces for item in arrow_items(series)),
+    )
+    tracks = (
+        *(Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:]) for body, pose in zip(arms.bodies, poses.swapaxes(0, 1), strict=True)),
+        Track("payload", path, data["payload_quaternion"].values),
+        Track("desired", data["desired_position"].values, data["desired_quaternion"].values),
+        *(track for series in forces for track in arrow_tracks(series, scale)),
+    )
+    return Scene(items, data["time"].values, tracks, camera)
+
+
+def replay_samples(time: Array, frames_per_second: float) -> Array:
+    """Return the indices of the recorded samples nearest to an even frame rate, the first and the last among them.
+
+    Args:
+        time: of the samples, s, increasing, shape (n,).
+        frames_per_second: 1/s.
+    """
+    wanted = np.arange(time[0], time[-1], 1.0 / frames_per_second)
+    after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
+    nearest = np.where(wanted - time[after - 1] <= time[np.minimum(after, len(time) - 1)] - wanted, after - 1, after)
+    return np.unique(np.append(nearest, len(time) - 1))
+
+
+def floor_height(cell: Cell, bodies: tuple[Body, ...]) -> float:
+    """Return the lowest point of what stands still, m; the lowest base where nothing is drawn of it."""
+    lowest = [arm.base.xyz[2] for arm in cell.arms.values()]
+    for body in bodies:
+        arm, _, part = body.name.partition("/")
+        for visual in body.visuals if part == "base" else ():
+            X_WV = cell.arms[arm].base.matrix @ visual.pose
+            lowest.append(float(X_WV[2, 3] - np.abs(X_WV[2, :3]) @ half_extents(visual.shape)))
+    return min(lowest)
+
+
+def _body_items(body: Body) -> tuple[Item, ...]:
+    items: list[Item] = []
+    for visual in body.visuals:
+        shape = thinned(visual.shape, LINK_VERTICES) if isinstance(visual.shape, Mesh) else visual.shape
+        items.append(Item(f"arms/{body.name}/{visual.name}", shape, Paint(visual.colour[:3], visual.colour[3]), visual.pose))
+    return tuple(items)
+
+
+def _payload_items(cell: Cell) -> tuple[Item, ...]:
+    x, y, z = cell.payload.size
+    grasps = (Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items())
+    return (
+        Item("payload/box", Box((x, y, z)), Paint(palette.rgb(palette.ACTUAL)), np.eye(4)),
+        Item("desired/box", Box((x + _GHOST_M, y + _GHOST_M, z + _GHOST_M)), Paint(palette.rgb(palette.DESIRED), opacity=0.3), np.eye(4)),
+        *grasps,
+    )
+
+
+def _triad() -> Segments:
+    ends = np.zeros((6, 3))
+    ends[1::2] = _TRIAD_M * np.eye(3)
+    return Segments(ends, np.repeat(np.array(((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.25, 0.9))), 2, axis=0))
+
+
+def _trail_items(actual: Array, desired: Array) -> tuple[Item, ...]:
+    trails = (
+        ("trails/actual", tube(actual, 0.0025, _TRAIL_SPACING_M), Paint(palette.rgb(palette.ACTUAL), lit=False)),
+        ("trails/desired", tube(desired, 0.005, _TRAIL_SPACING_M), Paint(palette.rgb(palette.DESIRED), 0.5, lit=False)),
+    )
+    return tuple(Item(path, mesh, paint, np.eye(4)) for path, mesh, paint in trails if mesh is not None)
+
+
+def _floor_items(target: Array, height: float) -> tuple[Item, ...]:
+    centre = np.round(target[:2] / _GRID_M) * _GRID_M
+    points = grid_points(_FLOOR_M, _GRID_M)
+    lines = Segments(points, np.tile(palette.rgb(palette.FLOOR_LINES), (len(points), 1)))
+    return (
+        Item("floor/plane", Box((8 * _FLOOR_M, 8 * _FLOOR_M, 0.01)), Paint(palette.rgb(palette.FLOOR)), translation(*centre, height - 0.006)),
+        Item("floor/grid", lines, Paint((1.0, 1.0, 1.0)), translation(*centre, height)),
+    )

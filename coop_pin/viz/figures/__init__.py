@@ -1,0 +1,19 @@
+"""Figures of results, as matplotlib Figures that need no display and leave pyplot alone; adapt them before saving."""
+
+from coop_pin.viz.figures.accuracy import error_figure
+from coop_pin.viz.figures.saving import save_figure
+from coop_pin.viz.figures.study import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
+from coop_pin.viz.figures.torque import torque_figure
+from coop_pin.viz.figures.tracking import tracking_figure
+
+__all__ = [
+    "BiasRun",
+    "ForceGainRun",
+    "InternalForceStudy",
+    "SignGainRun",
+    "error_figure",
+    "internal_force_study_figure",
+    "save_figure",
+    "torque_figure",
+    "tracking_figure",
+]

@@ -1,0 +1,45 @@
+"""Errors of a run on logarithmic axes: of the payload's pose, and of the computation itself."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coop_pin.results import RunResult
+from coop_pin.results.judgements import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
+from coop_pin.viz import palette
+from coop_pin.viz.figures.style import ACTUAL, STYLE, grid_figure, label, mark_time, without_zeros
+
+
+def error_figure(result: RunResult) -> Figure:
+    """Return position and orientation errors with their bands of 5 mm and 5 mrad, the closure drift, and the energy balance.
+
+    Args:
+        result: the run.
+    """
+    data, time = result.data, result.data["time"].values
+    error = data["pose_error"].values
+    figure, axes = grid_figure(2, 2, f"{result.scenario.name}: errors")
+    position, orientation, closure, energy = axes.flat
+    with mpl.rc_context(STYLE):
+        position.semilogy(time, without_zeros(np.linalg.norm(error[:, :3], axis=1)), **ACTUAL)
+        _draw_band(position, POSITION_BAND_M, "5 mm")
+        label(position, "position error", "m")
+        orientation.semilogy(time, without_zeros(np.linalg.norm(error[:, 3:], axis=1)), **ACTUAL)
+        _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
+        label(orientation, "orientation error", "rad")
+        for name, text, colour in (("closure_distance", "distance (m)", palette.SERIES[0]), ("closure_angle", "angle (rad)", palette.SERIES[1])):
+            closure.semilogy(time, without_zeros(data[name].values.max(axis=1)), color=colour, label=text)
+        label(closure, "closure drift, widest of all grasps", "m, rad")
+        closure.legend(loc="best", ncols=2)
+        energy.semilogy(time, without_zeros(np.abs(energy_balance(data))), **ACTUAL)
+        label(energy, "energy minus work", "J")
+    mark_time(axes, result)
+    return figure
+
+
+def _draw_band(panel: Axes, limit: float, text: str) -> None:
+    panel.axhline(limit, color=palette.LIMIT, linewidth=0.8, linestyle="--")
+    panel.annotate(text, (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7.5)

@@ -1,0 +1,96 @@
+"""What all figures share: size, lines, titles, and how events are marked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from coop_pin.arrays import Array
+from coop_pin.description.event import PayloadChange, WrenchPulse
+from coop_pin.results import RunResult
+from coop_pin.viz import palette
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e6ea",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.titlesize": 10.0,
+    "figure.titleweight": "bold",
+}
+
+ACTUAL: dict[str, Any] = {"color": palette.ACTUAL}
+DESIRED: dict[str, Any] = {"color": palette.DESIRED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
+
+Grid = NDArray[np.object_]
+"""Axes in rows and columns."""
+
+
+def grid_figure(rows: int, columns: int, title: str, panel: tuple[float, float] = (3.6, 2.0)) -> tuple[Figure, Grid]:
+    """Return an empty figure and its axes, shape (rows, columns), which share the time axis.
+
+    Args:
+        rows: of panels.
+        columns: of panels.
+        title: above all panels.
+        panel: width and height of a panel, inches.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.4), layout="constrained")
+        axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        figure.suptitle(title)
+    return figure, axes
+
+
+def mark_time(axes: Grid, result: RunResult) -> None:
+    """Mark the events in every panel, and label the time axis at the bottom."""
+    with mpl.rc_context(STYLE):
+        for panel in axes.flat:
+            for event in result.scenario.events:
+                _mark_event(panel, event)
+            panel.set_xlim(0.0, result.end)
+        for panel in axes[-1]:
+            panel.set_xlabel("time (s)")
+
+
+def label(panel: Axes, title: str, unit: str) -> None:
+    """Write what a panel shows, and its unit."""
+    panel.set_title(title, loc="left", fontsize=STYLE["axes.titlesize"])
+    panel.set_ylabel(unit)
+
+
+def without_zeros(values: Array) -> Array:
+    """Return values with zeros left out: a logarithmic axis has no place for them."""
+    return np.where(values > 0.0, values, np.nan)
+
+
+def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
+    """Limit a panel to the middle 98 % of its values, and say so where a short peak leaves the picture."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(edge) for edge in np.percentile(finite, (1.0, 99.0)))
+    margin = max(0.25 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
+    if finite.min() >= low - margin and finite.max() <= high + margin:
+        return
+    panel.set_ylim(low - margin, high + margin)
+    text = f"peaks cut off: {finite.min():.3g} to {finite.max():.3g} {unit}"
+    panel.text(0.99, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=7.0, color=palette.EVENT)
+
+
+def _mark_event(panel: Axes, event: PayloadChange | WrenchPulse) -> None:
+    panel.axvline(event.time, color=palette.EVENT, linewidth=0.8, linestyle=":", zorder=0.5)
+    if isinstance(event, WrenchPulse):
+        panel.axvspan(event.time, event.end, color=palette.EVENT, alpha=0.25, linewidth=0.0, zorder=0.4)

@@ -1,0 +1,32 @@
+"""A replay inside a notebook."""
+
+from __future__ import annotations
+
+import html
+
+from coop_pin.results import RunResult
+from coop_pin.viz.replay import replay_html
+
+
+class NotebookView:
+    """A page that a notebook shows where a cell returns it; it needs no server, so it works behind any proxy."""
+
+    def __init__(self, page: str, height: int) -> None:
+        self._page, self._height = page, height
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, for IPython."""
+        return (
+            f'<iframe srcdoc="{html.escape(self._page)}" style="width: 100%; height: {self._height}px; border: 0" '
+            'title="coop_pin replay"></iframe>'
+        )
+
+
+def notebook_view(result: RunResult, height: int = 480) -> NotebookView:
+    """Return a replay of a run that a notebook displays.
+
+    Args:
+        result: the run.
+        height: of the view, pixels.
+    """
+    return NotebookView(replay_html(result), height)

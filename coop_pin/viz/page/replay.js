@@ -1,0 +1,86 @@
+"use strict";
+// Plays the run that stands in this page: the viewer draws, this player turns the clock. Nothing is fetched.
+(() => {
+  const run = JSON.parse(document.getElementById("run").textContent);
+  const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
+  const element = (id) => document.getElementById(id);
+  const [play, slider, clock, speed, notice] = ["play", "time", "clock", "speed", "event"].map(element);
+
+  function light() {
+    viewer.set_property(["Grid"], "visible", false);
+    viewer.set_property(["Axes"], "visible", false);
+    viewer.set_property(["Background"], "top_color", [1, 1, 1]);
+    viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
+    const lamp = ["Lights", "SpotLight"];
+    viewer.set_property(lamp, "visible", true);
+    viewer.set_property(lamp.concat("<object>"), "castShadow", true);
+    viewer.set_property(lamp.concat("<object>"), "position", [-1.0, -1.4, 3.4]);
+    const shadow = viewer.scene_tree.find(lamp.concat("<object>")).object.shadow;
+    shadow.mapSize.set(2048, 2048);
+    shadow.bias = -0.0008;
+    shadow.normalBias = 0.012;
+    const strengths = { AmbientLight: 0.52, FillLight: 0.12, PointLightNegativeX: 0.12, PointLightPositiveX: 0.12, SpotLight: 0.42 };
+    for (const [name, strength] of Object.entries(strengths)) {
+      viewer.set_property(["Lights", name, "<object>"], "intensity", strength);
+    }
+  }
+
+  for (const message of run.messages) {
+    viewer.handle_command_bytearray(Uint8Array.from(atob(message), (letter) => letter.charCodeAt(0)));
+  }
+  light();
+  viewer.animator.pause(); // the actions stay ready; time is ours
+  viewer.animator.folder.domElement.style.display = "none"; // one set of buttons is enough
+
+  let time = 0, playing = false, last = null;
+
+  function show() {
+    viewer.animator.seek(time);
+    viewer.animator.display_progress(time);
+    slider.value = time;
+    clock.textContent = `t = ${time.toFixed(2)} s / ${run.duration.toFixed(2)} s`;
+    const now = run.events.filter((event) => event.start <= time && time <= Math.max(event.end, event.start + 1));
+    notice.hidden = now.length === 0;
+    notice.textContent = now.map((event) => event.text).join("  \u00b7  ");
+  }
+
+  function seek(to) {
+    time = Math.min(Math.max(to, 0), run.duration);
+    show();
+  }
+
+  function setPlaying(on) {
+    playing = on;
+    last = null;
+    play.textContent = on ? "\u275a\u275a" : "\u25b6";
+    if (on && time >= run.duration) { seek(0); }
+  }
+
+  function tick(now) {
+    requestAnimationFrame(tick);
+    if (!playing) { return; }
+    if (last !== null) { seek(time + (now - last) / 1000 * Number(speed.value)); }
+    last = now;
+    if (time >= run.duration) { setPlaying(false); }
+  }
+
+  slider.max = run.duration;
+  slider.addEventListener("input", () => { setPlaying(false); seek(Number(slider.value)); });
+  play.addEventListener("click", () => setPlaying(!playing));
+  document.addEventListener("keydown", (event) => {
+    if (event.key === " ") { event.preventDefault(); setPlaying(!playing); }
+    if (event.key === "ArrowRight") { event.preventDefault(); setPlaying(false); seek(time + 1 / 30); }
+    if (event.key === "ArrowLeft") { event.preventDefault(); setPlaying(false); seek(time - 1 / 30); }
+  });
+  for (const event of run.events) {
+    const mark = document.createElement("b");
+    mark.style.left = `${100 * event.start / run.duration}%`;
+    mark.title = event.text;
+    element("track").append(mark);
+  }
+
+  window.coopPin = { viewer, seek: (to) => { setPlaying(false); seek(to); }, play: () => setPlaying(true), duration: run.duration };
+  seek(0);
+  setPlaying(true);
+  requestAnimationFrame(tick);
+})();

@@ -1,0 +1,23 @@
+"""Colours by meaning, the same in figures and in the 3-D scene; after Okabe and Ito, told apart by colour-blind eyes."""
+
+from __future__ import annotations
+
+ACTUAL = "#0072b2"
+DESIRED = "#4d4d4d"
+INTERNAL = "#d55e00"
+LOAD = "#009e73"
+EXTERNAL = "#cc79a7"
+EVENT = "#8c8c8c"
+LIMIT = "#000000"
+
+SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""For lines that only need to differ from each other."""
+
+FLOOR = "#dfe3e8"
+FLOOR_LINES = "#b9c0ca"
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Return red, green and blue of "#rrggbb", from 0 to 1."""
+    red, green, blue = (int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
+    return red, green, blue

@@ -1,0 +1,343 @@
+"""The wrenches between payload and arms: rooted against free, Newton and Euler, d'Alembert arm by arm, and plain statics."""
+
+import functools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from cells import SCENARIOS, cell_and_start, random_velocity
+from numpy.testing import assert_allclose
+
+from coop_pin.chain import CellChain
+from coop_pin.description import PlantOptions, Stabilisation
+from coop_pin.errors import FrameNotFoundError, UnreachablePoseError
+from coop_pin.model import ArmModel
+from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, rotate_vector6
+
+PUSH = np.array([12.0, -7.0, 5.0, 0.4, -0.3, 0.8])
+SHARES = {"left": 0.3, "right": 0.7}
+
+
+@pytest.fixture(params=SCENARIOS)
+def name(request):
+    return request.param
+
+
+def built(name, payload="rooted", formulation="proximal", body=None):
+    cell, start = cell_and_start(name)
+    cell = cell.replace(load_shares=SHARES, payload=cell.payload if body is None else body)
+    return CellChain(cell, PlantOptions(payload=payload, formulation=formulation)), closed(name, payload)
+
+
+@functools.cache
+def closed(name, payload):
+    cell, start = cell_and_start(name)
+    q = CellChain(cell, PlantOptions(payload=payload)).configuration(start)
+    q.flags.writeable = False
+    return q
+
+
+def arms_of(plant):
+    return [ArmModel(arm, plant.cell.grasps[key].matrix, plant.cell.gravity) for key, arm in plant.cell.arms.items()]
+
+
+def push_of(plant):
+    rows = plant.cell.task_rows
+    return rows.expand(rows.select(PUSH))
+
+
+def gathered(plant, arm_torques):
+    tau = np.zeros(plant.tree.model.nv)
+    for place, torque in zip(plant.tree.arms, arm_torques, strict=True):
+        tau[place.v] = torque
+    return tau
+
+
+def free_state(rooted, free, q, v):
+    """The state of the free tree that is exactly the rooted one: the payload where the first arm holds it."""
+    angles = [q[place.q] for place in rooted.tree.arms]
+    q_free, v_free = free.tree.configuration(angles, rooted.payload_pose(q)), np.zeros(free.tree.model.nv)
+    for here, there in zip(rooted.tree.arms, free.tree.arms, strict=True):
+        v_free[there.v] = v[here.v]
+    at = free.tree.model.idx_vs[free.tree.payload_joint]
+    v_free[at : at + 6] = rotate_vector6(rooted.payload_pose(q)[:3, :3].T, rooted.payload_twist(q, v))
+    return q_free, v_free
+
+
+def off_states(plant, q_closed, gap):
+    """States off every closure, within the rows of the cell: across a planar cell no arm could follow."""
+    model, rows = plant.tree.model, plant.cell.task_rows
+    for q, v, torques in states(plant, q_closed, 0.0):
+        off = np.random.default_rng(1).uniform(-gap, gap, model.nv)
+        if not plant.tree.closed_by_tree:
+            at = slice(model.idx_vs[plant.tree.payload_joint], None)
+            off[at] = rows.expand(rows.select(off[at]))
+        yield pin.integrate(model, q, off), v + off, torques
+
+
+def states(plant, q_closed, gap, count=4, seed=8):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        q = pin.integrate(plant.tree.model, q_closed, gap * rng.uniform(-1.0, 1.0, plant.tree.model.nv))
+        v = rng.normal(size=plant.tree.model.nv)
+        yield q, v if gap else plant.chain.project_velocity(q, v), [10.0 * rng.normal(size=len(place.drive)) for place in plant.tree.arms]
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.04])
+@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+def test_rooted_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(name, formulation, gap):
+    """Off the closures: the free payload exactly in the first arm's grip, the second grasp open and moving apart."""
+    rooted, q_closed = built(name, "rooted", formulation)
+    free, _ = built(name, "free", formulation)
+    rows, push = rooted.cell.task_rows, push_of(rooted)
+    for q, v, torques in states(rooted, q_closed, gap):
+        q_free, v_free = free_state(rooted, free, q, v)
+        assert (max(rooted.gaps(q)[1]) > 1e-3) == (gap > 0.0)
+        assert_allclose(free.gaps(q_free), rooted.gaps(q), rtol=1e-9, atol=1e-12)
+        answers = []
+        for plant, at, moving in ((rooted, q, v), (free, q_free, v_free)):
+            tau = gathered(plant, torques) + plant.payload_jacobian(at).T @ push
+            a = plant.chain.forward_dynamics(at, moving, tau).acceleration
+            arms = np.concatenate([a[place.v] for place in plant.tree.arms])
+            answers.append((arms, np.array([rows.select(F) for F in plant.interaction_wrenches(at, moving, tau, push)])))
+        scale = 1.0 + np.abs(answers[0][0]).max()
+        assert_allclose(answers[1][0], answers[0][0], rtol=0, atol=1e-9 * scale)
+        force = 1.0 + np.abs(answers[0][1]).max()
+        assert_allclose(answers[1][1], answers[0][1], rtol=0, atol=1e-9 * force)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_configurations_of_both_trees_hold_the_payload_at_the_pose_asked_for(name, payload):
+    plant, q = built(name, payload)
+    _, start = cell_and_start(name)
+    assert_allclose(plant.payload_pose(q), start, rtol=0, atol=1e-10)
+    assert_allclose(plant.gaps(q), np.zeros((2, 2)), atol=1e-11)
+    for arm, place, position in zip(arms_of(plant), plant.tree.arms, plant.tip_positions(q), strict=True):
+        assert_allclose(arm.payload_pose(q[place.q]), start, rtol=0, atol=1e-10)
+        assert_allclose(arm.tip_pose(q[place.q])[:3, 3], position, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_the_trees_payload_twist_is_what_every_arm_sees(name, payload):
+    plant, q = built(name, payload)
+    v = random_velocity(plant.chain, q, 3)
+    for arm, place in zip(arms_of(plant), plant.tree.arms, strict=True):
+        assert_allclose(arm.payload_jacobian(q[place.q]) @ v[place.v], plant.payload_twist(q, v), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.04])
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_the_payload_obeys_newton_and_euler(name, payload, gap):
+    """m a_c = m g - sum F + push and d/dt (R I R^T omega) = -sum n + push's moment, with rates by finite differences of the motion.
+
+    Off the closures too: an open weld's wrench is still one wrench, on the arm and reversed on the payload.
+    """
+    plant, q_closed = built(name, payload)
+    body, model, push, h = plant.cell.payload, plant.tree.model, push_of(plant), 1e-6
+
+    def momentum(q, v):
+        R, V = plant.payload_pose(q)[:3, :3], plant.payload_twist(q, v)
+        return np.concatenate((body.mass * V[:3], R @ body.inertia_matrix @ R.T @ V[3:]))
+
+    for q, v, torques in off_states(plant, q_closed, gap):
+        tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
+        a = plant.chain.forward_dynamics(q, v, tau).acceleration
+        after, before = (momentum(pin.integrate(model, q, s * v + s * s / 2 * a), v + s * a) for s in (h, -h))
+        weight = np.concatenate((body.mass * np.array(plant.cell.gravity), np.zeros(3)))
+        total = push + weight - plant.interaction_wrenches(q, v, tau, push).sum(axis=0)
+        assert_allclose(total, (after - before) / (2 * h), rtol=0, atol=1e-7 * (1.0 + np.abs(total).max()))
+
+
+@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_every_arm_obeys_dalembert_with_its_own_model(name, payload, formulation):
+    """M_i a_i + h_i - J_i^T F_i = tau_i by ArmModel, which knows nothing of the tree: eq. (4)."""
+    plant, q_closed = built(name, payload, formulation)
+    push, arms = push_of(plant), arms_of(plant)
+    for q, v, torques in states(plant, q_closed, 0.0):
+        tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
+        a = plant.chain.forward_dynamics(q, v, tau).acceleration
+        wrenches = plant.interaction_wrenches(q, v, tau, push)
+        for arm, place, F, torque in zip(arms, plant.tree.arms, wrenches, torques, strict=True):
+            needed = arm.inverse_dynamics(q[place.q], v[place.v], a[place.v], F)
+            assert_allclose(needed, torque, rtol=0, atol=1e-9 * (1.0 + np.abs(F).max()))
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_power_of_the_wrenches_is_zero_in_all(name, payload):
+    """Grasps are passive: what the arms give, the payload takes (the wrenches share one twist V_WP)."""
+    plant, q = built(name, payload)
+    v = random_velocity(plant.chain, q, 5)
+    tau = gathered(plant, [np.ones(len(place.drive)) for place in plant.tree.arms])
+    wrenches, V = plant.interaction_wrenches(q, v, tau), plant.payload_twist(q, v)
+    a = plant.chain.forward_dynamics(q, v, tau).acceleration
+    arm_power = 0.0
+    for arm, place in zip(arms_of(plant), plant.tree.arms, strict=True):
+        q_i, v_i, a_i = q[place.q], v[place.v], a[place.v]
+        arm_power += v_i @ (arm.inverse_dynamics(q_i, v_i, a_i) - tau[place.v])
+    assert_allclose(arm_power, wrenches.sum(axis=0) @ V, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_the_wrenches_split_as_equations_7_to_12_say(name, payload):
+    plant, q = built(name, payload)
+    v = random_velocity(plant.chain, q, 7)
+    tau = gathered(plant, [np.linspace(-3.0, 5.0, len(place.drive)) for place in plant.tree.arms])
+    F = plant.interaction_wrenches(q, v, tau)
+    shares = plant.cell.shares
+    f, delta = internal_wrenches(F, shares), load_wrenches(F, shares)
+    assert_allclose(shares, [0.3, 0.7])
+    assert_allclose(f[0] + delta[0], F[0], rtol=1e-12, atol=1e-12)
+    assert_allclose(f.sum(axis=0), np.zeros(6), atol=1e-11)
+    assert_allclose(f[0], 0.7 * F[0] - 0.3 * F[1], rtol=1e-12, atol=1e-11)
+    assert_allclose(delta[1] / 0.7, delta[0] / 0.3, rtol=1e-12)
+
+
+def squeeze_of(plant, X_WP):
+    """A desired internal wrench, in world axes."""
+    f_P = np.array([-10.0, 2.0, 3.0, 0.3, -0.2, 0.5])
+    f = plant.cell.task_rows.expand(plant.cell.task_rows.select(rotate_vector6(X_WP[:3, :3], f_P)))
+    return np.array([f, -f])
+
+
+@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_a_static_squeeze_is_felt_as_commanded(name, payload, formulation):
+    """tau_i = h_i - J_i^T (f_d_i + c_i m g): nothing moves and the internal wrench is f_d."""
+    plant, q = built(name, payload, formulation)
+    rows, v = plant.cell.task_rows, np.zeros(plant.tree.model.nv)
+    weight = np.concatenate((plant.cell.payload.mass * np.array(plant.cell.gravity), np.zeros(3)))
+    desired = squeeze_of(plant, plant.payload_pose(q))
+    torques = []
+    for arm, place, f_d, share in zip(arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True):
+        q_i = q[place.q]
+        torques.append(arm.nonlinear_effects(q_i, np.zeros(arm.nv)) - arm.payload_jacobian(q_i).T @ (f_d + share * weight))
+    tau = gathered(plant, torques)
+    assert_allclose(plant.chain.forward_dynamics(q, v, tau).acceleration, np.zeros(len(v)), rtol=0, atol=1e-9)
+    F = plant.interaction_wrenches(q, v, tau)
+    measured = internal_wrenches(F, plant.cell.shares)
+    assert_allclose([rows.select(f) for f in measured], [rows.select(f) for f in desired], rtol=0, atol=1e-8)
+    assert_allclose(F.sum(axis=0), weight, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_a_squeeze_while_accelerating_and_pushed_is_felt_as_commanded(name, payload):
+    """Each arm gets the torque of its own motion and of F_i = f_d_i + c_i sum F: eq. (13) read forwards."""
+    plant, q = built(name, payload)
+    rows, push = plant.cell.task_rows, push_of(plant)
+    v, body, X = random_velocity(plant.chain, q, 9), plant.cell.payload, plant.payload_pose(q)
+    V, A = plant.payload_twist(q, v), rows.expand(rows.select(np.array([0.7, -0.4, 0.5, 1.0, -0.8, 0.6])))
+    inertia = X[:3, :3] @ body.inertia_matrix @ X[:3, :3].T
+    gyroscopic = np.concatenate((body.mass * A[:3], inertia @ A[3:] + np.cross(V[3:], inertia @ V[3:])))
+    total = push + np.concatenate((body.mass * np.array(plant.cell.gravity), np.zeros(3))) - gyroscopic
+    desired, expected, torques = squeeze_of(plant, X), [], []
+    for arm, place, f_d, share in zip(arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True):
+        q_i, v_i = q[place.q], v[place.v]
+        a_i = np.linalg.lstsq(arm.payload_jacobian(q_i), A - arm.payload_acceleration_bias(q_i, v_i), rcond=None)[0]
+        torques.append(arm.inverse_dynamics(q_i, v_i, a_i, f_d + share * total))
+        expected.append(a_i)
+    tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
+    a = plant.chain.forward_dynamics(q, v, tau).acceleration
+    for place, a_i in zip(plant.tree.arms, expected, strict=True):
+        assert_allclose(a[place.v], a_i, rtol=1e-9, atol=1e-8)
+    F = plant.interaction_wrenches(q, v, tau, push)
+    assert_allclose(F.sum(axis=0), total, rtol=1e-9, atol=1e-8)
+    measured = internal_wrenches(F, plant.cell.shares)
+    assert_allclose([rows.select(f) for f in measured], [rows.select(f) for f in desired], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_a_payload_set_later_is_the_payload_built_in(name, payload):
+    """Mass, inertia and wrenches change at once, and setting it twice does not add up."""
+    lighter = cell_and_start(name)[0].payload.with_mass(1.5)
+    changed, q = built(name, payload)
+    changed.set_payload(lighter.with_mass(40.0))
+    changed.set_payload(lighter)
+    fresh, _ = built(name, payload, body=lighter)
+    v = random_velocity(changed.chain, q, 1)
+    tau = gathered(changed, [np.ones(len(place.drive)) for place in changed.tree.arms])
+    for ask in (
+        lambda plant: plant.chain.forward_dynamics(q, v, tau).acceleration,
+        lambda plant: plant.chain.with_rank_cut().forward_dynamics(q, v, tau).acceleration,
+        lambda plant: plant.interaction_wrenches(q, v, tau),
+        lambda plant: plant.chain.energy(q, v),
+    ):
+        assert_allclose(ask(changed), ask(fresh), rtol=1e-9, atol=1e-9)
+
+
+def test_answers_do_not_change_when_the_plant_is_asked_again(name):
+    plant, q = built(name)
+    v, tau = random_velocity(plant.chain, q, 1), np.ones(plant.tree.model.nv)
+    questions = [
+        lambda q, v: plant.payload_pose(q),
+        lambda q, v: plant.payload_jacobian(q),
+        lambda q, v: plant.payload_twist(q, v),
+        lambda q, v: plant.tip_positions(q),
+        lambda q, v: plant.interaction_wrenches(q, v, tau),
+    ]
+    first = [ask(q, v) for ask in questions]
+    kept = [answer.copy() for answer in first]
+    for ask in questions:
+        ask(q + 0.01, 2.0 * v)
+    for answer, copy, ask in zip(first, kept, questions, strict=True):
+        assert_allclose(answer, copy, rtol=0, atol=0)
+        assert_allclose(ask(q, v), copy, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_three_arms_share_a_payload(payload):
+    """m - 1 or m closures; the wrenches still balance and every arm still obeys d'Alembert."""
+    cell, start = cell_and_start("planar")
+    third = cell.arms["left"].replace(base={"xyz": (0.5, 0.9, 0.0)}, posture=(-1.5, 1.0, 0.0))
+    grasps = dict(cell.grasps) | {"third": {"xyz": (0.0, 0.02, 0.0)}}
+    cell = cell.replace(arms=dict(cell.arms) | {"third": third}, grasps=grasps, load_shares=None)
+    plant = CellChain(cell, PlantOptions(payload=payload))
+    q = plant.configuration(start)
+    v = random_velocity(plant.chain, q, 2)
+    torques = [np.array([3.0, -2.0, 1.0])] * 3
+    tau = gathered(plant, torques)
+    answer = plant.chain.forward_dynamics(q, v, tau)
+    assert answer.rank == (6 if payload == "rooted" else 12)
+    for arm, place, F in zip(arms_of(plant), plant.tree.arms, plant.interaction_wrenches(q, v, tau), strict=True):
+        needed = arm.inverse_dynamics(q[place.q], v[place.v], answer.acceleration[place.v], F)
+        assert_allclose(needed, torques[0], rtol=0, atol=1e-8)
+
+
+def test_a_single_arm_carries_its_payload_alone(name):
+    """Rooted, no closure is left; free, one: the arm moves alike and feels the same."""
+    cell, start = cell_and_start(name)
+    cell = cell.replace(arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None)
+    rooted, free = (CellChain(cell, PlantOptions(payload=payload)) for payload in ("rooted", "free"))
+    q = rooted.configuration(start)
+    v = np.random.default_rng(0).normal(size=rooted.tree.model.nv)
+    answers = []
+    for plant, (at, moving) in ((rooted, (q, v)), (free, free_state(rooted, free, q, v))):
+        tau = gathered(plant, [np.linspace(-3.0, 5.0, len(v))])
+        a = plant.chain.forward_dynamics(at, moving, tau).acceleration[plant.tree.arms[0].v]
+        answers.append((a, cell.task_rows.select(plant.interaction_wrenches(at, moving, tau)[0])))
+    assert_allclose(answers[0][0], answers[1][0], rtol=1e-9, atol=1e-9)
+    assert_allclose(answers[0][1], answers[1][1], rtol=1e-9, atol=1e-8)
+
+
+def test_grasps_sit_where_the_description_says(name):
+    plant, q = built(name)
+    model, data = plant.tree.model, plant.tree.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    X_WP = data.oMf[model.getFrameId("payload")].homogeneous
+    for key, grasp in plant.cell.grasps.items():
+        X_WE = data.oMf[model.getFrameId(f"payload/{key}")].homogeneous
+        assert_allclose(inverse_pose(X_WP) @ X_WE, grasp.matrix, atol=1e-13)
+        assert_allclose(data.oMf[model.getFrameId(f"{key}/grasp")].homogeneous, X_WE, atol=1e-10)
+
+
+def test_a_pose_out_of_reach_and_a_wrong_tip_have_their_own_errors(name):
+    plant, _ = built(name)
+    far = np.eye(4)
+    far[:3, 3] = (5.0, 0.0, 0.0)
+    with pytest.raises(UnreachablePoseError) as error:
+        plant.configuration(far)
+    assert error.value.arm == "left"
+    arms = dict(plant.cell.arms)
+    arms["right"] = arms["right"].replace(tip="tipp")
+    with pytest.raises(FrameNotFoundError):
+        CellChain(plant.cell.replace(arms=arms), PlantOptions(stabilisation=Stabilisation(frequency=1.0)))

@@ -1,0 +1,148 @@
+"""The closing solver: it closes, on the branch of the posture, or says how far it misses."""
+
+import numpy as np
+import pytest
+from cells import SCENARIOS, cell_and_start, planar_scenario
+from numpy.testing import assert_allclose
+
+from coop_pin.chain import closing_angles
+from coop_pin.errors import NotFiniteError, ShapeError, UnreachablePoseError
+from coop_pin.model import ArmModel
+from coop_pin.spatial import make_pose, pose_error
+
+LENGTHS = 0.425, 0.375
+ELBOW = {"planar": 1, "spatial": 2}
+
+
+def arm_of(name, key):
+    cell, start = cell_and_start(name)
+    return ArmModel(cell.arms[key], cell.grasps[key].matrix), start, np.array(cell.arms[key].posture)
+
+
+@pytest.mark.parametrize("key", ["left", "right"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_angles_hold_the_payload_at_the_pose(name, key):
+    arm, start, posture = arm_of(name, key)
+    q = closing_angles(key, arm, start, posture)
+    assert_allclose(pose_error(arm.payload_pose(q), start), np.zeros(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("elbow", [1.0, -1.0])
+@pytest.mark.parametrize("key", ["left", "right"])
+def test_the_posture_chooses_the_elbow_of_the_planar_arm_and_the_angles_are_the_closed_form(key, elbow):
+    """Elbow +1 means q2 > q1 in absolute angles: the relative angle is positive. The law of cosines is the oracle."""
+    arm, start, _ = arm_of("planar", key)
+    scenario = planar_scenario()
+    tip = start @ scenario.cell.grasps[key].matrix
+    x, y = tip[:2, 3] - np.array(scenario.cell.arms[key].base.xyz[:2])
+    l_1, l_2 = LENGTHS
+    relative = elbow * np.arccos((x * x + y * y - l_1**2 - l_2**2) / (2.0 * l_1 * l_2))
+    first = np.arctan2(y, x) - np.arctan2(l_2 * np.sin(relative), l_1 + l_2 * np.cos(relative))
+    base_yaw = scenario.cell.arms[key].base.rpy[2]
+    expected = np.array([first - base_yaw, relative, np.arctan2(tip[1, 0], tip[0, 0]) - first - relative])
+    near = np.array([first - base_yaw, elbow * 1.0, 0.0])
+    q = closing_angles(key, arm, start, near)
+    assert np.sign(q[1]) == elbow
+    assert_allclose(np.exp(1j * q), np.exp(1j * expected), atol=1e-8)
+
+
+@pytest.mark.parametrize("elbow", [1.0, -1.0])
+def test_the_posture_chooses_the_elbow_of_the_spatial_arm(elbow):
+    arm, start, posture = arm_of("spatial", "left")
+    up = closing_angles("left", arm, start, posture)
+    down = up.copy()
+    down[1:4] = (up[1] + up[2], -up[2], up[3] + up[2])
+    q = closing_angles("left", arm, start, up if elbow > 0.0 else down)
+    assert np.sign(q[ELBOW["spatial"]]) == elbow * np.sign(up[ELBOW["spatial"]])
+    assert_allclose(pose_error(arm.payload_pose(q), start), np.zeros(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_posture_that_already_closes_is_kept(name):
+    arm, start, posture = arm_of(name, "left")
+    q = closing_angles("left", arm, start, posture)
+    assert_allclose(closing_angles("left", arm, start, q), q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_joint_stays_within_half_a_turn_of_the_posture(name):
+    arm, start, posture = arm_of(name, "left")
+    for turns in (0.0, 2.0 * np.pi):
+        q = closing_angles("left", arm, start, posture + turns)
+        assert np.abs(q - posture - turns).max() <= np.pi + 1e-12
+        assert_allclose(pose_error(arm.payload_pose(q), start), np.zeros(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_same_question_gets_the_same_bits(name):
+    arm, start, posture = arm_of(name, "right")
+    first = closing_angles("right", arm, start, posture)
+    assert_allclose(closing_angles("right", arm_of(name, "right")[0], start, posture), first, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_poses_that_an_arm_just_held_are_found_again_from_a_poor_posture(name):
+    arm, _, posture = arm_of(name, "left")
+    rng = np.random.default_rng(12)
+    for _ in range(4):
+        target = arm.payload_pose(posture + rng.uniform(-0.6, 0.6, arm.nq))
+        q = closing_angles("left", arm, target, np.zeros(arm.nq))
+        assert_allclose(pose_error(arm.payload_pose(q), target), np.zeros(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [0.81, 1.2, 3.0])
+def test_a_tip_straight_beyond_reach_misses_by_distance_minus_reach(distance):
+    """The wrist makes up the angle; the descent on the payload's log error keeps a little of it, which costs almost no length."""
+    arm, _, posture = arm_of("planar", "left")
+    X_PE = planar_scenario().cell.grasps["left"].matrix
+    direction = 0.4
+    X_WE = make_pose((distance * np.cos(direction), distance * np.sin(direction), 0.0), (0.0, 0.0, 1.0))
+    with pytest.raises(UnreachablePoseError) as error:
+        closing_angles("left", arm, X_WE @ np.linalg.inv(X_PE), posture)
+    assert error.value.arm == "left"
+    assert error.value.gap_m >= distance - sum(LENGTHS)
+    assert_allclose(error.value.gap_m, distance - sum(LENGTHS), rtol=0.01)
+    assert error.value.gap_rad < 0.3
+
+
+@pytest.mark.parametrize("height", [0.01, 0.2])
+def test_a_planar_arm_misses_a_lifted_payload_by_its_height(height):
+    arm, start, posture = arm_of("planar", "left")
+    lifted = start.copy()
+    lifted[2, 3] = height
+    with pytest.raises(UnreachablePoseError) as error:
+        closing_angles("left", arm, lifted, posture)
+    assert_allclose(error.value.gap_m, height, rtol=1e-6)
+    assert_allclose(error.value.gap_rad, 0.0, atol=1e-6)
+
+
+def test_a_planar_arm_misses_a_tilted_payload_by_its_angle():
+    arm, start, posture = arm_of("planar", "left")
+    with pytest.raises(UnreachablePoseError) as error:
+        closing_angles("left", arm, start @ make_pose(rpy=(0.3, 0.0, 0.0)), posture)
+    assert_allclose(error.value.gap_rad, 0.3, rtol=1e-3)
+    assert error.value.gap_m < 1e-3
+
+
+def test_no_angles_come_nearer_than_the_gap_that_a_spatial_arm_reports():
+    """The farthest the tip can ever be from the shoulder bounds the gap from below; stretching out bounds it from above."""
+    arm, _, posture = arm_of("spatial", "left")
+    cell, _ = cell_and_start("spatial")
+    shoulder = np.array(cell.arms["left"].base.xyz)
+    rng = np.random.default_rng(0)
+    reach = max(np.linalg.norm(arm.payload_pose(rng.uniform(-np.pi, np.pi, 6))[:3, 3] - shoulder) for _ in range(20000))
+    X_WP = make_pose(shoulder + (2.5, 0.0, 0.5), (0.3, 0.2, 0.1))
+    distance = np.linalg.norm(X_WP[:3, 3] - shoulder)
+    with pytest.raises(UnreachablePoseError, match="'left'") as error:
+        closing_angles("left", arm, X_WP, posture)
+    assert distance - 1.05 * reach < error.value.gap_m < distance - 0.6 * reach
+
+
+def test_bad_input_is_named():
+    arm, start, posture = arm_of("planar", "left")
+    with pytest.raises(ShapeError, match="X_WP"):
+        closing_angles("left", arm, np.eye(3), posture)
+    with pytest.raises(ShapeError, match="posture of arm 'left'"):
+        closing_angles("left", arm, start, posture[:-1])
+    with pytest.raises(NotFiniteError, match="X_WP"):
+        closing_angles("left", arm, np.full((4, 4), np.nan), posture)

@@ -1,0 +1,219 @@
+"""Closure errors and their two derivatives, for every kind of rows, on states that are off the closure."""
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from cells import SCENARIOS, cell_and_start
+from numpy.testing import assert_allclose
+
+from coop_pin.chain import CellChain, ClosedChain, Closure
+from coop_pin.chain.closures import Closures
+from coop_pin.description import PlantOptions
+from coop_pin.errors import FieldError, FrameNotFoundError
+
+# One and two held turns about every axis, with and without held translations.
+MASKS = [
+    (True, True, False, False, False, True),
+    (True, False, True, True, False, False),
+    (False, False, False, False, True, False),
+    (True, True, True, False, True, True),
+    (False, True, True, True, False, True),
+    (False, False, True, True, True, False),
+    (False, True, False, False, False, False),
+]
+ROWS = ["planar", "axis", *MASKS]
+PAIRS = {"arm": ("left/grasp", "payload/left"), "world": ("right/grasp", "universe"), "world first": ("universe", "payload")}
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def tree(request):
+    """A free payload and two arms: nothing is closed by the tree."""
+    cell, start = cell_and_start(request.param)
+    chain = CellChain(cell, PlantOptions(payload="free"))
+    return chain.tree.model, chain.configuration(start)
+
+
+def random_states(tree, count=4, spread=0.4):
+    """States far off every closure."""
+    model, q_0 = tree
+    rng = np.random.default_rng(5)
+    for _ in range(count):
+        yield pin.integrate(model, q_0, rng.uniform(-spread, spread, model.nv)), rng.normal(size=model.nv), rng.normal(size=model.nv)
+
+
+def along(model, closures, q, v, a, t):
+    """The closure state at time t of the motion q(t) = q + v t + a t^2 / 2, exact to second order in t."""
+    return closures.state(pin.integrate(model, q, v * t + a * t * t / 2.0), v + a * t)
+
+
+def rates(model, closures, q, v, a, h=1e-5):
+    """Central differences of position and velocity error, and the closure state in the middle."""
+    after, before = along(model, closures, q, v, a, h), along(model, closures, q, v, a, -h)
+    middle = closures.state(q, v)
+    return (after.position - before.position) / (2 * h), (after.velocity - before.velocity) / (2 * h), middle
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize("rows", ROWS, ids=str)
+def test_jacobian_and_drift_are_the_derivatives_of_the_error(tree, pair, rows):
+    model, _ = tree
+    closures = Closures(model, [Closure(*PAIRS[pair], rows)])
+    for q, v, a in random_states(tree):
+        e_rate, e_rate_rate, now = rates(model, closures, q, v, a)
+        assert pair == "world" or np.abs(now.position).max() > 1e-3  # a planar arm has no error across the plane of the world
+        assert_allclose(now.velocity, e_rate, rtol=1e-7, atol=1e-7)
+        assert_allclose(now.jacobian @ v, now.velocity, rtol=1e-13, atol=1e-13)
+        assert_allclose(now.jacobian @ a + now.drift, e_rate_rate, rtol=1e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_point_rows_are_differentiated_in_the_world(tree, pair):
+    """e = R_WA^T (p_a - p_b); e' and e'' are the world's derivatives of p_a - p_b, seen in a: a ball joint's gap decays straight."""
+    model, _ = tree
+    closure, data, h = Closure(*PAIRS[pair], "point"), model.createData(), 1e-4
+    closures = Closures(model, [closure])
+
+    def frames(q):
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[model.getFrameId(closure.frame_a)].copy(), data.oMf[model.getFrameId(closure.frame_b)].copy()
+
+    def gap(q, v, a, t):
+        X_Wa, X_Wb = frames(pin.integrate(model, q, v * t + a * t * t / 2.0))
+        return X_Wa.translation - X_Wb.translation
+
+    for q, v, a in random_states(tree):
+        now = closures.state(q, v)
+        R_aW = frames(q)[0].rotation.T
+        after, middle, before = (gap(q, v, a, t) for t in (h, 0.0, -h))
+        assert_allclose(now.position, R_aW @ middle, atol=1e-13)
+        assert_allclose(now.velocity, R_aW @ (after - before) / (2 * h), atol=1e-6)
+        assert_allclose(now.jacobian @ a + now.drift, R_aW @ (after - 2 * middle + before) / h**2, atol=1e-5)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_the_velocity_error_of_a_weld_is_its_relative_twist_and_drift_is_its_derivative(tree, pair):
+    """e' = V_a - Ad(X_ab) V_b is the derivative of -log6(X_ab) at small errors only; exactly, d/dt(-log6) = Jlog6 Ad(X_ab)^-1 e'."""
+    model, _ = tree
+    closure, data = Closure(*PAIRS[pair], "full"), model.createData()
+    closures = Closures(model, [closure])
+    for q, v, a in random_states(tree):
+        e_rate, e_rate_rate, now = rates(model, closures, q, v, a)
+        pin.framesForwardKinematics(model, data, q)
+        X_ab = data.oMf[model.getFrameId(closure.frame_a)].actInv(data.oMf[model.getFrameId(closure.frame_b)])
+        assert_allclose(now.position, -pin.log6(X_ab).vector, atol=1e-14)
+        exact = pin.Jlog6(X_ab) @ np.linalg.solve(X_ab.toActionMatrix(), now.velocity)
+        assert_allclose(e_rate, exact, rtol=1e-6, atol=1e-6)
+        assert_allclose(now.jacobian @ a + now.drift, e_rate_rate, rtol=1e-7, atol=1e-6)
+
+
+def test_the_velocity_error_of_a_weld_is_the_derivative_of_its_error_when_that_is_small(tree):
+    """The difference shrinks with the error itself: first order in the gap."""
+    model, q_0 = tree
+    closures = Closures(model, [Closure("left/grasp", "payload/left", "full")])
+    rng = np.random.default_rng(11)
+    direction, v = rng.normal(size=model.nv), rng.normal(size=model.nv)
+    gaps = []
+    for size in (1e-2, 1e-3):
+        e_rate, _, now = rates(model, closures, pin.integrate(model, q_0, size * direction), v, np.zeros(model.nv))
+        gaps.append(np.abs(now.velocity - e_rate).max())
+    assert_allclose(gaps[0] / gaps[1], 10.0, rtol=0.2)
+
+
+@pytest.mark.parametrize("turns", list(itertools.product((True, False), repeat=3)), ids=str)
+def test_three_held_turns_follow_the_weld_and_fewer_are_exact(tree, turns):
+    """With all turns held and a translation free, the rotation rows are the weld's: omega_a - R omega_b against -log3."""
+    model, _ = tree
+    closure = Closure("left/grasp", "payload/left", (True, True, False, *turns))
+    closures, data = Closures(model, [closure]), model.createData()
+    for q, v, a in random_states(tree, 2):
+        e_rate, _, now = rates(model, closures, q, v, a)
+        if all(turns):
+            pin.framesForwardKinematics(model, data, q)
+            R_ab = (data.oMf[model.getFrameId("left/grasp")].actInv(data.oMf[model.getFrameId("payload/left")])).rotation
+            e_rate[2:] = R_ab @ np.linalg.solve(pin.Jlog3(R_ab), e_rate[2:])
+        assert_allclose(now.velocity, e_rate, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("rows", ["full", *ROWS], ids=str)
+def test_the_two_bodies_feel_opposite_wrenches_that_do_the_power_of_the_multipliers(tree, rows):
+    """J^T lambda = J_a^T F - J_b^T F with F on body a at a and the same wrench, reversed, on body b: also off the closure."""
+    model, _ = tree
+    data = model.createData()
+    a, b = model.getFrameId("left/grasp"), model.getFrameId("payload/left")
+    closures = Closures(model, [Closure("left/grasp", "payload/left", rows)])
+    for q, v, _ in random_states(tree):
+        now = closures.state(q, v)
+        multipliers = np.arange(1.0, closures.rows + 1.0)
+        F_a = now.wrench_map[0] @ multipliers
+        J_a = pin.computeFrameJacobian(model, data, q, a, pin.LOCAL)
+        J_b = pin.computeFrameJacobian(model, data, q, b, pin.LOCAL)
+        pin.framesForwardKinematics(model, data, q)
+        F_b = -data.oMf[a].actInv(data.oMf[b]).actInv(pin.Force(F_a)).vector
+        assert_allclose(now.jacobian.T @ multipliers, J_a.T @ F_a + J_b.T @ F_b, rtol=1e-10, atol=1e-10)
+
+
+def test_several_closures_stack_in_their_order(tree):
+    model, _ = tree
+    single = [Closure("left/grasp", "payload/left", "full"), Closure("right/grasp", "universe", MASKS[1]), Closure("payload", "universe", "point")]
+    stacked = Closures(model, single)
+    q, v, _ = next(random_states(tree))
+    states = [Closures(model, [closure]).state(q, v) for closure in single]
+    assert stacked.rows == 6 + 3 + 3
+    assert_allclose(stacked.state(q, v).position, np.concatenate([s.position for s in states]), rtol=0, atol=0)
+    assert_allclose(stacked.state(q, v).jacobian, np.concatenate([s.jacobian for s in states]), rtol=0, atol=0)
+    assert_allclose(stacked.state(q, v).drift, np.concatenate([s.drift for s in states]), rtol=0, atol=0)
+    assert_allclose(stacked.state(q, v).wrench_map[1][:, 6:9], states[1].wrench_map[0], rtol=0, atol=0)
+    assert not stacked.state(q, v).wrench_map[1][:, :6].any()
+
+
+def test_gaps_are_the_distance_and_angle_that_the_rows_hold(tree):
+    model, q_0 = tree
+    lift = np.zeros(model.nv)
+    lift[model.idx_vs[model.getJointId("payload")] :][:6] = (0.03, 0.04, 0.0, 0.0, 0.0, 0.0)
+    q = pin.integrate(model, q_0, lift)
+    full, ball, free = Closures(
+        model,
+        [
+            Closure("left/grasp", "payload/left"),
+            Closure("left/grasp", "payload/left", "point"),
+            Closure("left/grasp", "payload/left", (False, False, False, True, True, True)),
+        ],
+    ).gaps(q)
+    assert_allclose([full, ball, free], [(0.05, 0.0), (0.05, 0.0), (0.0, 0.0)], atol=1e-9)
+    turn = np.zeros(model.nv)
+    turn[model.idx_vs[model.getJointId("payload")] :][:6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.02)
+    weld = Closures(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).gaps(pin.integrate(model, q_0, turn))[1]
+    assert_allclose(weld.angle, 0.02, atol=1e-9)
+
+
+def test_a_state_does_not_change_when_the_closures_are_asked_again(tree):
+    model, _ = tree
+    closures = Closures(model, [Closure("left/grasp", "payload/left"), Closure("right/grasp", "universe", "axis")])
+    (q, v, _), (q_2, v_2, _) = itertools.islice(random_states(tree), 2)
+    first = closures.state(q, v)
+    kept = [field.copy() for field in first]
+    closures.state(q_2, v_2)
+    for field, copy, again in zip(first, kept, closures.state(q, v), strict=True):
+        assert_allclose(field, copy, rtol=0, atol=0)
+        assert_allclose(again, copy, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("rows", ["welded", (True, False), (False,) * 6, (True,) * 7], ids=str)
+def test_rows_that_mean_nothing_are_refused(tree, rows):
+    with pytest.raises(FieldError, match="rows"):
+        ClosedChain(tree[0], [Closure("left/grasp", "payload/left", rows)])
+
+
+@pytest.mark.parametrize("rows", [[True] * 6, [True] * 3 + [False] * 3, list(MASKS[0]), np.array(MASKS[1])], ids=str)
+def test_rows_may_be_any_sequence_of_six_booleans(tree, rows):
+    chain = ClosedChain(tree[0], [Closure("left/grasp", "payload/left", rows)])
+    named = ClosedChain(tree[0], [Closure("left/grasp", "payload/left", tuple(map(bool, rows)))])
+    q, v, a = next(random_states(tree, spread=0.05))
+    assert_allclose(chain.forward_dynamics(q, v, a).acceleration, named.forward_dynamics(q, v, a).acceleration, rtol=0, atol=0)
+
+
+def test_a_wrong_frame_is_named_with_a_suggestion(tree):
+    with pytest.raises(FrameNotFoundError, match=r"left/grsp.*'left/grasp'"):
+        ClosedChain(tree[0], [Closure("left/grsp", "payload/left")])

@@ -1,0 +1,151 @@
+"""Projection onto the closures: it lands, it is the smallest move in kinetic energy, and it refuses the impossible."""
+
+import functools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from cells import SCENARIOS, cell_and_start
+from numpy.testing import assert_allclose
+from scipy.linalg import null_space
+
+from coop_pin.chain import CellChain, ClosedChain, Closure
+from coop_pin.description import PlantOptions
+from coop_pin.errors import NotFiniteError, OpenClosureError, ShapeError
+from coop_pin.model.pinocchio_model import symmetric
+
+CASES = [(name, payload) for name in SCENARIOS for payload in ("rooted", "free")]
+
+
+@functools.cache
+def closed(case):
+    name, payload = case
+    cell, start = cell_and_start(name)
+    plant = CellChain(cell, PlantOptions(payload=payload))
+    return plant, plant.configuration(start)
+
+
+def reachable(case, model, increment):
+    """The increment without what a planar cell cannot undo: a free payload lifted or tilted out of the plane."""
+    if case == ("planar", "free"):
+        increment = increment.copy()
+        increment[[-4, -3, -2]] = 0.0
+    return increment
+
+
+def opened(case, gap, seed=0):
+    plant, q = closed(case)
+    model, rng = plant.tree.model, np.random.default_rng(seed)
+    return plant, pin.integrate(model, q, reachable(case, model, gap * rng.uniform(-1.0, 1.0, model.nv)))
+
+
+def mass_matrix(model, q):
+    return symmetric(pin.crba(model, model.createData(), q))
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_projected_configuration_lies_on_the_closures(case):
+    for seed in range(4):
+        plant, q_open = opened(case, 0.1, seed)
+        assert max(max(gap) for gap in plant.gaps(q_open)) > 1e-2
+        q = plant.chain.project_configuration(q_open)
+        assert_allclose(plant.gaps(q), np.zeros((2, 2)), atol=1e-11)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_projecting_twice_changes_nothing(case):
+    plant, q_open = opened(case, 0.1)
+    q = plant.chain.project_configuration(q_open)
+    assert_allclose(plant.chain.project_configuration(q), q, rtol=0, atol=1e-12)
+    v = plant.chain.project_velocity(q, np.random.default_rng(2).normal(size=plant.tree.model.nv))
+    assert_allclose(plant.chain.project_velocity(q, v), v, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_small_correction_of_the_configuration_is_orthogonal_to_the_free_motions_in_the_mass_metric(case):
+    """dq = -M^-1 J^T lambda to first order in the gap: its M-product with motions along the closures is of second order."""
+    shares = []
+    for gap in (1e-3, 1e-4):
+        plant, q_open = opened(case, gap)
+        model = plant.tree.model
+        q = plant.chain.project_configuration(q_open)
+        step, M = pin.difference(model, q_open, q), mass_matrix(model, q)
+        free = null_space(plant.chain.closures.state(q, np.zeros(model.nv)).jacobian, rcond=1e-8)
+        shares.append(np.linalg.norm(free.T @ M @ step) / np.linalg.norm(M @ step))
+    assert shares[0] < 1e-2
+    assert_allclose(shares[0] / shares[1], 10.0, rtol=0.2)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_projected_velocity_keeps_the_closures_closed_and_the_correction_costs_the_least_energy(case):
+    plant, q = closed(case)
+    model, rng = plant.tree.model, np.random.default_rng(3)
+    M = mass_matrix(model, q)
+    jacobian = plant.chain.closures.state(q, np.zeros(model.nv)).jacobian
+    free = null_space(jacobian, rcond=1e-8)
+    for _ in range(4):
+        v = rng.normal(size=model.nv)
+        projected = plant.chain.project_velocity(q, v)
+        assert_allclose(jacobian @ projected, np.zeros(len(jacobian)), atol=1e-12)
+        assert_allclose(free.T @ M @ (projected - v), np.zeros(free.shape[1]), atol=1e-11)
+        # The minimum itself: v* = N (N^T M N)^-1 N^T M v over the free motions N.
+        assert_allclose(projected, free @ np.linalg.solve(free.T @ M @ free, free.T @ M @ v), rtol=1e-9, atol=1e-10)
+        assert projected @ M @ projected <= v @ M @ v
+        assert_allclose(v @ M @ v, projected @ M @ projected + (v - projected) @ M @ (v - projected), rtol=1e-11)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_velocities_on_the_closures_survive_the_cut(case):
+    """The rank cut must not mistake drift for a row: the number of free motions is the mechanism's mobility."""
+    plant, q = closed(case)
+    model = plant.tree.model
+    M = mass_matrix(model, q)
+    columns = np.array([plant.chain.project_velocity(q, unit) for unit in np.eye(model.nv)]).T
+    assert np.linalg.matrix_rank(columns, tol=1e-8) == (3 if case[0] == "planar" else 6)
+    assert_allclose(columns @ columns, columns, atol=1e-11)
+    assert_allclose(M @ columns, (M @ columns).T, atol=1e-10)
+
+
+@pytest.mark.parametrize("rows", ["planar", "axis", "point", (False, False, True, True, False, True)], ids=str)
+def test_every_kind_of_rows_can_be_projected_onto(rows):
+    plant, _ = closed(("spatial", "free"))
+    chain = ClosedChain(plant.tree.model, [Closure("left/grasp", "payload/left", rows), Closure("right/grasp", "payload/right", rows)])
+    for seed in range(3):
+        _, q_open = opened(("spatial", "free"), 0.2, seed)
+        q = chain.project_configuration(q_open)
+        assert_allclose(chain.closures.state(q, np.zeros(chain.model.nv)).position, np.zeros(chain.closures.rows), atol=1e-11)
+        assert np.abs(plant.chain.closures.state(q, np.zeros(chain.model.nv)).position).max() > 1e-3
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_a_closure_that_cannot_close_is_named_with_its_gap(payload):
+    """The right arm's tip held to a point 3 m beyond its base: 0.8 m of reach leave 2.2 m."""
+    plant, q = closed(("planar", payload))
+    model = plant.tree.model.copy()
+    model.addFrame(pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME))
+    chain = ClosedChain(model, [Closure("right/grasp", "far", "point")])
+    with pytest.raises(OpenClosureError) as error:
+        chain.project_configuration(q)
+    assert error.value.closure == "right/grasp - far"
+    assert 2.2 - 1e-9 <= error.value.gap_m < 3.9
+    assert error.value.gap_rad == 0.0
+    assert "right/grasp - far" in str(error.value)
+    assert f"{error.value.gap_m:.3g} m" in str(error.value)
+
+
+def test_an_open_state_is_refused_where_a_closed_one_is_required():
+    plant, q_open = opened(("spatial", "free"), 0.1)
+    widest = max(max(gap) for gap in plant.gaps(q_open))
+    plant.chain.require_closed(q_open, allowed=1.001 * widest)
+    with pytest.raises(OpenClosureError, match="left/grasp - payload/left|right/grasp - payload/right"):
+        plant.chain.require_closed(q_open, allowed=0.999 * widest)
+
+
+def test_a_nan_is_never_closed():
+    plant, q = closed(("spatial", "rooted"))
+    with pytest.raises(OpenClosureError):
+        plant.chain.require_closed(np.full_like(q, np.nan), allowed=1.0)
+    with pytest.raises(NotFiniteError, match="^q"):
+        plant.chain.project_configuration(np.full_like(q, np.nan))
+    with pytest.raises(ShapeError, match="^q"):
+        plant.chain.project_configuration(q[:-1])
