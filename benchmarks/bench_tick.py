@@ -2,7 +2,7 @@
 
     python benchmarks/bench_tick.py [--blocks 40] [--calls 100] [--duration 20]
 
-Times of a shared machine mean little; the ratios of one interleaved run do. Printed, never asserted.
+Times on a shared machine mean little; the ratios of one interleaved run do. Printed, never asserted.
 """
 
 from __future__ import annotations
@@ -10,116 +10,88 @@ from __future__ import annotations
 import argparse
 import time
 
+import common
 import numpy as np
 import pinocchio as pin
-from common import Task, interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.chain import CellChain
-from coop_pin.control import ArmReference
 from coop_pin.control.inverse import jacobian_inverse
 from coop_pin.controllers import build_controller
-from coop_pin.reference import ConstantSqueeze
-from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.sensing import ArmSensor
-from coop_pin.simulation.timeline import Timeline
+from coop_pin.simulation.loop import _Run
 
 UNIT = "constraintDynamics"
+STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"
+TICK = 40
 
 
-class Bench:
-    """Everything that a tick of the paper's experiment touches, at a state in motion."""
-
-    def __init__(self) -> None:
-        self.scenario = scenario = cp.Scenario.load("adept-paper")
-        before = cp.run(scenario.replace(duration=0.5, events=())).data.isel(time=-1)
-        self.time, rows = float(before.time), scenario.cell.task_rows
-        self.chain = CellChain(scenario.cell, scenario.plant)
-        self.plant = Plant(self.chain, scenario.plant, before.configuration.values)
-        self.plant.v = before.velocity.values
-        self.torques = list(before.torque.values)
-        self.plant.hold(self.torques)
-        self.tau = self.plant.generalised_force()
-        self.motion, self.squeeze = scenario.motion.build(), ConstantSqueeze(scenario.squeeze_wrenches)
-        target = self.motion.at(self.time)
-        self.references = [
-            ArmReference(target.X_WP_d, rows.select(target.V_WP_d), rows.select(target.A_WP_d), rows.select(wrench))
-            for wrench in self.squeeze.at(self.time)
-        ]
-        self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
-        self.measurements = self.measure()
-        self.controller = build_controller(scenario)
-        self.state = self.controller.init(self.measurements, self.references)
-        self.recorder = Recorder(scenario, self.plant, Timeline(scenario.clock, 1.0, ()))
-
-    def measure(self) -> list:
-        return [sensor.measure(self.time, self.plant.q, self.plant.v, None) for sensor in self.sensors]
-
-    def constraint_dynamics(self) -> Task:
-        """Return the bare Pinocchio call, with constraints of its own."""
-        model, tip = self.chain.tree.model, self.chain.tree.arms[1].tip
-        a, b = model.frames[tip], model.frames[model.getFrameId("payload/right")]
-        kind = pin.ContactType.CONTACT_6D
-        weld = pin.RigidConstraintModel(kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL)
-        welds, data = pin.StdVec_RigidConstraintModel([weld]), model.createData()
-        weld_data = pin.StdVec_RigidConstraintData([weld.createData()])
-        settings = pin.ProximalSettings(1e-14, 1e-8, 20)
-        pin.initConstraintDynamics(model, data, welds, weld_data)
-        q, v, tau = self.plant.q, self.plant.v, self.tau
-        return lambda: pin.constraintDynamics(model, data, q, v, tau, welds, weld_data, settings)
-
-    def tasks(self) -> dict[str, Task]:
-        """Return what is timed, by name."""
-        plant, t, measured, reference = self.plant, self.time, self.measurements[0], self.references[0]
-        law, state = next(iter(self.controller.controllers.values())), self.state[0]
-        sensor, rows, angles = self.sensors[0], law.rows, plant.q[self.chain.tree.arms[0].q]
-        target, squeeze = self.motion.at(t), self.squeeze.at(t)
-        h = self.scenario.clock.period / self.scenario.clock.steps_per_tick
-        return {
-            UNIT: self.constraint_dynamics(),
-            "ProximalSolver.acceleration": lambda: self.chain.chain.solver.acceleration(plant.q, plant.v, self.tau),
-            "one arm's tick of law (23), kinematics included": lambda: law.step(
-                sensor.measure(t, plant.q, plant.v, None), reference, state
-            ),
-            "  ArmSensor.measure": lambda: sensor.measure(t, plant.q, plant.v, None),
-            "    ArmKinematics.view": lambda: sensor._kinematics.view(angles),
-            "  SlidingModeController.step": lambda: law.step(measured, reference, state),
-            "    jacobian_inverse": lambda: jacobian_inverse(measured.payload_jacobian, t),
-            "    pose_error": lambda: rows.pose_error(measured.payload_pose, reference.pose),
-            "both arms": lambda: self.controller.step(self.measure(), self.references, self.state),
-            "RK4 step of the plant": lambda: plant._integrator.step(plant._rate, plant.q, plant.v, h),
-            "  rate (one of its four)": lambda: plant._rate(plant.q, plant.v),
-            "    friction": lambda: plant.drives.friction(plant.v),
-            "Recorder.record": lambda: self.recorder.record(0, t, self.measurements, self.torques, target, squeeze),
-            "  CellChain.observe": lambda: plant.observe(),
-            "closure guard (gaps)": lambda: self.chain.gaps(plant.q),
-            "motion and squeeze": lambda: (self.motion.at(t), self.squeeze.at(t)),
-        }
+def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> common.Task:
+    """Return the bare Pinocchio call, with a weld of its own."""
+    model = chain.tree.model
+    a, b = (model.frames[model.getFrameId(name)] for name in ("right/grasp", "payload/right"))
+    kind = pin.ContactType.CONTACT_6D
+    weld = pin.RigidConstraintModel(kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL)
+    welds, data = pin.StdVec_RigidConstraintModel([weld]), model.createData()
+    weld_data = pin.StdVec_RigidConstraintData([weld.createData()])
+    settings = pin.ProximalSettings(1e-14, 1e-8, 20)
+    pin.initConstraintDynamics(model, data, welds, weld_data)
+    return lambda: pin.constraintDynamics(model, data, q, v, tau, welds, weld_data, settings)
 
 
-def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> list[str]:
-    """Return lines that say where the time of a whole run goes."""
-    ticks = Timeline(scenario.clock, scenario.duration, scenario.events).ticks
-    first: list[float] = []
-    start = time.perf_counter()
+def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
+    """Return what is timed, by name, at a state in motion: tick 40 of the experiment."""
     controller = build_controller(scenario)
-    cp.simulate(scenario, controller, lambda *_: first.append(time.perf_counter()))
-    end = time.perf_counter()
-    unit, loop = float(np.median(seconds[UNIT])), first[-1] - first[0]
-    steps = scenario.clock.steps_per_tick * float(np.median(seconds["RK4 step of the plant"]))
-    both, kept = float(np.median(seconds["both arms"])), float(np.median(seconds["Recorder.record"]))
-    shares = {
-        "set-up and first tick": first[0] - start,
-        "plant steps": ticks * steps,
-        "both arms' sensing and law": ticks * both,
-        "recording": ticks * kept,
-        "events, references, guards, loop": loop - ticks * (steps + both + kept),
-        "labelling the result": end - first[-1],
+    run = _Run(scenario, controller)
+    for tick in range(TICK):
+        run.tick(tick)
+    plant, chain, sensor, t = run.plant, run.chain, run.sensors[0], run.timeline.time(TICK)
+    target, squeeze = run.motion.at(t), run.squeeze.at(t)
+    references = run._references(target, squeeze)
+    measured = run._measure(TICK, t, references)
+    law, state, answer = controller.controllers["left"], run.state, controller.step(measured, references, run.state).torque
+    commanded = run.actuation.commands(answer)
+    applied, free = run.actuation.apply(commanded), run.saturated[0]
+    q, v, tau, h = plant.q, plant.v, plant.generalised_force(), run.timeline.period / scenario.clock.steps_per_tick
+    angles = q[chain.tree.arms[0].q]
+    return {
+        UNIT: constraint_dynamics(chain, q, v, tau),
+        "ProximalSolver.acceleration": lambda: chain.chain.solver.acceleration(q, v, tau),
+        "one arm's tick of law (23), kinematics included": lambda: law.step(sensor.measure(t, q, v, None, free), references[0], state[0]),
+        "  ArmSensor.measure": lambda: sensor.measure(t, q, v, None, free),
+        "    ArmKinematics.view": lambda: sensor._kinematics.view(angles),
+        "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
+        "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
+        "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
+        BOTH: lambda: controller.step(run._measure(TICK, t, references), references, state),
+        "commands and torque limits": lambda: run.actuation.apply(run.actuation.commands(answer)),
+        "references": lambda: run._references(run.motion.at(t), run.squeeze.at(t)),
+        STEP: lambda: plant._integrator.step(plant._rate, q, v, h),
+        "  rate (one of its four)": lambda: plant._rate(q, v),
+        "    friction": lambda: plant.drives.friction(v),
+        RECORD: lambda: run.recorder.record(TICK, t, measured, commanded, applied, target, squeeze),
+        "  CellChain.observe": lambda: plant.observe(),
+        "guards": lambda: (run._require_finite(t, commanded), run._require_closed(t)),
     }
-    total = end - start
-    title = f"whole run: {ticks} ticks, {total / unit / ticks:.0f} units a tick, {scenario.duration / total:.0f} times real time here"
-    return [title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())]
+
+
+def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
+    """Return lines that say where the processor time of a whole run goes; the parts as measured alone, the rest by difference."""
+    cp.run(scenario.replace(duration=0.1, events=()))  # what is imported and cached once is no part of a run
+    marks: list[float] = []
+    start = time.process_time()
+    cp.simulate(scenario, build_controller(scenario), lambda *_: marks.append(time.process_time()))
+    total, ticks = time.process_time() - start, len(marks) - 1
+    alone = {name: float(np.median(seconds[name])) for name in (UNIT, STEP, BOTH, RECORD)}
+    shares = {
+        "set-up and first tick": marks[0] - start,
+        "plant": ticks * scenario.clock.steps_per_tick * alone[STEP],
+        BOTH: ticks * alone[BOTH],
+        "recording": ticks * alone[RECORD],
+        "labelling the result": start + total - marks[-1],
+    }
+    shares["references, events, guards, colder caches"] = total - sum(shares.values())
+    title = f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, {scenario.duration / total:.0f} times real time here"
+    return "\n".join([title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())])
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -127,15 +99,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blocks", type=int, default=40)
     parser.add_argument("--calls", type=int, default=100)
-    parser.add_argument("--duration", type=float, default=20.0, help="of the whole run, s")
+    parser.add_argument("--duration", type=float, default=20.0, help="of the whole run, s; shorter ones have no events")
     options = parser.parse_args(arguments)
-    bench = Bench()
-    seconds = interleaved(bench.tasks(), options.blocks, options.calls)
+    scenario = cp.Scenario.load("adept-paper")
+    seconds = common.interleaved(tasks(scenario), options.blocks, options.calls)
     print(f"unit: one {UNIT} call on the rooted planar chain, {1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)")
     for name, values in seconds.items():
-        print(f"{name:48s} {ratio(values, seconds[UNIT])}")
-    events = bench.scenario.events if options.duration == bench.scenario.duration else ()
-    print(*whole_run(bench.scenario.replace(duration=options.duration, events=events), seconds), sep="\n")
+        print(f"{name:48s} {common.ratio(values, seconds[UNIT])}")
+    print(whole_run(common.shortened(scenario, options.duration), seconds))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Timing in interleaved blocks: on a busy machine only ratios of neighbours in time mean something."""
+"""Processor time in interleaved blocks: on a busy machine only ratios of neighbours in time mean something."""
 
 from __future__ import annotations
 
@@ -7,22 +7,29 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+import coop_pin as cp
+
 Task = Callable[[], object]
 
 
 def interleaved(tasks: Mapping[str, Task], blocks: int, calls: int) -> dict[str, np.ndarray]:
-    """Return seconds per call of every task in every block, shape (blocks,): A B C A B C ...; a first round warms up and is dropped."""
-    seconds = {name: np.zeros(blocks) for name in tasks}
-    for block in range(-1, blocks):
+    """Return seconds per call of every task in every block, shape (blocks,): A B C A B C ..., after one round that warms up."""
+    rounds = {name: np.zeros(blocks + 1) for name in tasks}
+    for block in range(blocks + 1):
         for name, task in tasks.items():
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(calls):
                 task()
-            seconds[name][block] = (time.perf_counter() - start) / calls
-    return seconds
+            rounds[name][block] = (time.process_time() - start) / calls
+    return {name: seconds[1:] for name, seconds in rounds.items()}
 
 
 def ratio(seconds: np.ndarray, unit: np.ndarray) -> str:
     """Return the median of the blocks' ratios and their range, for printing."""
     ratios = seconds / unit
     return f"{np.median(ratios):8.2f}   ({ratios.min():.2f} .. {ratios.max():.2f})"
+
+
+def shortened(scenario: cp.Scenario, duration: float) -> cp.Scenario:
+    """Return the scenario with another duration; without its events where they would not fit."""
+    return scenario if duration == scenario.duration else scenario.replace(duration=duration, events=())

@@ -9,7 +9,10 @@ from typing import Any, Self
 
 
 def _rebuild(kind: type[CoopPinError], message: str, fields: dict[str, Any]) -> CoopPinError:
-    error = kind.__new__(kind, message)
+    layout: type[Any] = kind
+    while layout.__module__ != "builtins":  # an OSError is larger than other exceptions: only its own __new__ may make one
+        layout = layout.__base__ or Exception
+    error: CoopPinError = layout.__new__(kind, message)
     error.args = (message,)
     error.__dict__.update(fields)
     return error
@@ -169,6 +172,19 @@ def suggestion(name: str, known: Sequence[str]) -> str:
     return f"known: {shown}" + (f" and {len(known) - 12} more" if len(known) > 12 else "")
 
 
+class MissingExtraError(CoopPinError, ImportError):
+    """An optional package is not installed.
+
+    Attributes:
+        package: the package.
+        extra: the extra of coop-pin that brings it.
+    """
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        self.package, self.extra = package, extra
+        super().__init__(f"{package} is not installed; {purpose}, run: pip install 'coop-pin[{extra}]'")
+
+
 # ---------------------------------------------------------------- scenarios
 
 
@@ -262,6 +278,10 @@ class ForceGainBoundError(FieldError):
     """A force gain at or beyond the bound of its sampled force path."""
 
 
+class MotionError(FieldError):
+    """A desired motion that contradicts itself."""
+
+
 class EventTimeError(FieldError):
     """An event outside the run."""
 
@@ -272,6 +292,54 @@ class UrdfNotFoundError(FieldError, FileNotFoundError):
 
 class UrdfError(FieldError):
     """A robot description file that cannot be used."""
+
+
+class AmbiguousTipError(UrdfError):
+    """No tip is given and the URDF has several links at its ends.
+
+    Attributes:
+        leaves: the links that carry no other.
+    """
+
+    def __init__(self, urdf: str, leaves: Iterable[str], path: str = "") -> None:
+        self.leaves = tuple(leaves)
+        super().__init__(f"must be given: {urdf!r} has {len(self.leaves)} links at its ends, {', '.join(map(repr, self.leaves))}", path)
+
+
+class LockedJointError(UrdfError):
+    """A joint is locked where it cannot be."""
+
+
+class MimicJointError(UrdfError):
+    """A URDF couples moving joints, and nothing says what to do about it.
+
+    Attributes:
+        joints: the joints that follow others.
+    """
+
+    def __init__(self, urdf: str, joints: Iterable[str], path: str = "") -> None:
+        self.joints = tuple(joints)
+        super().__init__(
+            f"{urdf!r} has joints that mimic others: {', '.join(map(repr, self.joints))}. Pinocchio's forward dynamics cannot couple them:"
+            ' lock them or their leaders with locked = { joint = angle }, or let them move on their own with mimic = "ignore"',
+            path,
+        )
+
+
+class UnsupportedJointError(UrdfError):
+    """A joint that no motor turns: planar or floating.
+
+    Attributes:
+        joint: its name.
+    """
+
+    def __init__(self, urdf: str, joint: str, kind: str, path: str = "") -> None:
+        self.joint = joint
+        super().__init__(f"{urdf!r} has joint {joint!r} of type {kind}; arms have revolute, continuous, prismatic and fixed joints", path)
+
+
+class MeshError(FieldError):
+    """A mesh that cannot be read, or does not enclose a volume."""
 
 
 class UrdfWarning(UserWarning):
@@ -327,8 +395,8 @@ class UnreachablePoseError(CoopPinError, ValueError):
 
     Attributes:
         arm: the arm.
-        gap_m: distance between its tip and its grasp at the best joint angles found.
-        gap_rad: angle between them.
+        gap_m: the least distance found between its tip and its grasp.
+        gap_rad: the angle that is left between them at that distance.
     """
 
     def __init__(self, arm: str, gap_m: float, gap_rad: float, detail: str = "") -> None:
@@ -337,6 +405,22 @@ class UnreachablePoseError(CoopPinError, ValueError):
             f"arm {arm!r} misses its grasp by {gap_m:.3g} m and {gap_rad:.3g} rad at the best joint angles found;"
             f" move the payload pose, the base or the grasp{detail}"
         )
+
+
+class JointLimitError(UnreachablePoseError):
+    """An arm could hold the payload at a pose, but only beyond its joint limits.
+
+    Attributes:
+        joint: the joint that stands farthest beyond its limits at the best angles that hold the payload.
+        value: where it stands there, rad or m.
+        lower: its limits.
+        upper: likewise.
+    """
+
+    def __init__(self, arm: str, gap_m: float, gap_rad: float, joint: str, value: float, lower: float, upper: float) -> None:
+        self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
+        detail = f". Only joint limits prevent it: {joint!r} would stand at {value:.4g} (allowed {lower:.4g} to {upper:.4g})"
+        super().__init__(arm, gap_m, gap_rad, detail)
 
 
 class OpenClosureError(CoopPinError, ValueError):
@@ -370,6 +454,35 @@ class ConstraintSolveError(CoopPinError, ArithmeticError):
             f"the constraint solver left a residual of {residual:.3g} (allowed {allowed:.3g});"
             " the state is far off the closures or the closures contradict each other"
         )
+
+
+class MassMatrixError(CoopPinError, ArithmeticError):
+    """A mass matrix is not positive definite: something moves without mass.
+
+    Attributes:
+        smallest: its smallest eigenvalue.
+    """
+
+    def __init__(self, smallest: float) -> None:
+        self.smallest = smallest
+        super().__init__(
+            f"the mass matrix has an eigenvalue {smallest:.3g}; it must be greater than zero:"
+            " give every moving link, or what is fixed to it, a mass and an inertia"
+        )
+
+
+class IntegrationError(CoopPinError, ArithmeticError):
+    """A motion could not be followed to its end; what was computed up to then is kept.
+
+    Attributes:
+        time: time of the last good state, s.
+        step: the time step, s.
+        result: the Trajectory up to then.
+    """
+
+    def __init__(self, time: float, step: float, why: str, result: Any) -> None:
+        self.time, self.step, self.result = time, step, result
+        super().__init__(f"the motion broke down after t = {time:.6g} s: {why}; take a step smaller than {step:.3g} s; the motion up to then is kept")
 
 
 class SingularJacobianError(CoopPinError, ArithmeticError):
@@ -438,3 +551,93 @@ class RunInterruptedError(KeyboardInterrupt):
 
 class ResultFileError(CoopPinError, ValueError):
     """A file is not a result of coop_pin, or is damaged."""
+
+
+# ---------------------------------------------------------------- sweeps
+
+
+class RunTimeoutError(CoopPinError, TimeoutError):
+    """A run took longer than its limit.
+
+    Attributes:
+        limit: the limit, s of wall time.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        super().__init__(f"the run took longer than its limit of {limit:g} s; raise time_limit_s, shorten the run or lower steps_per_tick")
+
+
+class WorkerDiedError(CoopPinError, RuntimeError):
+    """A run ended its worker's process again and again: a crash in native code, an exit, or too little memory.
+
+    Attributes:
+        deaths: how many workers died with it.
+    """
+
+    def __init__(self, deaths: int) -> None:
+        self.deaths = deaths
+        super().__init__(f"{deaths} workers died while running it; run it alone (workers = 0) to see why")
+
+
+class WorkersLostError(CoopPinError, ConnectionError):
+    """No worker is left, or the scheduler is gone; every finished run is kept."""
+
+
+class SweepStoreError(CoopPinError, ValueError):
+    """A folder is not that of a sweep, or its plan is damaged."""
+
+
+class StoreLockedError(CoopPinError, RuntimeError):
+    """Another process works on the folder of a sweep.
+
+    Attributes:
+        owner: who holds it, as far as it said.
+    """
+
+    def __init__(self, folder: str, owner: str) -> None:
+        self.owner = owner
+        super().__init__(f"{folder} is in use by {owner}; wait until it ends, or choose another folder")
+
+
+class StoreWriteError(CoopPinError, OSError):
+    """A file of a sweep cannot be written; every run written before is kept.
+
+    Attributes:
+        path: the file.
+        reason: what the system said.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path} cannot be written: {reason}; make room, then run the same command again: finished runs are kept")
+
+
+class UnfinishedSweepError(CoopPinError, ValueError):
+    """A question needs every run of a sweep, and some are missing or failed.
+
+    Attributes:
+        unfinished: how many.
+    """
+
+    def __init__(self, question: str, unfinished: int, total: int) -> None:
+        self.unfinished = unfinished
+        super().__init__(f"{question} needs all {total} runs, but {unfinished} of them failed or are missing; look at result.failures")
+
+
+class SweepInterruptedError(KeyboardInterrupt):
+    """Ctrl-C during a sweep; every finished run is kept. A KeyboardInterrupt, so that ``except Exception`` lets it pass.
+
+    Attributes:
+        folder: the folder of the sweep.
+        finished: number of runs it holds.
+        total: number of runs of the plan.
+    """
+
+    def __init__(self, folder: str, finished: int, total: int) -> None:
+        self.folder, self.finished, self.total = folder, finished, total
+        super().__init__(f"interrupted with {finished} of {total} runs kept in {folder}; run the same command again to go on")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by fields, not by message."""
+        return type(self), (self.folder, self.finished, self.total)

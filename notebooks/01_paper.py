@@ -25,6 +25,7 @@
 # The notebook runs in about ten seconds.
 
 # %%
+# %matplotlib inline
 import math
 
 import matplotlib.pyplot as plt
@@ -35,7 +36,8 @@ from coop_pin.viz import figures, notebook_view
 
 # %% [markdown]
 # ## The scenario
-# A scenario says everything that determines a run. `print(scenario.to_toml())` shows all of it; a TOML file with these fields can be run as well.
+# A scenario says everything that determines a run. `print(scenario.to_toml())` shows all of it;
+# a TOML file with these fields can be run as well.
 
 # %%
 scenario = cp.Scenario.load("adept-paper")
@@ -51,7 +53,8 @@ print("events:  ", *scenario.events, sep="\n  ")
 # %%
 for name, arm in scenario.cell.arms.items():
     print(f"{name:6} {arm.urdf}, base at {arm.base.xyz} m, starts near q = {arm.posture}, drive = {arm.drive}")
-print(f"payload {scenario.cell.payload.mass} kg, shares {scenario.cell.load_shares}, squeeze {scenario.squeeze['left'][:3]} N on the left arm")
+print(f"payload {scenario.cell.payload.mass} kg, load shares {scenario.cell.load_shares}")
+print(f"desired internal force on the left arm {scenario.squeeze_wrenches[0, :3]} N, in the axes of the bar")
 
 # %% [markdown]
 # ## The run
@@ -64,7 +67,11 @@ result = cp.run(scenario)
 # The last lines judge the simulation, not the controller: how far the grasps opened, and how well energy matches the work done.
 
 # %%
-pd.Series(result.metrics(), name=scenario.name).to_frame()
+metrics = result.metrics()
+window = metrics.pop("window_s")
+pd.Series(
+    {name: f"{value:.4g}" for name, value in metrics.items()}, name=f"{scenario.name}, rms from {window[0]:g} to {window[1]:g} s"
+).to_frame()
 
 # %% [markdown]
 # ## In 3-D
@@ -87,7 +94,7 @@ figures.torque_figure(result)
 # %% [markdown]
 # ## The honest part
 # Each arm adds up the *sign* of its own error (the gain alpha). Two arms that hold one rigid bar never agree on that sum, and what they
-# disagree about becomes internal force. More alpha tracks no better from some point on, and always squeezes worse.
+# disagree about becomes internal force. A little alpha tracks better than none; more only costs internal force.
 
 # %%
 short = {"duration": 10.0, "events": []}
@@ -96,7 +103,8 @@ for alpha in (0.0, 0.05, 0.1, 0.2, 0.5):
     run = cp.run("adept-paper", short | {"controller.gains.sign_gain": alpha})
     force = run.internal_force()
     rows.append((alpha, run.position_rms() * 1e3, math.hypot(force.axial_rms_error, force.shear_rms)))
-sweep = pd.DataFrame(rows, columns=["alpha, rad/s²", "position error, mm rms", "internal-force error, N rms"]).set_index("alpha, rad/s²")
+columns = ["alpha, rad/s²", "position error, mm rms", "internal-force error, N rms"]
+sweep = pd.DataFrame(rows, columns=columns).set_index(columns[0])
 sweep.round(3)
 
 # %%
@@ -108,7 +116,7 @@ plt.tight_layout()
 # %% [markdown]
 # ## Try
 # - `cp.run("adept-paper", {"controller.switching": {"kind": "tanh", "width": 0.02}})`: a smooth sign.
-# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]})`: an arm whose kinematics is wrong by a tenth of a millimetre.
+# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]})`: an arm whose kinematics is off by 0.1 mm.
 # - `cp.run("adept-paper", {"controller.force_path.kind": "late", "controller.gains.force_gain": 0.9})`: feedback of the internal force.
 # - `result.data` is an xarray `Dataset`: `result.data["internal_wrench"].sel(axis="x").plot.line(x="time")`.
 # - your own controller: `examples/own_controller.py`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import SlidingMode, SlidingModeGains
 from coop_pin.description.motion import HoldMotion

@@ -16,7 +16,10 @@ from coop_pin.spatial import inverse_pose, make_pose, pose_error, task_rows
 
 # The planar arm gets a turned base and gravity in its plane, so that nothing vanishes by chance.
 ARMS = {
-    "planar": (planar_scenario().cell.arms["right"].replace(base=Pose(xyz=(1.0, 0.2, 0.0), rpy=(0.0, 0.0, 0.7))), make_pose((0.12, 0.03, 0.0))),
+    "planar": (
+        planar_scenario().cell.arms["right"].replace(base=Pose(xyz=(1.0, 0.2, 0.0), rpy=(0.0, 0.0, 0.7))),
+        make_pose((0.12, 0.03, 0.0)),
+    ),
     "spatial": (spatial_cell().arms["right"], spatial_cell().grasps["right"].matrix),
 }
 GRAVITY = (1.0, -7.0, -6.0)
@@ -74,6 +77,17 @@ def test_power_of_the_joint_forces_is_the_change_of_energy(arm):
     for q, v, a in states(arm, 5):
         rate = (energy(q + h * v, v + h * a) - energy(q - h * v, v - h * a)) / (2.0 * h)
         assert_allclose(v @ arm.inverse_dynamics(q, v, a), rate, rtol=1e-7, atol=1e-6)
+
+
+def test_gravity_pulls_as_and_where_it_was_asked_to(arm):
+    """h(q, 0) = -m g . d(centre of mass)/dq, with the centre of mass by kinematics alone."""
+    data, h = arm.model.createData(), 1e-6
+    mass = sum(inertia.mass for inertia in list(arm.model.inertias)[1:])
+    for q, _, _ in states(arm, 5):
+        slopes = [
+            (pin.centerOfMass(arm.model, data, q + d) - pin.centerOfMass(arm.model, data, q - d)) / (2 * h) for d in h * np.eye(arm.nv)
+        ]
+        assert_allclose(arm.nonlinear_effects(q, np.zeros(arm.nv)), -mass * np.array(slopes) @ GRAVITY, rtol=1e-7, atol=1e-6)
 
 
 def test_payload_jacobian_is_the_derivative_of_the_payload_pose(arm):
@@ -146,14 +160,14 @@ def test_an_arm_believes_in_its_calibration_error(name):
 def test_answers_do_not_change_when_the_model_is_asked_again(arm):
     (q, v, a), (q_2, v_2, a_2) = states(arm, 2)
     questions = [
-        lambda q, v, a: arm.mass_matrix(q),
-        lambda q, v, a: arm.nonlinear_effects(q, v),
+        lambda q, _v, _a: arm.mass_matrix(q),
+        lambda q, v, _a: arm.nonlinear_effects(q, v),
         lambda q, v, a: arm.forward_dynamics(q, v, a),
         lambda q, v, a: arm.inverse_dynamics(q, v, a),
-        lambda q, v, a: arm.tip_pose(q),
-        lambda q, v, a: arm.payload_pose(q),
-        lambda q, v, a: arm.payload_jacobian(q),
-        lambda q, v, a: arm.payload_acceleration_bias(q, v),
+        lambda q, _v, _a: arm.tip_pose(q),
+        lambda q, _v, _a: arm.payload_pose(q),
+        lambda q, _v, _a: arm.payload_jacobian(q),
+        lambda q, v, _a: arm.payload_acceleration_bias(q, v),
     ]
     first = [ask(q, v, a) for ask in questions]
     kept = [answer.copy() for answer in first]
@@ -164,13 +178,14 @@ def test_answers_do_not_change_when_the_model_is_asked_again(arm):
         assert_allclose(ask(q, v, a), copy, rtol=0, atol=0)
 
 
-def test_a_wrong_tip_is_named_with_a_suggestion(arm):
-    for description, _ in ARMS.values():
-        wrong = description.tip[:-1] + "x"
-        with pytest.raises(FrameNotFoundError, match=wrong) as error:
-            ArmModel(description.replace(tip=wrong))
-        assert description.tip in str(error.value)
-        assert description.tip in error.value.known
+@pytest.mark.parametrize("name", ARMS)
+def test_a_wrong_tip_is_named_with_a_suggestion(name):
+    description, _ = ARMS[name]
+    wrong = description.tip[:-1] + "x"
+    with pytest.raises(FrameNotFoundError, match=wrong) as error:
+        ArmModel(description.replace(tip=wrong))
+    assert description.tip in str(error.value)
+    assert description.tip in error.value.known
 
 
 def test_a_missing_urdf_has_its_own_error():

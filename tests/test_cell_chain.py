@@ -9,12 +9,14 @@ from cells import SCENARIOS, cell_and_start, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
+from coop_pin.chain.determined import determined_rows
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import FrameNotFoundError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, rotate_vector6
 
 PUSH = np.array([12.0, -7.0, 5.0, 0.4, -0.3, 0.8])
+GRAVITY = (1.0, -2.0, -9.0)  # with a part in the plane of the planar cell
 SHARES = {"left": 0.3, "right": 0.7}
 
 
@@ -24,8 +26,8 @@ def name(request):
 
 
 def built(name, payload="rooted", formulation="proximal", body=None):
-    cell, start = cell_and_start(name)
-    cell = cell.replace(load_shares=SHARES, payload=cell.payload if body is None else body)
+    cell, _ = cell_and_start(name)
+    cell = cell.replace(load_shares=SHARES, gravity=GRAVITY, payload=cell.payload if body is None else body)
     return CellChain(cell, PlantOptions(payload=payload, formulation=formulation)), closed(name, payload)
 
 
@@ -269,10 +271,10 @@ def test_answers_do_not_change_when_the_plant_is_asked_again(name):
     plant, q = built(name)
     v, tau = random_velocity(plant.chain, q, 1), np.ones(plant.tree.model.nv)
     questions = [
-        lambda q, v: plant.payload_pose(q),
-        lambda q, v: plant.payload_jacobian(q),
+        lambda q, _v: plant.payload_pose(q),
+        lambda q, _v: plant.payload_jacobian(q),
         lambda q, v: plant.payload_twist(q, v),
-        lambda q, v: plant.tip_positions(q),
+        lambda q, _v: plant.tip_positions(q),
         lambda q, v: plant.interaction_wrenches(q, v, tau),
     ]
     first = [ask(q, v) for ask in questions]
@@ -282,6 +284,22 @@ def test_answers_do_not_change_when_the_plant_is_asked_again(name):
     for answer, copy, ask in zip(first, kept, questions, strict=True):
         assert_allclose(answer, copy, rtol=0, atol=0)
         assert_allclose(ask(q, v), copy, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_an_observation_is_what_each_question_answers(name, payload):
+    plant, q_closed = built(name, payload)
+    push = push_of(plant)
+    for q, v, torques in off_states(plant, q_closed, 0.02):
+        tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
+        seen = plant.observe(q, v, tau, push)
+        assert_allclose(seen.payload_pose, plant.payload_pose(q), rtol=0, atol=1e-14)
+        assert_allclose(seen.payload_twist, plant.payload_twist(q, v), rtol=0, atol=1e-13)
+        assert_allclose(seen.tip_positions, plant.tip_positions(q), rtol=0, atol=1e-14)
+        assert_allclose(seen.gaps, plant.gaps(q), rtol=0, atol=1e-14)
+        held = [gap for key, gap in zip(plant.cell.arms, seen.gaps, strict=True) if key not in plant.tree.closed_by_tree]
+        assert_allclose(held, plant.chain.gaps(q), rtol=0, atol=1e-14)
+        assert_allclose(seen.interaction_wrenches, plant.interaction_wrenches(q, v, tau, push), rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("payload", ["rooted", "free"])
@@ -317,6 +335,18 @@ def test_a_single_arm_carries_its_payload_alone(name):
         answers.append((a, cell.task_rows.select(plant.interaction_wrenches(at, moving, tau)[0])))
     assert_allclose(answers[0][0], answers[1][0], rtol=1e-9, atol=1e-9)
     assert_allclose(answers[0][1], answers[1][1], rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+def test_what_rigid_bodies_determine_is_what_both_formulations_agree_on(name, payload):
+    """Two planar arms share a weight as their structures like; in space everything is determined."""
+    plant, q = built(name, payload)
+    determined = determined_rows(plant, q)
+    expected = [True, True, False, False, False, True] if name == "planar" else [True] * 6
+    assert determined.tolist() == expected
+    v, tau = random_velocity(plant.chain, q, 4), np.ones(plant.tree.model.nv)
+    F, F_cut = plant.interaction_wrenches(q, v, tau), built(name, payload, "rank-cut")[0].interaction_wrenches(q, v, tau)
+    assert_allclose(F[:, determined], F_cut[:, determined], rtol=1e-9, atol=1e-8)
 
 
 def test_grasps_sit_where_the_description_says(name):

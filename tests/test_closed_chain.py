@@ -184,7 +184,7 @@ def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, fo
 
 
 def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too():
-    cell, start = cell_and_start("spatial")
+    cell, _ = cell_and_start("spatial")
     plant, omega, h, steps = CellChain(cell), 12.0, 2e-3, 150
     chain = ClosedChain(plant.tree.model, [Closure("right/grasp", "payload/right", "point")], Stabilisation(frequency=omega))
     integrator = RungeKutta4(configuration_space(chain.model))
@@ -296,4 +296,6 @@ def test_closures_that_contradict_each_other_are_refused():
     plant = CellChain(cell)
     chain = ClosedChain(plant.tree.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")])
     with pytest.raises(ConstraintSolveError):
-        chain.forward_dynamics(plant.configuration(start), random_velocity(plant.chain, plant.configuration(start), 0), np.zeros(chain.model.nv))
+        chain.forward_dynamics(
+            plant.configuration(start), random_velocity(plant.chain, plant.configuration(start), 0), np.zeros(chain.model.nv)
+        )

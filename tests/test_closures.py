@@ -156,7 +156,11 @@ def test_the_two_bodies_feel_opposite_wrenches_that_do_the_power_of_the_multipli
 
 def test_several_closures_stack_in_their_order(tree):
     model, _ = tree
-    single = [Closure("left/grasp", "payload/left", "full"), Closure("right/grasp", "universe", MASKS[1]), Closure("payload", "universe", "point")]
+    single = [
+        Closure("left/grasp", "payload/left", "full"),
+        Closure("right/grasp", "universe", MASKS[1]),
+        Closure("payload", "universe", "point"),
+    ]
     stacked = Closures(model, single)
     q, v, _ = next(random_states(tree))
     states = [Closures(model, [closure]).state(q, v) for closure in single]
@@ -184,7 +188,9 @@ def test_gaps_are_the_distance_and_angle_that_the_rows_hold(tree):
     assert_allclose([full, ball, free], [(0.05, 0.0), (0.05, 0.0), (0.0, 0.0)], atol=1e-9)
     turn = np.zeros(model.nv)
     turn[model.idx_vs[model.getJointId("payload")] :][:6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.02)
-    weld = Closures(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).gaps(pin.integrate(model, q_0, turn))[1]
+    weld = Closures(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).gaps(
+        pin.integrate(model, q_0, turn)
+    )[1]
     assert_allclose(weld.angle, 0.02, atol=1e-9)
 
 

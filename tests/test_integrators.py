@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
 from coop_pin.chain.configuration_space import LieGroup, VectorSpace, configuration_space
-from coop_pin.chain.integrators import INTEGRATORS, RungeKutta4, SemiImplicitEuler
+from coop_pin.chain.integrators import INTEGRATORS, RungeKutta4, SemiImplicitEuler, VectorRungeKutta4
 from coop_pin.description import PlantOptions, Stabilisation
 
 CASES = [(name, payload) for name in SCENARIOS for payload in ("rooted", "free")]
@@ -108,7 +108,7 @@ def test_the_change_of_energy_is_the_work_of_the_forces(case):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_an_undriven_chain_keeps_its_energy_and_its_closures(case, project):
     plant, q, v = moving(case)
-    integrator, none = RungeKutta4(configuration_space(plant.tree.model)), np.zeros(0)
+    integrator, none = INTEGRATORS["rk4"](configuration_space(plant.tree.model)), np.zeros(0)
     energy = plant.chain.energy(q, v).total
     assert plant.chain.energy(q, v).kinetic > 0.05
     for _ in range(200):
@@ -127,6 +127,29 @@ def test_two_integrations_give_the_same_bits(case, method):
     first, second = (advance(case, method, 0.01, 0.05) for _ in range(2))
     for one, other in zip(first, second, strict=True):
         assert_allclose(one, other, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_short_form_for_vectors_is_the_same_method(name):
+    plant, q, v = moving((name, "rooted"))
+    rate = smooth_forces(plant, q)
+    long, short = RungeKutta4(VectorSpace()).step(rate, q, v, 0.01), VectorRungeKutta4().step(rate, q, v, 0.01)
+    for one, other in zip(short, long, strict=True):
+        assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+    assert type(INTEGRATORS["rk4"](configuration_space(plant.tree.model))) is VectorRungeKutta4
+    assert type(INTEGRATORS["rk4"](configuration_space(moving((name, "free"))[0].tree.model))) is RungeKutta4
+
+
+@pytest.mark.parametrize("method", INTEGRATORS)
+def test_a_step_leaves_the_state_it_started_from_alone(method):
+    plant, q, v = moving(("planar", "rooted"))
+    kept = q.copy(), v.copy()
+    step = INTEGRATORS[method](configuration_space(plant.tree.model)).step(smooth_forces(plant, q), q, v, 0.01)
+    first = [field.copy() for field in step]
+    INTEGRATORS[method](configuration_space(plant.tree.model)).step(smooth_forces(plant, q), step.q, step.v, 0.01)
+    assert_allclose([q, v], kept, rtol=0, atol=0)
+    for field, copy in zip(step, first, strict=True):
+        assert_allclose(field, copy, rtol=0, atol=0)
 
 
 def test_a_free_flyer_that_ignores_dexp_would_be_of_second_order():
@@ -179,7 +202,9 @@ def test_a_free_bodys_momentum_is_conserved_but_for_its_weight():
     assert_allclose(momentum(q, v), expected, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("joint", [pin.JointModelFreeFlyer, pin.JointModelPlanar, pin.JointModelSpherical, pin.JointModelRUBZ, pin.JointModelRZ])
+@pytest.mark.parametrize(
+    "joint", [pin.JointModelFreeFlyer, pin.JointModelPlanar, pin.JointModelSpherical, pin.JointModelRUBZ, pin.JointModelRZ]
+)
 def test_the_increment_rate_is_the_derivative_of_the_increment(joint):
     """q_0 + u(t) moves with v when u' = dexp_u^-1 v: checked by finite differences on every kind of joint."""
     model = pin.Model()

@@ -132,7 +132,8 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
     assert_allclose(J @ s_r, expected, atol=1e-10)
 
 
-REPAIR = {"controller": {"kind": "payload-space", "gains": {"pose_gain": 2, "sliding_gain": [800, 800, 40], "sign_gain": 0.2, "transient_rate": 5}}}
+GAINS = {"pose_gain": 2, "sliding_gain": [800, 800, 40], "sign_gain": 0.2, "transient_rate": 5}
+REPAIR = {"controller": {"kind": "payload-space", "gains": GAINS}}
 
 
 def test_repair_keeps_the_papers_internal_force_small():

@@ -25,7 +25,7 @@ def closed(case):
     return plant, plant.configuration(start)
 
 
-def reachable(case, model, increment):
+def reachable(case, increment):
     """The increment without what a planar cell cannot undo: a free payload lifted or tilted out of the plane."""
     if case == ("planar", "free"):
         increment = increment.copy()
@@ -36,7 +36,7 @@ def reachable(case, model, increment):
 def opened(case, gap, seed=0):
     plant, q = closed(case)
     model, rng = plant.tree.model, np.random.default_rng(seed)
-    return plant, pin.integrate(model, q, reachable(case, model, gap * rng.uniform(-1.0, 1.0, model.nv)))
+    return plant, pin.integrate(model, q, reachable(case, gap * rng.uniform(-1.0, 1.0, model.nv)))
 
 
 def mass_matrix(model, q):
@@ -137,7 +137,7 @@ def test_an_open_state_is_refused_where_a_closed_one_is_required():
     plant, q_open = opened(("spatial", "free"), 0.1)
     widest = max(max(gap) for gap in plant.gaps(q_open))
     plant.chain.require_closed(q_open, allowed=1.001 * widest)
-    with pytest.raises(OpenClosureError, match="left/grasp - payload/left|right/grasp - payload/right"):
+    with pytest.raises(OpenClosureError, match=r"left/grasp - payload/left|right/grasp - payload/right"):
         plant.chain.require_closed(q_open, allowed=0.999 * widest)
 
 
@@ -145,7 +145,7 @@ def test_a_nan_is_never_closed():
     plant, q = closed(("spatial", "rooted"))
     with pytest.raises(OpenClosureError):
         plant.chain.require_closed(np.full_like(q, np.nan), allowed=1.0)
-    with pytest.raises(NotFiniteError, match="^q"):
+    with pytest.raises(NotFiniteError, match=r"^q"):
         plant.chain.project_configuration(np.full_like(q, np.nan))
-    with pytest.raises(ShapeError, match="^q"):
+    with pytest.raises(ShapeError, match=r"^q"):
         plant.chain.project_configuration(q[:-1])

@@ -38,7 +38,7 @@ def test_two_runs_give_the_same_bits(cell):
     scenario = SCENARIOS[cell]().replace(duration=0.5, events=())
     first, second = cp.run(scenario).data, cp.run(scenario).data
     for name in first:
-        assert np.array_equal(first[name].values, second[name].values, equal_nan=True), name
+        np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=name)
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "semi-implicit-euler"])

@@ -14,7 +14,7 @@ from coop_pin.spatial import make_pose, pose_error, task_rows
 PERIOD = 0.0125
 
 
-def controller(rows, force_gain=0.7, switching=Sign()):
+def controller(rows, force_gain=0.7):
     k = rows.size
     rng = np.random.default_rng(3)
     gamma = np.diag(rng.uniform(1, 3, k))
@@ -27,7 +27,7 @@ def controller(rows, force_gain=0.7, switching=Sign()):
         damping_gain=damping @ damping.T + np.eye(k),
         force_gain=force_gain,
         transient_rate=5.0,
-        switching=switching,
+        switching=Sign(),
     )
 
 
@@ -136,7 +136,7 @@ def test_law_holds_a_squeezed_payload(cell):
 def test_law_brings_an_open_start_back(cell):
     """The transient follows xtildedot = -gamma xtilde + ..., so that the error shrinks to a small part of its start."""
     scenario = SCENARIOS[cell]()
-    away = scenario.start.replace(xyz=tuple(np.array(scenario.start.xyz) + (0.02, -0.02, 0.0)))
+    away = scenario.start.replace(xyz=np.array(scenario.start.xyz) + np.array((0.02, -0.02, 0.0)))
     changes = {"motion": {"kind": "hold", "pose": away.model_dump()}, "cell.gravity": (0, 0, 0), "duration": 3.0, "events": []}
     error = cp.run(scenario, changes).data.pose_error.values
     assert np.linalg.norm(error[-1]) < 0.05 * np.linalg.norm(error[0])

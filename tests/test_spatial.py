@@ -101,7 +101,15 @@ def test_turn_is_the_rotation_of_both_halves(X, vector):
     assert_allclose(rotate_vector6(X[:3, :3].T, turned), vector, atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "size"), [("planar", 3), ("full", 6)])
+@law
+@given(pose, pose, st.tuples(number, number, number).map(np.array))
+def test_positional_rows_are_the_linear_rows_of_the_full_ones(X, X_d, rows_P):
+    positional, full = task_rows("positional"), task_rows("full")
+    assert_allclose(positional.pose_error(X, X_d), full.pose_error(X, X_d)[:3], atol=1e-13)
+    assert_allclose(positional.expand(positional.turn(X, rows_P)), full.turn(X, positional.expand(rows_P)), atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "size"), [("planar", 3), ("positional", 3), ("full", 6)])
 def test_expand_and_select_undo_each_other_and_name_their_axes(name, size):
     rows = task_rows(name)
     values = np.arange(1.0, size + 1.0)

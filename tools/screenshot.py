@@ -1,11 +1,11 @@
 """Take a picture of a replay page at a given time, in a headless browser with the network off.
 
-    python tools/screenshot.py out/replay.html docs/images/adept-paper.png --time 6
+    python tools/screenshot.py out/replay.html picture.png --time 6
 
 Needs playwright (``pip install playwright``) and a Chromium; Debian's is found at /usr/bin/chromium. The README's picture is made so:
 
     coop-pin run adept-paper --out out
-    python tools/screenshot.py out/replay.html docs/images/adept-paper.png
+    python tools/screenshot.py out/replay.html docs/images/adept-paper.png --time 0.1
 """
 
 from __future__ import annotations

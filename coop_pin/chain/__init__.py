@@ -1,9 +1,22 @@
-"""Closed chains: closures, stabilisation and projection, constrained forward dynamics, grasps, closing, energy."""
+"""Closed chains: closures, stabilisation and projection, constrained forward dynamics, motion, grasps, closing, energy."""
 
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.closed_chain import ChainDynamics, ClosedChain, Energy
-from coop_pin.chain.closing import closing_angles
+from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
+from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.chain.closing import closing_angles, closing_branches
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closures import Gap
+from coop_pin.chain.trajectory import Trajectory
 
-__all__ = ["CellChain", "ChainDynamics", "ClosedChain", "Closure", "Energy", "Gap", "closing_angles"]
+__all__ = [
+    "CellChain",
+    "ChainDynamics",
+    "ChainState",
+    "ClosedChain",
+    "Closure",
+    "Energy",
+    "Gap",
+    "Trajectory",
+    "closing_angles",
+    "closing_branches",
+]

@@ -1,66 +1,52 @@
-"""A tree with closures: its forward dynamics, closure errors, projection and energy."""
+"""A tree with closures: its forward dynamics, motion, assembly, closure errors, projection and energy."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
+from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closures import Closures, ClosureState, Gap
+from coop_pin.chain.mass_weighted import MassWeightedClosure
+from coop_pin.chain.named_joints import configuration_at, velocity_at
+from coop_pin.chain.projection import Projection
 from coop_pin.chain.proximal import ProximalSolver
-from coop_pin.chain.rank_cut import MassWeightedClosure, RankCutSolver, mass_weighted
+from coop_pin.chain.rank_cut import RankCutSolver
+from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.clock import Stabilisation
-from coop_pin.errors import ConstraintSolveError, OpenClosureError
-from coop_pin.model.pinocchio_model import symmetric
+from coop_pin.errors import ArgumentError, ConstraintSolveError
+from coop_pin.model.mechanism_model import mechanism_model
+from coop_pin.model.pinocchio_model import frame_id
+
+Formulation = Literal["auto", "proximal", "rank-cut"]
 
 _RESIDUAL_ALLOWED = 1e-6
-_PROJECTION_STEPS = 60
-_CLOSED = 1e-12
-
-
-class ChainDynamics(NamedTuple):
-    """Forward dynamics of a closed chain.
-
-    Attributes:
-        acceleration: a, shape (nv,).
-        closure_wrenches: on body a of each closure, at a, in axes a, N and N m, shape (closures, 6).
-        rank: number of independent closure rows.
-        residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
-    """
-
-    acceleration: Array
-    closure_wrenches: Array
-    rank: int
-    residual: float
-
-
-class Energy(NamedTuple):
-    """Mechanical energy, J.
-
-    Attributes:
-        kinetic: J.
-        potential: J.
-    """
-
-    kinetic: float
-    potential: float
-
-    @property
-    def total(self) -> float:
-        """Kinetic plus potential, J."""
-        return self.kinetic + self.potential
+_CLOSED = 1e-9
+_START_ALLOWED = 1e-3
+_STEP_ALLOWED = 1e-6
 
 
 class ClosedChain:
-    """A Pinocchio tree whose closures hold frames together.
+    """A tree whose closures hold frames together: any URDF with kinematic loops, no arms or payload needed.
+
+    ::
+
+        chain = ClosedChain.from_urdf("four_bar.urdf", [Closure("coupler_end", "rocker_tip", "point")], gravity=(0, 0, -9.81))
+        start = chain.assemble(chain.configuration({"crank": 1.2}), chain.velocity({"crank": 2.0}))
+        motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda t, q, v: -0.1 * v)
+
+    Redundant rows and singular poses are allowed. Joint limits, friction and effort of the URDF are not applied: torque, a
+    function of time and state, is the place for such forces.
 
     Attributes:
-        model: the tree.
+        model: the tree; ``model.names`` has its joints in the order of v.
         closures: the closures, resolved.
         stabilisation: Baumgarte frequency and damping ratio.
         solver: what solves the constrained dynamics.
@@ -68,26 +54,93 @@ class ClosedChain:
 
     solver: ProximalSolver | RankCutSolver
 
-    def __init__(self, model: pin.Model, closures: Sequence[Closure], stabilisation: Stabilisation | None = None) -> None:
-        """Close a tree; pinocchio.constraintDynamics solves it where it can express the rows, the rank-cut KKT elsewhere.
+    def __init__(
+        self,
+        model: pin.Model,
+        closures: Sequence[Closure],
+        stabilisation: Stabilisation | None = None,
+        formulation: Formulation = "auto",
+    ) -> None:
+        """Close a Pinocchio tree.
+
+        Args:
+            model: the tree; it is kept, not copied.
+            closures: what closes it.
+            stabilisation: Baumgarte's, with 10 rad/s and critical damping when omitted.
+            formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows only), "rank-cut" (a KKT
+                system cut at its rank, any rows), or "auto": the first where it can express the rows, the second elsewhere.
 
         Raises:
             FrameNotFoundError: a frame does not exist.
+            FieldError: rows are neither a known name nor six booleans.
+            ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
         self.model = model
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
         self.closures = Closures(model, closures)
         self._data = model.createData()
-        if ProximalSolver.can_solve(self.closures.closures):
-            self.solver = ProximalSolver(model, self.closures.closures, self.stabilisation)
-        else:
-            self.solver = RankCutSolver(model, self.closures, self.stabilisation)
+        self._projection = Projection(model, self.closures)
+        self.solver = self._new_solver(formulation)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path_or_xml: str | Path,
+        closures: Sequence[Closure] = (),
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        stabilisation: Stabilisation | None = None,
+        formulation: Formulation = "auto",
+        mimic: Literal["refuse", "ignore"] = "refuse",
+    ) -> Self:
+        """Close the tree of a URDF, whose root link stands in the world.
+
+        Args:
+            path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
+            closures: what closes it.
+            gravity: m/s^2, in world axes, shape (3,).
+            stabilisation: as for the constructor.
+            formulation: as for the constructor.
+            mimic: what to do about joints that mimic others: "refuse" the URDF, or "ignore" the coupling.
+
+        Raises:
+            UrdfNotFoundError: there is no such file.
+            UrdfError: the URDF has structural defects; MimicJointError: joints mimic others.
+            ShapeError, NotFiniteError: gravity is not three finite numbers.
+            FrameNotFoundError, FieldError, ArgumentError: as for the constructor.
+        """
+        return cls(mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation)
 
     def with_rank_cut(self) -> ClosedChain:
         """Return the same chain (sharing the tree) solved by the rank-cut KKT."""
-        chain = ClosedChain(self.model, self.closures.closures, self.stabilisation)
-        chain.solver = RankCutSolver(self.model, self.closures, self.stabilisation)
-        return chain
+        return ClosedChain(self.model, self.closures.closures, self.stabilisation, "rank-cut")
+
+    def configuration(self, angles: Mapping[str, float]) -> Array:
+        """Return the configuration with some joints at given angles (rad, m) and the others neutral, shape (nq,).
+
+        Raises:
+            JointNotFoundError: a joint does not exist.
+            ArgumentError: a joint has more than one angle.
+        """
+        return configuration_at(self.model, angles)
+
+    def velocity(self, rates: Mapping[str, float]) -> Array:
+        """Return the velocity with some joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
+
+        Raises:
+            JointNotFoundError: a joint does not exist.
+            ArgumentError: a joint has more than one rate.
+        """
+        return velocity_at(self.model, rates)
+
+    def frame_pose(self, q: ArrayLike, frame: str) -> Array:
+        """Return the pose X_WF of a frame in the world, shape (4, 4).
+
+        Raises:
+            FrameNotFoundError: the frame does not exist.
+        """
+        index = frame_id(self.model, frame)
+        pin.forwardKinematics(self.model, self._data, self._q(q))
+        return np.array(pin.updateFramePlacement(self.model, self._data, index).homogeneous)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> ChainDynamics:
         """Return acceleration and closure wrenches, with rank and residual recomputed from the definitions.
@@ -99,20 +152,67 @@ class ClosedChain:
 
         Raises:
             ConstraintSolveError: the residual is too large.
+            MassMatrixError: the mass matrix is not positive definite.
         """
-        q, v, tau = self._q(q), as_array("v", v, self.model.nv), as_array("tau", tau, self.model.nv)
-        a = np.array(self.solver.acceleration(q, v, tau))
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         state = self.closures.state(q, v)
+        weighted = self._projection.weighted(q, state)
+        a = np.array(self.solver.acceleration(q, v, tau))
         residual = float(np.abs(self._stabilised(state, a)).max(initial=0.0))
-        allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+        allowed = self._residual_allowed(weighted, a)
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
-        return ChainDynamics(a, self.solver.wrenches(), self._weighted(q, state).rank, residual)
+        return ChainDynamics(a, self.solver.wrenches(), weighted.rank, residual)
 
-    def _stabilised(self, state: ClosureState, a: Array) -> Array:
-        """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""
-        gains = self.stabilisation
-        return state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
+    def integrate(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        duration: float,
+        step: float,
+        torque: TorqueLaw | None = None,
+        project: bool = True,
+    ) -> Trajectory:
+        """Return the motion from a state, by Runge-Kutta 4.
+
+        Args:
+            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian: see ``assemble``.
+            v: velocity at t = 0, shape (nv,).
+            duration: s.
+            step: s; the last one is shorter where it does not divide duration.
+            torque: generalised force as a function of (t, q, v), shape (nv,), N m and N; none when omitted.
+            project: whether q and v are projected onto the closures, at the start and after every step. Without it the closures
+                drift, held by the stabilisation alone, and a mechanism may not survive its singular poses.
+
+        Raises:
+            OpenClosureError: the closures are open at the start.
+            IntegrationError: the motion breaks down: the step is too long, or torque runs away.
+            ArgumentError: torque cannot be called.
+            ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of torque included.
+        """
+        start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)
+        propagator = Propagator(self.model, self.solver.acceleration, torque, self._after_step if project else ChainState)
+        self.require_closed(start.q, _START_ALLOWED)
+        return propagator.run(self._projection.state(*start, _CLOSED) if project else start, time)
+
+    def assemble(self, q_guess: ArrayLike, v_guess: ArrayLike | None = None) -> ChainState:
+        """Return a state on the closures: a configuration near a guess, and the velocity nearest to a guess in kinetic energy.
+
+        Args:
+            q_guess: configuration, shape (nq,), however far the closures are open.
+            v_guess: velocity, shape (nv,); at rest when omitted.
+
+        Raises:
+            OpenClosureError: no closed configuration was found from the guess; with the gap that is left.
+        """
+        q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
+        return self._projection.state(self._projection.descend(q), v, _CLOSED)
+
+    def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:
+        """Return kinetic and potential energy, J."""
+        q, v = self._q(q), self._v("v", v)
+        kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
+        return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
 
     def gaps(self, q: Array) -> list[Gap]:
         """Return how far each closure stands open."""
@@ -126,20 +226,11 @@ class ClosedChain:
         Raises:
             OpenClosureError: the closures cannot be closed from here.
         """
-        closed = self._q(q)
-        still = np.zeros(self.model.nv)
-        for _ in range(_PROJECTION_STEPS):
-            state = self.closures.state(closed, still)
-            if np.abs(state.position).max(initial=0.0) < _CLOSED:
-                break
-            closed = pin.integrate(self.model, closed, self._weighted(closed, state).least_motion(-state.position))
-        self.require_closed(closed, allowed=1e-9)
-        return closed
+        return self._projection.state(self._q(q), np.zeros(self.model.nv), _CLOSED).q
 
     def project_velocity(self, q: Array, v: Array) -> Array:
         """Return v - M^-1 J^T (J M^-1 J^T)^+ J v: the nearest velocity, in kinetic energy, that keeps the closures."""
-        state = self.closures.state(q, v)
-        return v - self._weighted(q, state).least_motion(state.velocity)
+        return self._projection.velocity(q, v)
 
     def require_closed(self, q: Array, allowed: float) -> None:
         """Refuse a configuration whose closures are open by more than allowed (m, rad).
@@ -147,17 +238,33 @@ class ClosedChain:
         Raises:
             OpenClosureError: naming the widest gap.
         """
-        for closure, gap in zip(self.closures.closures, self.gaps(q), strict=True):
-            if not max(gap) <= allowed:
-                raise OpenClosureError(closure.name, gap.distance, gap.angle, allowed)
+        self._projection.require_closed(q, allowed)
 
-    def energy(self, q: Array, v: Array) -> Energy:
-        """Return kinetic and potential energy, J."""
-        kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
-        return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
+    def _new_solver(self, formulation: Formulation) -> ProximalSolver | RankCutSolver:
+        can_be_proximal = ProximalSolver.can_solve(self.closures.closures)
+        if formulation not in ("auto", "proximal", "rank-cut"):
+            raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'rank-cut'")
+        if formulation == "proximal" and not can_be_proximal:
+            raise ArgumentError("formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'rank-cut'")
+        if can_be_proximal and formulation != "rank-cut":
+            return ProximalSolver(self.model, self.closures.closures, self.stabilisation)
+        return RankCutSolver(self.model, self.closures, self.stabilisation)
 
-    def _weighted(self, q: Array, state: ClosureState) -> MassWeightedClosure:
-        return mass_weighted(symmetric(pin.crba(self.model, self._data, q)), state.jacobian)
+    def _after_step(self, q: Array, v: Array) -> ChainState:
+        return self._projection.state(q, v, _STEP_ALLOWED)
+
+    def _stabilised(self, state: ClosureState, a: Array) -> Array:
+        """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""
+        gains = self.stabilisation
+        return state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
+
+    def _residual_allowed(self, weighted: MassWeightedClosure, a: Array) -> float:
+        """Return the largest residual that a solution may leave; rows dropped next to a singular pose still see the motion."""
+        seen = weighted.dropped * float(np.linalg.norm(weighted.factor.T @ a))
+        return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0))) + 10.0 * seen
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.model.nq)
+
+    def _v(self, name: str, v: ArrayLike) -> Array:
+        return as_array(name, v, self.model.nv)

@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_kinematics import ClosureError, error_function
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.chain.closure_frame import ClosureFrame
+from coop_pin.chain.closure_kinematics import error_function
 
 
 class ClosureState(NamedTuple):
@@ -49,6 +49,7 @@ class Closures:
 
     Attributes:
         closures: as given.
+        sides: their frames a and b, resolved.
         rows: total number of rows r.
     """
 
@@ -59,45 +60,37 @@ class Closures:
             FrameNotFoundError: a frame does not exist.
         """
         self.closures = tuple(closures)
-        self.frames = [(frame_id(model, c.frame_a), frame_id(model, c.frame_b)) for c in self.closures]
+        self.sides = [(ClosureFrame(model, c.frame_a, c.X_a), ClosureFrame(model, c.frame_b, c.X_b)) for c in self.closures]
         self._errors = [error_function(c) for c in self.closures]
-        self.sizes = [sum(c.mask) for c in self.closures]
-        self.rows = sum(self.sizes)
+        self._sizes = [sum(c.mask) for c in self.closures]
+        self.rows = sum(self._sizes)
         self._model, self._data = model, model.createData()
+        self._still = np.zeros(model.nv)
 
     def state(self, q: Array, v: Array) -> ClosureState:
         """Return errors, Jacobian and drift of all closures."""
         model, data = self._model, self._data
-        pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
+        pin.forwardKinematics(model, data, q, v, self._still)
+        pin.computeJointJacobians(model, data)
         position, drift = np.zeros(self.rows), np.zeros(self.rows)
         jacobian, wrench_map = np.zeros((self.rows, model.nv)), np.zeros((len(self.closures), 6, self.rows))
         first = 0
-        for index, (frame_a, frame_b) in enumerate(self.frames):
-            rows = slice(first, first := first + self.sizes[index])
-            error = self._error(index, frame_a, frame_b)
-            position[rows] = error.position
+        for index, (a, b) in enumerate(self.sides):
+            rows = slice(first, first := first + self._sizes[index])
+            error = self._errors[index](a.pose(data).actInv(b.pose(data)), a.twist(data), b.twist(data))
+            position[rows], drift[rows] = error.position, error.drift
             wrench_map[index, :, rows] = error.A_a.T
-            for A, frame in ((error.A_a, frame_a), (error.A_b, frame_b)):
-                jacobian[rows] += A @ pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-                drift[rows] += A @ pin.getFrameAcceleration(model, data, frame, pin.LOCAL).vector
-            drift[rows] += error.drift
-        return ClosureState(position, jacobian @ v, jacobian, drift, wrench_map)
-
-    def _error(self, index: int, frame_a: int, frame_b: int) -> ClosureError:
-        X_ab = self._data.oMf[frame_a].actInv(self._data.oMf[frame_b])
-        V_a = pin.getFrameVelocity(self._model, self._data, frame_a, pin.LOCAL)
-        V_b = pin.getFrameVelocity(self._model, self._data, frame_b, pin.LOCAL)
-        return self._errors[index](X_ab, V_a, V_b)
+            a.add_motion(error.A_a, model, data, jacobian[rows], drift[rows])
+            b.add_motion(error.A_b, model, data, jacobian[rows], drift[rows])
+        return ClosureState(position, jacobian.dot(v), jacobian, drift, wrench_map)
 
     def gaps(self, q: Array) -> list[Gap]:
         """Return how far each closure stands open at q."""
-        pin.framesForwardKinematics(self._model, self._data, q)
+        pin.forwardKinematics(self._model, self._data, q)
         nothing = pin.Motion.Zero()
         gaps = []
-        for index, (frame_a, frame_b) in enumerate(self.frames):
-            X_ab = self._data.oMf[frame_a].actInv(self._data.oMf[frame_b])
+        for index, (a, b) in enumerate(self.sides):
+            X_ab = a.pose(self._data).actInv(b.pose(self._data))
             error = np.zeros(6)
             error[list(self.closures[index].mask)] = self._errors[index](X_ab, nothing, nothing).position
             gaps.append(Gap(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))))

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.rank_cut import mass_weighted
+from coop_pin.chain.mass_weighted import mass_weighted
 from coop_pin.model.pinocchio_model import symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
@@ -32,8 +32,8 @@ def determined_rows(chain: CellChain, q: Array) -> Mask:
     pin.framesForwardKinematics(model, data, q)
     p_WP = data.oMf[chain.tree.payload_frame].translation
     determined = np.ones(6, dtype=bool)
-    for (tip, _), wrench_map in zip(closed.frames, state.wrench_map, strict=True):
-        X_WE = data.oMf[tip]
+    for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
+        X_WE = data.oMf[tip.named]
         in_world = rotate_vector6(X_WE.rotation, (wrench_map @ idle).T)
         about_P = shift_wrench(in_world, X_WE.translation - p_WP)
         determined &= np.abs(about_P).max(axis=0, initial=0.0) < _UNDETERMINED

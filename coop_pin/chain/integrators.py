@@ -39,6 +39,9 @@ class Integrator(ABC):
 
 _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
+RUNGE_KUTTA_NODES = (0.0, 0.5, 0.5, 1.0)
+"""The parts of a step at which the Runge-Kutta methods ask for the rate, in this order."""
+
 
 class RungeKutta4(Integrator):
     """The classical fourth-order Runge-Kutta method, Munthe-Kaas form."""
@@ -67,6 +70,20 @@ class RungeKutta4(Integrator):
         )
 
 
+def _stage_polynomials() -> Array:
+    """Return C_2, C_3, C_4 and C_end of VectorRungeKutta4 as polynomials in h, flat, shape (3, 4 * 2 * 6)."""
+    A = np.array([[0, 0, 0, 0], [1 / 2, 0, 0, 0], [0, 1 / 2, 0, 0], [0, 0, 1, 0], _WEIGHTS])
+    C = np.zeros((3, 4, 2, 6))
+    C[0, :, 0, 0] = C[0, :, 1, 1] = 1.0
+    C[1, :, 0, 1] = A[1:].sum(axis=1)
+    C[1, :, 1, 2:] = A[1:]
+    C[2, :, 0, 2:] = A[1:] @ A[:4]
+    return C.reshape(3, 48)
+
+
+_STAGES = _stage_polynomials()
+
+
 class VectorRungeKutta4(Integrator):
     """The same method for plain vectors, where q' = v, with a quarter of the array operations.
 
@@ -75,28 +92,23 @@ class VectorRungeKutta4(Integrator):
         v_i = v + h sum_j A_ij a_j
         q_i = q + h sum_j A_ij v_j = q + h sum_j A_ij v + h^2 sum_j (A A)_ij a_j
 
-    so that (q_i, v_i) = C_i(h) [q, v, a_1, ..., a_4], one small product.
+    so that (q_i, v_i) = C_i(h) [q, v, a_1, ..., a_4]: one small product.
     """
-
-    _A = np.array([[0, 0, 0, 0], [1 / 2, 0, 0, 0], [0, 1 / 2, 0, 0], [0, 0, 1, 0], _WEIGHTS])
-    _C = np.zeros((3, 4, 2, 6))  # C_2, C_3, C_4 and C_end as polynomials in h
-    _C[0, :, (0, 1), (0, 1)] = 1.0
-    _C[1, :, 0, 1] = _A[1:].sum(axis=1)
-    _C[1, :, 1, 2:] = _A[1:]
-    _C[2, :, 0, 2:] = _A[1:] @ _A[:4]
-    _C.shape = (3, 48)
 
     def step(self, rate: Rate, q: Array, v: Array, h: float) -> Step:
         """Return the state after h seconds."""
-        C = np.array((1.0, h, h * h)).dot(self._C).reshape(4, 2, 6)
+        C = np.array((1.0, h, h * h)).dot(_STAGES).reshape(4, 2, 6)
         known = np.zeros((6, len(q)))
         known[0], known[1] = q, v
         known[2], p1 = rate(q, v)
-        known[3], p2 = rate(*C[0].dot(known))
-        known[4], p3 = rate(*C[1].dot(known))
-        known[5], p4 = rate(*C[2].dot(known))
-        q_end, v_end = C[3].dot(known)
-        return Step(q_end, v_end, (h * _WEIGHTS).dot(np.array((p1, p2, p3, p4))))
+        second = C[0].dot(known)
+        known[3], p2 = rate(second[0], second[1])
+        third = C[1].dot(known)
+        known[4], p3 = rate(third[0], third[1])
+        fourth = C[2].dot(known)
+        known[5], p4 = rate(fourth[0], fourth[1])
+        end = C[3].dot(known)
+        return Step(end[0], end[1], (h * _WEIGHTS).dot(np.array((p1, p2, p3, p4))))
 
 
 class SemiImplicitEuler(Integrator):

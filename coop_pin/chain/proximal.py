@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure
+from coop_pin.chain.closure_frame import ClosureFrame
 from coop_pin.description.clock import Stabilisation
-from coop_pin.model.pinocchio_model import frame_id
 
 # mu = 0, Pinocchio's default, answers NaN on redundant rows; from 1e-8 on twenty steps reach 1e-14.
 _ACCURACY, _MU, _STEPS = 1e-14, 1e-8, 20
@@ -48,8 +48,7 @@ class ProximalSolver:
 
 
 def _constraint(model: pin.Model, closure: Closure, baumgarte: pin.BaumgarteCorrectorParameters) -> pin.RigidConstraintModel:
-    a, b = (model.frames[frame_id(model, name)] for name in (closure.frame_a, closure.frame_b))
-    kind = _TYPES[closure.mask]
-    constraint = pin.RigidConstraintModel(kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL)
+    a, b = ClosureFrame(model, closure.frame_a, closure.X_a), ClosureFrame(model, closure.frame_b, closure.X_b)
+    constraint = pin.RigidConstraintModel(_TYPES[closure.mask], model, a.joint, a.X_JC, b.joint, b.X_JC, pin.LOCAL)
     constraint.setBaumgarteCorrectorParameters(baumgarte)
     return constraint

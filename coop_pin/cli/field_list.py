@@ -48,9 +48,9 @@ def _written(value: Any) -> str:
             return "(omitted)"
         case bool():
             return str(value).lower()
-        case tuple() if value and not any(isinstance(entry, tuple) for entry in value):
+        case tuple() if len(value) > 1 and not any(isinstance(entry, tuple) for entry in value):
             return " ".join(map(str, value))
         case tuple():
-            return str([list(row) for row in value])
+            return str([list(entry) if isinstance(entry, tuple) else entry for entry in value])
         case _:
             return str(value)

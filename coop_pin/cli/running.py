@@ -49,10 +49,13 @@ def run_into_folder(command: Run) -> int:
 
 
 def table(result: RunResult, timing: Timing) -> str:
-    """Return the metrics of a run as lines of text."""
+    """Return the metrics of a run as lines of text, and the limits that it went beyond."""
     scenario = result.scenario
     lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"]
     for name, value in result.metrics().items():
         text = " to ".join(f"{entry:g}" for entry in value) if isinstance(value, list) else f"{value:.4g}"
         lines.append(f"  {name:<30} {text}")
+    for beyond in result.limit_violations():
+        where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"
+        lines.append(f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s")
     return "\n".join(lines)

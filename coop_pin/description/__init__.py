@@ -1,6 +1,6 @@
 """What the user says, as frozen values; and the URDF files that it names."""
 
-from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.arm import Arm
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.description.cell import Cell
 from coop_pin.description.clock import Clock, PlantOptions, Stabilisation
@@ -8,20 +8,36 @@ from coop_pin.description.controller import PayloadSpace, RedundantSlidingMode, 
 from coop_pin.description.event import PayloadChange, WrenchPulse
 from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.motion import ExponentialMotion, HoldMotion
+from coop_pin.description.joint_friction import JointFriction
+from coop_pin.description.motion import (
+    CircleMotion,
+    CsvMotion,
+    ExponentialMotion,
+    HoldMotion,
+    LineMotion,
+    SwingMotion,
+    TurnMotion,
+    UserMotion,
+    Waypoint,
+    WaypointsMotion,
+)
 from coop_pin.description.payload import Payload
 from coop_pin.description.pose import Pose
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.description.switching import Saturation, Sign, Tanh
 
 __all__ = [
     "Arm",
     "Cell",
+    "CircleMotion",
     "Clock",
+    "CsvMotion",
     "ExponentialMotion",
     "HoldMotion",
     "JointFriction",
     "LateForcePath",
+    "LineMotion",
     "LowPassForcePath",
     "NoForcePath",
     "Payload",
@@ -31,6 +47,7 @@ __all__ = [
     "PlantOptions",
     "Pose",
     "PostureGains",
+    "RampSqueeze",
     "RedundantSlidingMode",
     "Saturation",
     "Scenario",
@@ -38,8 +55,15 @@ __all__ = [
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
+    "SteadySqueeze",
+    "SwingMotion",
     "Tanh",
+    "TurnMotion",
     "UserController",
+    "UserMotion",
+    "UserSqueeze",
+    "Waypoint",
+    "WaypointsMotion",
     "WrenchPulse",
     "scenario_names",
 ]

@@ -2,60 +2,82 @@
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import field_validator, model_validator
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Matrix, NumberOrVector, Positive, Vector
+from coop_pin.description.base import Description, Matrix, Vector, number_or_row
+from coop_pin.description.joint_friction import Friction, JointFriction
 from coop_pin.description.pose import Pose
-from coop_pin.errors import FieldError, FieldShapeError
+from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
+from coop_pin.description.urdf.robot import Robot
+from coop_pin.errors import AmbiguousTipError, FieldError, FieldShapeError
 
 
-class JointFriction(Description):
-    """Friction at the drives of an arm, in drive coordinates.
-
-    ``tau_friction = -(viscous * v + coulomb * tanh(v / coulomb_velocity))``
-
-    Attributes:
-        viscous: N m s/rad, one value for all joints or one for each.
-        coulomb: N m, likewise.
-        coulomb_velocity: the speed over which Coulomb friction changes sign, rad/s. A step would cost RK4 its order.
-    """
-
-    viscous: NumberOrVector = 0.0
-    coulomb: NumberOrVector = 0.0
-    coulomb_velocity: Positive = 0.05
-
-    @field_validator("viscous", "coulomb")
-    @classmethod
-    def _not_negative(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
-        if np.min(value) < 0.0:
-            raise FieldError(f"is {value}; friction coefficients must not be negative")
+def _source_or_numbers(value: Any) -> Any:
+    """Read "urdf", "none", a number or a row of numbers; all numbers positive."""
+    if isinstance(value, str):
+        if value not in ("urdf", "none"):
+            raise FieldError(f'is {value!r}; it must be "urdf", "none", a number or one number for each joint')
         return value
+    numbers = number_or_row(value)
+    if np.min(numbers) <= 0.0:
+        raise FieldError(f"is {numbers}; torque limits must be positive")
+    return numbers
+
+
+TorqueLimits = Annotated[Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)]
+"""Drive torques, N m: "urdf", "none", one for all joints, or one for each."""
 
 
 class Arm(Description):
-    """One arm of a cell.
+    """One arm of a cell. Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
 
     Attributes:
-        urdf: path of its URDF, or the name of a bundled ("adept_3dof") or example-robot-data arm ("panda", "ur5").
-        tip: frame of the URDF that is fixed to the payload, E.
+        urdf: path of its URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm ("panda", "ur5").
+        package_dirs: folders in which the packages of package:// and $(find ...) are looked for first.
+        xacro_args: values of a xacro file's arguments.
+        tip: frame of the URDF that is fixed to the payload, E; the only link at an end of the URDF when omitted.
         base: pose X_WB of the URDF's root link in the world.
         drive: drive matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
-        friction: friction at the drives.
-        posture: joint angles q near which the arm starts; they choose its elbow. Zeros when omitted.
+        friction: at the drives; "urdf": at the joints, as its <dynamics> says, with Coulomb friction smoothed over
+            JointFriction's default speed; or "none".
+        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the joints' efforts. Efforts that are
+            zero set no limit (many files leave them so), nor do any where ``drive`` is given: they are not drive torques.
+        posture: joint angles near which the arm starts (a continuous joint has one angle, too); they choose its elbow. Zeros when omitted.
+        locked: joints that do not move, such as grippers', and their angles, rad or m; joints that mimic them are locked along.
+        mimic: what to do about joints that mimic others and are not locked: "refuse" the arm, or "ignore" the coupling.
         calibration_error: pose of the tip that the arm's own kinematics believe in, seen from the true tip.
     """
 
     urdf: str
-    tip: str
+    package_dirs: tuple[str, ...] = ()
+    xacro_args: dict[str, str] = Field(default_factory=dict)
+    tip: str = ""
     base: Pose = Pose()
     drive: Matrix | None = None
-    friction: JointFriction = JointFriction()
+    friction: Friction = "urdf"
+    torque_limits: TorqueLimits = "urdf"
     posture: Vector | None = None
+    locked: dict[str, float] = Field(default_factory=dict)
+    mimic: Literal["refuse", "ignore"] = "refuse"
     calibration_error: Pose = Pose()
+
+    @field_validator("tip")
+    @classmethod
+    def _tip_or_only_leaf(cls, tip: str, earlier: ValidationInfo) -> str:
+        if tip or not {"urdf", "package_dirs", "xacro_args"} <= earlier.data.keys():
+            return tip
+        urdf = earlier.data["urdf"]
+        leaves = Robot(load_checked(_file(urdf, earlier.data["package_dirs"], earlier.data["xacro_args"]))).leaves
+        if len(leaves) != 1:
+            raise AmbiguousTipError(urdf, leaves)
+        return leaves[0]
 
     @field_validator("drive")
     @classmethod
@@ -71,12 +93,63 @@ class Arm(Description):
 
     @model_validator(mode="after")
     def _sizes_agree(self) -> Self:
-        sizes = {"drive": self.drive, "friction.viscous": self.friction.viscous, "friction.coulomb": self.friction.coulomb}
+        sizes: dict[str, object] = {"drive": self.drive, "posture": self.posture, "torque_limits": self.torque_limits}
+        if isinstance(self.friction, JointFriction):
+            sizes |= {"friction.viscous": self.friction.viscous, "friction.coulomb": self.friction.coulomb}
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
             raise FieldShapeError(f"entries per joint disagree: {counts}; all must equal the arm's number of joints")
         return self
 
+    @classmethod
+    def from_urdf(
+        cls,
+        path_or_name: str | Path,
+        tip: str | None = None,
+        base: Pose | ArrayLike = (0.0, 0.0, 0.0),
+        posture: ArrayLike | None = None,
+        locked: Mapping[str, float] | None = None,
+        **fields: Any,
+    ) -> Self:
+        """Return an arm out of a file or of example-robot-data.
+
+        Args:
+            path_or_name: path of a URDF or xacro file, or a name such as "panda".
+            tip: frame that is fixed to the payload; the only link at an end of the URDF when omitted.
+            base: X_WB, as a Pose, a matrix of shape (4, 4) or a position of shape (3,).
+            posture: joint angles near which the arm starts.
+            locked: joints that do not move, and their angles.
+            fields: any other field.
+
+        Raises:
+            UrdfNotFoundError: no such file or name.
+            UrdfError: the file has defects; AmbiguousTipError: it has several ends and no tip is given.
+            MissingExtraError: it is a xacro file and xacrodoc is not installed.
+            ScenarioError: another field has mistakes.
+        """
+        file = find_urdf(path_or_name)
+        urdf = str(file.path) if file.origin == "user" else str(path_or_name)
+        return cls(urdf=urdf, tip=tip or "", base=base, posture=posture, locked=dict(locked or {}), **fields)
+
+    @property
+    def file(self) -> UrdfFile:
+        """The URDF or xacro file.
+
+        Raises:
+            UrdfNotFoundError: there is none.
+        """
+        return _file(self.urdf, self.package_dirs, self.xacro_args)
+
     def drive_matrix(self, nv: int) -> Array:
-        """Return T, shape (nv, nv)."""
+        """Return T, shape (nv, nv).
+
+        Raises:
+            FieldShapeError: the drive matrix is of another size.
+        """
+        if self.drive is not None and len(self.drive) != nv:
+            raise FieldShapeError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
         return np.eye(nv) if self.drive is None else np.array(self.drive)
+
+
+def _file(urdf: str, package_dirs: tuple[str, ...], xacro_args: Mapping[str, str]) -> UrdfFile:
+    return find_urdf(urdf).given(package_dirs, xacro_args)

@@ -46,7 +46,7 @@ def _sized(size: int) -> Callable[[Any], Any]:
     return check
 
 
-def _number_or_row(value: Any) -> float | tuple[float, ...]:
+def number_or_row(value: Any) -> float | tuple[float, ...]:
     """Read a number or a row of numbers. One reader, because a union of types reports one mistake once for each type."""
     entries = _as_tuples(value)
     if not isinstance(entries, tuple):
@@ -60,7 +60,7 @@ def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[f
     """Read a number, a row of numbers, or rows of equal length."""
     entries = _as_tuples(value)
     if not (isinstance(entries, tuple) and any(isinstance(row, tuple) for row in entries)):
-        return _number_or_row(entries)
+        return number_or_row(entries)
     lengths = [len(row) if isinstance(row, tuple) else 0 for row in entries]
     if len(set(lengths)) > 1 or not lengths[0]:
         raise FieldShapeError(f"has rows of {lengths} entries; all rows must have the same number of entries, at least one")
@@ -82,7 +82,7 @@ Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_sized(3))]
 Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_sized(6))]
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_as_tuples)]
-NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(_number_or_row)]
+NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(number_or_row)]
 NumberVectorOrMatrix = Annotated[float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)]
 
 

@@ -1,4 +1,4 @@
-"""What the payload is asked to do: the desired motion and the desired internal wrench."""
+"""What the payload is asked to do: standing still, going straight, decaying exponentials; and the choice among all motions."""
 
 from __future__ import annotations
 
@@ -8,9 +8,25 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from coop_pin.description.base import Description, Positive, Vector3
+from coop_pin.description.motion_about_axis import CircleMotion, SwingMotion, TurnMotion
+from coop_pin.description.motion_given import CsvMotion, UserMotion, Waypoint, WaypointsMotion
 from coop_pin.description.pose import Pose
-from coop_pin.errors import FieldShapeError
-from coop_pin.reference import Exponentials, Hold, PoseReference
+from coop_pin.errors import AmbiguousTurnError, FieldShapeError, MotionError
+from coop_pin.reference import Exponentials, Hold, Line, PoseReference
+
+__all__ = [
+    "CircleMotion",
+    "CsvMotion",
+    "ExponentialMotion",
+    "HoldMotion",
+    "LineMotion",
+    "Motion",
+    "SwingMotion",
+    "TurnMotion",
+    "UserMotion",
+    "Waypoint",
+    "WaypointsMotion",
+]
 
 
 class HoldMotion(Description):
@@ -52,7 +68,40 @@ class ExponentialMotion(Description):
 
     def build(self) -> PoseReference:
         """Return the reference."""
-        return Exponentials(np.array(self.constant), np.array(self.amplitudes), np.array(self.time_constants), np.array(self.rpy))
+        amplitudes = np.reshape(np.array(self.amplitudes, dtype=float), (-1, 3))
+        return Exponentials(np.array(self.constant), amplitudes, np.array(self.time_constants), np.array(self.rpy))
 
 
-Motion = Annotated[HoldMotion | ExponentialMotion, Field(discriminator="kind")]
+class LineMotion(Description):
+    """From one pose to another along a straight line and the shorter turn, from rest to rest.
+
+    Attributes:
+        start: X_WP_d before.
+        goal: X_WP_d afterwards; its orientation is less than half a turn away.
+        duration: of the motion, s.
+        start_time: s.
+    """
+
+    kind: Literal["line"] = "line"
+    start: Pose
+    goal: Pose
+    duration: Positive
+    start_time: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_way_round(self) -> Self:
+        try:
+            self.build()
+        except AmbiguousTurnError as error:
+            raise MotionError(f"is ambiguous: {error}", "goal.rpy") from None
+        return self
+
+    def build(self) -> PoseReference:
+        """Return the reference."""
+        return Line(self.start.matrix, self.goal.matrix, self.duration, self.start_time)
+
+
+Motion = Annotated[
+    HoldMotion | ExponentialMotion | LineMotion | CircleMotion | TurnMotion | SwingMotion | WaypointsMotion | CsvMotion | UserMotion,
+    Field(discriminator="kind"),
+]

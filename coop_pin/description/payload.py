@@ -1,14 +1,19 @@
-"""The payload as a user says it: mass, inertia about its centre of mass, and a box to draw."""
+"""The payload as a user says it: mass, inertia about its centre of mass, and a shape to draw."""
 
 from __future__ import annotations
 
-from typing import Self
+from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.base import Description, Positive, Vector3, Vector6
+from coop_pin.description.mesh_body import mesh_body
+from coop_pin.description.pose import Pose
+from coop_pin.description.urdf import find_urdf, load_checked
+from coop_pin.description.urdf.link_body import link_body
 from coop_pin.errors import FieldError
 
 
@@ -18,12 +23,20 @@ class Payload(Description):
     Attributes:
         mass: kg.
         inertia: ixx, iyy, izz, ixy, ixz, iyz about P, kg m^2.
-        size: edges of the box that stands for it in pictures, m.
+        size: edges of the box around it, m; a cylinder has the axis z.
+        shape: what stands for it in pictures.
+        mesh_file: the mesh, where the shape is one.
+        mesh_scale: metres of one unit of that file.
+        shape_pose: pose X_PS of the shape in the payload frame.
     """
 
     mass: Positive
     inertia: Vector6
     size: Vector3 = (0.1, 0.1, 0.1)
+    shape: Literal["box", "cylinder", "mesh"] = "box"
+    mesh_file: str = ""
+    mesh_scale: Positive = 1.0
+    shape_pose: Pose = Pose()
 
     @field_validator("inertia")
     @classmethod
@@ -34,6 +47,13 @@ class Payload(Description):
                 f"has principal moments {np.round(moments, 12).tolist()}; they must be positive and none may exceed the sum of the others"
             )
         return inertia
+
+    @field_validator("mesh_file")
+    @classmethod
+    def _given_for_a_mesh(cls, mesh_file: str, earlier: ValidationInfo) -> str:
+        if earlier.data.get("shape") == "mesh" and not mesh_file:
+            raise FieldError("must be given where the shape is a mesh")
+        return mesh_file
 
     @property
     def inertia_matrix(self) -> Array:
@@ -57,6 +77,51 @@ class Payload(Description):
         """
         rod = mass * length**2 / 12.0
         return cls(mass=mass, inertia=(mass * thickness**2 / 6.0, rod, rod, 0.0, 0.0, 0.0), size=(length, thickness, thickness))
+
+    @classmethod
+    def cylinder(cls, mass: float, radius: float, length: float) -> Self:
+        """Return a homogeneous cylinder about the z axis of P.
+
+        Args:
+            mass: kg.
+            radius: m.
+            length: m.
+        """
+        across, along = mass * (3.0 * radius**2 + length**2) / 12.0, mass * radius**2 / 2.0
+        size = (2.0 * radius, 2.0 * radius, length)
+        return cls(mass=mass, inertia=(across, across, along, 0.0, 0.0, 0.0), size=size, shape="cylinder")
+
+    @classmethod
+    def mesh(cls, path: str | Path, mass: float | None = None, density: float | None = None, scale: float = 1.0) -> Self:
+        """Return a homogeneous body that fills a closed surface mesh; P sits at its centre of mass, with the axes of the file.
+
+        Args:
+            path: an STL, OBJ, PLY or other file that trimesh reads.
+            mass: kg; or
+            density: kg/m^3.
+            scale: metres of one unit of the file: 0.001 for one in millimetres.
+
+        Raises:
+            MeshError: the file cannot be read or its surface is open.
+            FieldError: not exactly one of mass and density is given.
+        """
+        file = Path(path).absolute()
+        body = mesh_body(file, mass, density, scale)
+        drawn = {"shape": "mesh", "mesh_file": str(file), "mesh_scale": scale, "shape_pose": Pose(xyz=-body.centre)}
+        return cls(mass=body.mass, inertia=body.inertia, size=body.size, **drawn)
+
+    @classmethod
+    def from_urdf(cls, path: str | Path) -> Self:
+        """Return the only link of a URDF; P sits at its centre of mass, with the axes of the link.
+
+        Its first visual is drawn where it is a box or a cylinder, otherwise a box of 0.1 m.
+
+        Raises:
+            UrdfNotFoundError: no such file.
+            UrdfError: the file has defects, physical ones included, or more than one link.
+        """
+        body = link_body(load_checked(find_urdf(path), strict=True), str(path))
+        return cls(mass=body.mass, inertia=body.inertia, size=body.size, shape=body.shape, shape_pose=Pose.from_matrix(body.X_PS))
 
     def with_mass(self, mass: float) -> Self:
         """Return the same shape with another mass: the inertia scales along."""

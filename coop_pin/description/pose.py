@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Any, Self
 
-from coop_pin.arrays import Array, as_array
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import model_validator
+
+from coop_pin.arrays import Array
 from coop_pin.description.base import Description, Vector3
+from coop_pin.errors import ArgumentError, FieldError
+from coop_pin.reference.checks import as_pose
 from coop_pin.spatial import make_pose, rpy_from_rotation
 
 
 class Pose(Description):
-    """Pose X_AB of a frame B in a frame A.
+    """Pose X_AB of a frame B in a frame A. Where a description holds a pose, a 4x4 matrix or a position of three will do.
 
     Attributes:
         xyz: position of B's origin in A, m.
@@ -20,13 +26,32 @@ class Pose(Description):
     xyz: Vector3 = (0.0, 0.0, 0.0)
     rpy: Vector3 = (0.0, 0.0, 0.0)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _from_array(cls, value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        if not isinstance(value, list | tuple):
+            return value
+        if len(value) == 3:
+            return {"xyz": value}
+        try:
+            X_AB = as_pose("the matrix", value)
+        except ArgumentError as error:
+            raise FieldError(f"is neither a table of xyz and rpy, nor a position, nor a 4x4 pose matrix: {error}") from None
+        return {"xyz": X_AB[:3, 3], "rpy": rpy_from_rotation(X_AB[:3, :3])}
+
     @property
     def matrix(self) -> Array:
         """X_AB, shape (4, 4)."""
         return make_pose(self.xyz, self.rpy)
 
     @classmethod
-    def from_matrix(cls, X_AB: Array) -> Self:
-        """Return the description of a 4x4 pose matrix."""
-        X = as_array("X_AB", X_AB, 4, 4)
+    def from_matrix(cls, X_AB: ArrayLike) -> Self:
+        """Return the description of a 4x4 pose matrix.
+
+        Raises:
+            ShapeError, NotFiniteError, NotAPoseError: it is none.
+        """
+        X = as_pose("X_AB", X_AB)
         return cls(xyz=X[:3, 3], rpy=rpy_from_rotation(X[:3, :3]))

@@ -13,16 +13,17 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Positive, Vector6
+from coop_pin.description.base import Description, Positive
 from coop_pin.description.catalogue import scenario_names, scenario_path
-from coop_pin.description.cell import Cell, check_arm_names
+from coop_pin.description.cell import Cell
 from coop_pin.description.clock import Clock, PlantOptions
 from coop_pin.description.controller import Controller
 from coop_pin.description.event import Event, WrenchPulse
 from coop_pin.description.motion import Motion
 from coop_pin.description.pose import Pose
 from coop_pin.description.scenario_checks import controller_problems
-from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, SqueezeError, one_or_all
+from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
+from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, one_or_all
 
 # tomli_w writes one number to a line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
@@ -40,7 +41,8 @@ class Scenario(Description):
         cell: arms, payload, grasps.
         controller: the law and its gains.
         motion: desired motion of the payload.
-        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m; zero when omitted.
+        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm, a ramp, or a function;
+            zero when omitted.
         start: payload pose at t = 0, at rest.
         events: what happens to the payload.
         clock: control rate and plant steps.
@@ -55,7 +57,7 @@ class Scenario(Description):
     cell: Cell
     controller: Controller
     motion: Motion
-    squeeze: dict[str, Vector6] = Field(default_factory=dict)
+    squeeze: Squeeze = SteadySqueeze()
     start: Pose
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
@@ -74,13 +76,9 @@ class Scenario(Description):
 
     @field_validator("squeeze")
     @classmethod
-    def _sums_to_zero(cls, squeeze: dict[str, tuple[float, ...]], earlier: ValidationInfo) -> dict[str, tuple[float, ...]]:
-        if not squeeze:
-            return squeeze
-        check_arm_names(squeeze, earlier.data["cell"].arms if "cell" in earlier.data else None, SqueezeError)
-        total = np.sum(list(squeeze.values()), axis=0)
-        if np.abs(total).max() > 1e-9:
-            raise SqueezeError(f"entries sum to {total.tolist()}; internal wrenches must sum to zero (eq. (8))")
+    def _names_the_arms(cls, squeeze: Squeeze, earlier: ValidationInfo) -> Squeeze:
+        if "cell" in earlier.data:
+            check_squeeze_arms(squeeze, earlier.data["cell"].arms)
         return squeeze
 
     @field_validator("events")
@@ -100,9 +98,8 @@ class Scenario(Description):
 
     @property
     def squeeze_wrenches(self) -> Array:
-        """f_d in payload axes in the order of the arms, shape (m, 6)."""
-        nothing = (0.0,) * 6
-        return np.array([self.squeeze.get(name, nothing) for name in self.cell.arms])
+        """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
+        return self.squeeze.build(list(self.cell.arms)).at(0.0)
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
@@ -126,7 +123,7 @@ class Scenario(Description):
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
-        _anchor_urdfs(data, path.parent)
+        _anchor_files(data, path.parent)
         return cls.from_dict(data, overrides)
 
     @classmethod
@@ -137,8 +134,17 @@ class Scenario(Description):
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """Read a scenario as written by to_toml."""
-        return cls(**tomllib.loads(text))
+        """Read a scenario as written by to_toml.
+
+        Raises:
+            ScenarioFileError: the text is not TOML.
+            ScenarioError: the scenario has mistakes.
+        """
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ScenarioFileError(f"the text is not TOML: {error}") from None
+        return cls(**data)
 
     def to_toml(self) -> str:
         """Return the scenario as resolved: every field with its value."""
@@ -150,12 +156,17 @@ class Scenario(Description):
         Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 
-def _anchor_urdfs(data: dict[str, Any], folder: Path) -> None:
-    """Make URDF paths that exist beside the scenario's file absolute."""
+def _anchor_files(data: dict[str, Any], folder: Path) -> None:
+    """Make paths of URDF and CSV files that exist beside the scenario's file absolute."""
     arms = data.get("cell", {}).get("arms", {}) if isinstance(data.get("cell"), dict) else {}
     for arm in arms.values() if isinstance(arms, dict) else ():
-        if isinstance(arm, dict) and isinstance(arm.get("urdf"), str) and (folder / arm["urdf"]).is_file():
-            arm["urdf"] = str((folder / arm["urdf"]).resolve())
+        _anchor(arm, "urdf", folder)
+    _anchor(data.get("motion"), "path", folder)
+
+
+def _anchor(table: Any, field: str, folder: Path) -> None:
+    if isinstance(table, dict) and isinstance(table.get(field), str) and (folder / table[field]).is_file():
+        table[field] = str((folder / table[field]).resolve())
 
 
 def _without_none(value: Any) -> Any:

@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
-from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, load_model, symmetric
+from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.joint_angles import JointAngles
+from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, symmetric
 from coop_pin.spatial import inverse_pose
 
 
@@ -24,7 +26,7 @@ class ArmModel:
         drive: drive matrix T with q_drive = T q, shape (nv, nv).
     """
 
-    def __init__(self, arm: Arm, X_PE: Array | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> None:
+    def __init__(self, arm: Arm, X_PE: ArrayLike | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> None:
         """Build the model.
 
         Args:
@@ -36,15 +38,24 @@ class ArmModel:
             UrdfNotFoundError, UrdfError: the URDF is missing or defective.
             FrameNotFoundError: the tip is not in the URDF.
         """
-        alone = load_model(arm.urdf)
+        alone = arm_alone(arm)
         tip = alone.frames[frame_id(alone, arm.tip)]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
         X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_array("X_PE", X_PE, 4, 4)))
-        self._tip = frame_id(self.model, f"arm/{tip.name}")
+        self._tip = add_frame(self.model, "tip", tip.parentJoint, tip.placement)
         self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
         self._data = self.model.createData()
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.drive = arm.drive_matrix(self.nv)
+        self._angles = JointAngles(self.model)
+
+    def configuration(self, angles: ArrayLike) -> Array:
+        """Return q at joint angles (one for each joint, continuous ones included), rad or m, shape (nq,)."""
+        return self._angles.configuration(self._v("angles", angles))
+
+    def joint_angles(self, q: ArrayLike) -> Array:
+        """Return the joint angles of a configuration, those of continuous joints between -pi and pi, shape (nv,)."""
+        return self._angles.of(self._q(q))
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Return M(q) by CRBA, kg m^2, shape (nv, nv), symmetric."""

@@ -11,7 +11,9 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
-from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id, load_model
+from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.joint_angles import JointAngles
+from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id
 from coop_pin.spatial import inverse_pose
 
 
@@ -24,6 +26,7 @@ class ArmPlace(NamedTuple):
         v: its entries of v.
         tip: index of its tip frame.
         drive: drive matrix T, shape (nv, nv).
+        angles: reads joint angles from its entries of q.
     """
 
     name: str
@@ -31,6 +34,7 @@ class ArmPlace(NamedTuple):
     v: slice
     tip: int
     drive: Array
+    angles: JointAngles
 
 
 class CellModel:
@@ -61,11 +65,11 @@ class CellModel:
         self.payload_inertia = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
         self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_joint_payload.act(self.payload_inertia)
 
-    def configuration(self, arm_angles: list[Array], X_WP: Array) -> Array:
-        """Return q of the tree from each arm's joint angles and the payload pose."""
+    def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
+        """Return q of the tree from each arm's entries of q and the payload pose."""
         q = pin.neutral(self.model)
-        for arm, angles in zip(self.arms, arm_angles, strict=True):
-            q[arm.q] = angles
+        for arm, configuration in zip(self.arms, arm_configurations, strict=True):
+            q[arm.q] = configuration
         if not self.closed_by_tree:
             q[self.model.idx_qs[self.payload_joint] :][:7] = pin.SE3ToXYZQUAT(pin.SE3(X_WP))
         return q
@@ -93,8 +97,11 @@ CELL_MODELS: dict[str, Callable[[Cell], CellModel]] = {"rooted": rooted_cell_mod
 def _arms_tree(cell: Cell) -> pin.Model:
     model = empty_model(cell.gravity)
     for name, arm in cell.arms.items():
-        alone = load_model(arm.urdf)
-        tip = alone.frames[frame_id(alone, arm.tip)]
+        alone = arm_alone(arm)
+        tip = alone.frames[frame_id(alone, arm.tip)].copy()
+        for frame in alone.frames:
+            if frame.name == "grasp":  # a link of the URDF
+                frame.name = "urdf/grasp"
         add_frame(alone, "grasp", tip.parentJoint, tip.placement)
         model = append_arm(model, alone, name, arm.base.matrix)
     return model
@@ -105,4 +112,5 @@ def _place(model: pin.Model, name: str, cell: Cell) -> ArmPlace:
     first, last = joints[0], joints[-1]
     q = slice(int(model.idx_qs[first]), int(model.idx_qs[last] + model.nqs[last]))
     v = slice(int(model.idx_vs[first]), int(model.idx_vs[last] + model.nvs[last]))
-    return ArmPlace(name, q, v, frame_id(model, f"{name}/grasp"), cell.arms[name].drive_matrix(v.stop - v.start))
+    drive = cell.arms[name].drive_matrix(v.stop - v.start)
+    return ArmPlace(name, q, v, frame_id(model, f"{name}/grasp"), drive, JointAngles(model, first, last))

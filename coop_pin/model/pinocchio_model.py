@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.errors import FrameNotFoundError, JointNotFoundError, UrdfError
-
-
-def load_model(urdf: str | Path) -> pin.Model:
-    """Return the Pinocchio model of a URDF file, checked before Pinocchio sees it.
-
-    Args:
-        urdf: a path, or the name of a bundled or example-robot-data arm.
-
-    Raises:
-        UrdfNotFoundError: there is no such file.
-        UrdfError: the file has structural defects.
-    """
-    return model_from_text(load_checked(find_urdf(str(urdf))), str(urdf))
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
     """Return the Pinocchio model of checked URDF text.
 
+    Where a link and a joint share a name, which URDF allows, the frame of that name is the link's.
+
     Raises:
         UrdfError: Pinocchio refuses it.
     """
     try:
-        return pin.buildModelFromXML(text)
+        model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
         raise UrdfError(f"Pinocchio refuses {name!r}: {error}") from None
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            frame.name = f"{frame.name} (joint)"
+    return model
 
 
 def frame_id(model: pin.Model, name: str) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
@@ -11,11 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, as_array
+from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
-from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.errors import GeometryWarning
+from coop_pin.model.arm_alone import WholeArm, whole_arm
 from coop_pin.model.cell_model import CELL_MODELS
-from coop_pin.model.pinocchio_model import joint_id, model_from_text
+from coop_pin.model.pinocchio_model import joint_id
 from coop_pin.model.shapes import Shape, shape_of
 
 
@@ -66,9 +67,12 @@ class CellVisuals:
         self.bodies: tuple[Body, ...] = ()
         self._joints: list[int] = []
         self._base_poses: dict[int, Array] = {}
-        of_urdf = {urdf: _visuals_by_joint(urdf) for urdf in dict.fromkeys(arm.urdf for arm in cell.arms.values())}
+        alike: dict[Hashable, dict[str, tuple[Visual, ...]]] = {}  # arms of one kind are read once: meshes take their time
         for name, arm in cell.arms.items():
-            for joint, visuals in of_urdf[arm.urdf].items():
+            kind = (arm.file, *arm.locked.items())
+            if kind not in alike:
+                alike[kind] = _visuals_by_joint(arm)
+            for joint, visuals in alike[kind].items():
                 moving = joint != "universe"
                 if not moving:
                     self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(arm.base.matrix))
@@ -95,33 +99,37 @@ class CellVisuals:
         return poses
 
 
-def _visuals_by_joint(urdf: str) -> dict[str, tuple[Visual, ...]]:
+def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
     """Return the shapes of an arm by the joint that moves them; "universe" for what stands still."""
-    file = find_urdf(urdf)
-    text = load_checked(file)
-    model = model_from_text(text, urdf)
+    whole = whole_arm(arm)
+    geometry = pin.GeometryModel()
+    for part in _geometries(whole, [str(folder) for folder in arm.file.package_dirs], arm.urdf):
+        geometry.addGeometryObject(part)
+    model = whole.model
+    if whole.locked:
+        model, geometry = pin.buildReducedModel(model, geometry, whole.locked, whole.configuration)
     visuals: dict[str, tuple[Visual, ...]] = {}
-    for geometry in _geometries(model, text, [str(folder) for folder in file.package_dirs], urdf):
-        shape = shape_of(geometry.geometry)
+    for part in geometry.geometryObjects:
+        shape = shape_of(part.geometry)
         if shape is None:
-            _warn(urdf, geometry.name, f"shapes of kind {type(geometry.geometry).__name__} are not drawn")
+            _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
             continue
-        red, green, blue, opacity = (float(part) for part in geometry.meshColor)
-        visual = Visual(geometry.name, shape, np.array(geometry.placement.homogeneous), (red, green, blue, opacity))
-        joint = str(model.names[geometry.parentJoint])
+        red, green, blue, opacity = (float(share) for share in part.meshColor)
+        visual = Visual(part.name, shape, np.array(part.placement.homogeneous), (red, green, blue, opacity))
+        joint = str(model.names[part.parentJoint])
         visuals[joint] = (*visuals.get(joint, ()), visual)
     return visuals
 
 
-def _geometries(model: pin.Model, text: str, folders: list[str], urdf: str) -> Iterator[Any]:
+def _geometries(whole: WholeArm, folders: list[str], urdf: str) -> Iterator[Any]:
     """Yield Pinocchio's visual geometry objects; where one cannot be read, those of the other links."""
     try:
-        yield from _build(model, text, folders)
+        yield from _build(whole.model, whole.text, folders)
     except (ValueError, RuntimeError):  # Pinocchio gives up on the whole file at the first bad mesh: go link by link
-        names = [link.get("name", "") for link in ElementTree.fromstring(text).iter("link") if link.find("visual") is not None]
+        names = [link.get("name", "") for link in ElementTree.fromstring(whole.text).iter("link") if link.find("visual") is not None]
         for name in names:
             try:
-                yield from _build(model, _only_visuals_of(name, text), folders)
+                yield from _build(whole.model, _only_visuals_of(name, whole.text), folders)
             except (ValueError, RuntimeError) as error:
                 _warn(urdf, f"link {name!r}", str(error))
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.limits import LimitTable
 from coop_pin.results.samples import RunSamples
 from coop_pin.spatial import internal_wrenches, rotate_vector6
 
@@ -15,8 +16,8 @@ AXES = ["x", "y", "z", "rx", "ry", "rz"]
 _POSITION = AXES[:3]
 
 
-def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
-    """Return the labelled arrays of a run, errors and internal wrenches included.
+def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.Dataset:
+    """Return the labelled arrays of a run, errors, internal wrenches and joint limits included.
 
     Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x, y, z, w).
     """
@@ -35,7 +36,11 @@ def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
         ("pose_error", "axis", _pose_errors(samples), "m, rad", "actual minus desired pose"),
         ("tip_position", "arm position", samples.tip_position, "m", "position of each tip"),
         ("drive_velocity", "arm joint", samples.drive_velocity, "rad/s", "drive rates"),
-        ("torque", "arm joint", samples.torque, "N m", "drive torques held from the tick on"),
+        ("joint_position", "arm joint", samples.joint_position, "rad or m", "joint angles; continuous joints count on over full turns"),
+        ("joint_velocity", "arm joint", samples.joint_velocity, "rad/s or m/s", "joint rates"),
+        ("torque", "arm joint", samples.torque, "N m", "drive torques applied from the tick on"),
+        ("commanded_torque", "arm joint", samples.commanded_torque, "N m", "drive torques before saturation"),
+        ("saturated", "arm joint", samples.saturated, "1", "whether the torque was cut at its limit"),
         ("interaction_wrench", "arm axis", samples.interaction_wrench, "N, N m", "on the arm by the payload, about P"),
         ("internal_wrench", "arm axis", internal, "N, N m", "f_i = F_i - c_i sum_j F_j"),
         ("desired_internal_wrench", "arm axis", desired_internal, "N, N m", "f_d_i turned by the payload"),
@@ -51,6 +56,15 @@ def dataset(scenario: Scenario, samples: RunSamples) -> xr.Dataset:
         ("work_payload_change", "", samples.work[:, 3], "J", "energy brought or taken by payload changes"),
     ):
         data[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
+    for name, values, unit in (
+        ("position_lower", limits.position_lower, "rad or m"),
+        ("position_upper", limits.position_upper, "rad or m"),
+        ("velocity_limit", limits.velocity_limit, "rad/s or m/s"),
+        ("torque_limit", limits.torque_limit, "N m"),
+    ):
+        data[name] = (("arm", "joint"), values, {"units": unit, "long_name": "NaN where there is none"})
+    names = [(*joints, *[""] * (len(data["joint"]) - len(joints))) for joints in limits.joints]
+    data["joint_name"] = (("arm", "joint"), np.array(names), {"long_name": "empty beyond an arm's joints"})
     determined = np.isfinite(samples.interaction_wrench).all(axis=(0, 1))
     data["wrench_is_determined"] = ("axis", determined, {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"})
     return data

@@ -10,10 +10,11 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ResultFileError
+from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
 from coop_pin.results import judgements
 from coop_pin.results.dataset import dataset
 from coop_pin.results.judgements import InternalForceError, Window
+from coop_pin.results.limits import LimitTable, LimitViolation, limit_violations
 from coop_pin.results.samples import RunSamples
 from coop_pin.results.storage import write_atomically
 
@@ -30,9 +31,9 @@ class RunResult:
         self.scenario, self.data = scenario, data
 
     @classmethod
-    def from_samples(cls, scenario: Scenario, samples: RunSamples) -> Self:
+    def from_samples(cls, scenario: Scenario, samples: RunSamples, limits: LimitTable) -> Self:
         """Label the samples of a run."""
-        return cls(scenario, dataset(scenario, samples))
+        return cls(scenario, dataset(scenario, samples, limits))
 
     # ------------------------------------------------------------ windows
 
@@ -98,6 +99,10 @@ class RunResult:
         """Return the largest drive torque over the whole run, N m."""
         return float(np.nanmax(np.abs(self.data["torque"].values)))
 
+    def limit_violations(self) -> tuple[LimitViolation, ...]:
+        """Return every joint or drive limit that was exceeded: by how much, and when first."""
+        return limit_violations(self.data)
+
     def metrics(self) -> dict[str, float | list[float]]:
         """Return all judgements in one flat table; the names carry the units."""
         force, (distance, angle) = self.internal_force(), self.closure_error_max()
@@ -127,7 +132,8 @@ class RunResult:
     def save(self, path: str | Path) -> None:
         """Write a netCDF file with the scenario inside; a good file at that path is never destroyed half-way."""
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
-        write_atomically(Path(path), lambda part: data.to_netcdf(part, engine="h5netcdf"))
+        content = data.to_netcdf(engine="h5netcdf")  # in memory first: HDF5 that meets a full disk takes the process down
+        write_atomically(Path(path), lambda part: part.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -146,4 +152,7 @@ class RunResult:
         text = data.attrs.pop("coop_pin_scenario", None)
         if text is None:
             raise ResultFileError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
-        return cls(Scenario.from_toml(text), data)
+        try:
+            return cls(Scenario.from_toml(text), data)
+        except (ScenarioError, ScenarioFileError) as error:
+            raise ResultFileError(f"{path} holds a scenario that this version of coop_pin cannot read: {error}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 
 
 class RunSamples(NamedTuple):
@@ -21,7 +21,11 @@ class RunSamples(NamedTuple):
         desired_squeeze: f_d in payload axes, shape (n, m, 6).
         tip_position: m, shape (n, m, 3).
         drive_velocity: rad/s, shape (n, m, k); NaN beyond an arm's joints.
-        torque: drive torques, N m, shape (n, m, k); NaN beyond an arm's joints.
+        torque: drive torques as applied, N m, shape (n, m, k); NaN beyond an arm's joints.
+        commanded_torque: drive torques before saturation, likewise.
+        saturated: whether a torque was cut at its limit, shape (n, m, k).
+        joint_position: joint angles, rad or m, shape (n, m, k); NaN beyond an arm's joints.
+        joint_velocity: joint rates, likewise.
         interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies do not
             determine, shape (n, m, 6).
         external_wrench: on the payload, about P in world axes, shape (n, 6).
@@ -42,9 +46,17 @@ class RunSamples(NamedTuple):
     tip_position: Array
     drive_velocity: Array
     torque: Array
+    commanded_torque: Array
+    saturated: Mask
+    joint_position: Array
+    joint_velocity: Array
     interaction_wrench: Array
     external_wrench: Array
     closure_error: Array
     jacobian_condition: Array
     energy: Array
     work: Array
+
+    def first(self, count: int) -> RunSamples:
+        """Return the first samples alone."""
+        return RunSamples(**{name: array[:count] for name, array in self._asdict().items()})

@@ -8,8 +8,8 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
-from coop_pin.errors import FieldShapeError
 from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.friction import friction
 
 
 class Drives:
@@ -22,21 +22,19 @@ class Drives:
         """Collect drive matrices and friction.
 
         Raises:
-            FieldShapeError: a friction or drive does not fit its arm.
+            FieldShapeError: a friction coefficient does not fit its arm.
         """
-        sizes = [arm.v.stop - arm.v.start for arm in arms]
+        sizes = [len(arm.drive) for arm in arms]
         self._slices = [slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i in range(len(sizes))]
-        self._map = np.zeros((sum(sizes), nv))
+        self._map, axes = np.zeros((sum(sizes), nv)), np.zeros((sum(sizes), nv))
         viscous, coulomb, speeds = (np.zeros(sum(sizes)) for _ in range(3))
         for arm, rows in zip(arms, self._slices, strict=True):
-            friction = cell.arms[arm.name].friction
-            self._map[rows, arm.v] = _fitting(arm.drive, rows, f"cell.arms.{arm.name}.drive", square=True)
-            viscous[rows] = _fitting(np.array(friction.viscous), rows, f"cell.arms.{arm.name}.friction.viscous")
-            coulomb[rows] = _fitting(np.array(friction.coulomb), rows, f"cell.arms.{arm.name}.friction.coulomb")
-            speeds[rows] = friction.coulomb_velocity
-        self._viscous = -self._map.T @ np.diag(viscous) @ self._map
-        self._to_scaled_speed = self._map / speeds[:, None]
-        self._coulomb = -self._map.T * coulomb
+            found = friction(cell.arms[arm.name], arm.name)
+            self._map[rows, arm.v], axes[rows, arm.v] = arm.drive, found.axes
+            viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
+        self._viscous = -axes.T @ np.diag(viscous) @ axes
+        self._to_scaled_speed = axes / speeds[:, None]
+        self._coulomb = -axes.T * coulomb
         self._has_coulomb = bool(coulomb.any())
 
     def velocities(self, v: Array) -> list[Array]:
@@ -49,13 +47,9 @@ class Drives:
         return self._map.T.dot(np.concatenate(drive_torques))
 
     def friction(self, v: Array) -> Array:
-        """Return -D^T (viscous w + coulomb tanh(w / coulomb_velocity)) with w = D v, N m, shape (nv,)."""
+        """Return -A^T (viscous w + coulomb tanh(w / coulomb_velocity)) with w = A v, N m, shape (nv,).
+
+        A is D for friction at the drives; for friction of the URDF it picks the joints' rates.
+        """
         viscous: Array = self._viscous.dot(v)
         return viscous + self._coulomb.dot(np.tanh(self._to_scaled_speed.dot(v))) if self._has_coulomb else viscous
-
-
-def _fitting(values: Array, rows: slice, path: str, square: bool = False) -> Array:
-    size = rows.stop - rows.start
-    if values.ndim and values.shape != ((size, size) if square else (size,)):
-        raise FieldShapeError(f"has shape {values.shape}; the arm has {size} joints", path)
-    return values

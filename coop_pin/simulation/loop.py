@@ -15,8 +15,10 @@ from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, DivergedError, RunInterruptedError
-from coop_pin.reference import ConstantSqueeze, PoseTarget
+from coop_pin.model.joint_limits import joint_limits
+from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult
+from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.sensing import ArmSensor, ForceSensor
@@ -47,10 +49,11 @@ def simulate(scenario: Scenario, controller: CellController, progress: Progress 
     """
     run = _Run(scenario, controller)
     try:
-        for tick in range(run.timeline.ticks + 1):
-            run.tick(tick)
-            if progress is not None:
-                progress(tick, run.timeline.ticks)
+        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is refused with its time, not warned of
+            for tick in range(run.timeline.ticks + 1):
+                run.tick(tick)
+                if progress is not None:
+                    progress(tick, run.timeline.ticks)
     except CoopPinError as error:
         error.result = run.recorder.result() if run.recorder.count else None
         raise
@@ -69,10 +72,13 @@ class _Run:
         self.chain = CellChain(scenario.cell, scenario.plant)
         self.payload: Payload = scenario.cell.payload
         self.plant = Plant(self.chain, scenario.plant, self.chain.configuration(scenario.start.matrix))
+        self.limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
+        self.actuation = Actuation(scenario.cell, self.limits)
+        self.saturated = self.actuation.idle
         self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
         self.force_sensor = ForceSensor(scenario.cell, scenario.controller.force_path)
-        self.motion, self.squeeze = scenario.motion.build(), ConstantSqueeze(scenario.squeeze_wrenches)
-        self.recorder = Recorder(scenario, self.plant, self.timeline)
+        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
+        self.recorder = Recorder(scenario, self.plant, self.timeline, self.limits)
         self.state: Any = None
 
     def tick(self, tick: int) -> None:
@@ -84,10 +90,13 @@ class _Run:
         self._happen(time)
         if self.state is None:
             self.state = self.controller.init(measurements, references)
-        torques, self.state = self.controller.step(measurements, references, self.state)
-        self._require_finite(time, torques)
-        self.plant.hold(torques)
-        self.recorder.record(tick, time, measurements, torques, target, squeeze)
+        answer, self.state = self.controller.step(measurements, references, self.state)
+        commanded = self.actuation.commands(answer)
+        self._require_finite(time, commanded)
+        applied = self.actuation.apply(commanded)
+        self.plant.hold(applied.torques)
+        self.saturated = applied.saturated
+        self.recorder.record(tick, time, measurements, commanded, applied, target, squeeze)
         if tick < self.timeline.ticks:
             self._move(tick)
 
@@ -101,7 +110,8 @@ class _Run:
         if self.force_sensor.is_needed and tick > 0:
             wrenches = self.force_sensor.measure(self.plant.interaction_wrenches())
         measurements = [
-            sensor.measure(time, self.plant.q, self.plant.v, wrench) for sensor, wrench in zip(self.sensors, wrenches, strict=True)
+            sensor.measure(time, self.plant.q, self.plant.v, wrench, saturated)
+            for sensor, wrench, saturated in zip(self.sensors, wrenches, self.saturated, strict=True)
         ]
         if not self.force_sensor.is_needed or tick > 0:
             return measurements

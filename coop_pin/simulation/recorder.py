@@ -10,8 +10,10 @@ from coop_pin.arrays import Array
 from coop_pin.chain.determined import determined_rows
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.scenario import Scenario
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
-from coop_pin.results import RunResult, RunSamples
+from coop_pin.results import LimitTable, RunResult, RunSamples
+from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
 
@@ -24,8 +26,8 @@ class Recorder:
         payload_energy: energy that payload changes have added so far, J.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
-        self._scenario, self._plant = scenario, plant
+    def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]) -> None:
+        self._scenario, self._plant, self._limits = scenario, plant, limits
         self.count = 0
         self.payload_energy = 0.0
         self._determined = determined_rows(plant.chain, plant.q)
@@ -45,6 +47,10 @@ class Recorder:
             tip_position=np.zeros((samples, m, 3)),
             drive_velocity=np.full((samples, m, joints), np.nan),
             torque=np.full((samples, m, joints), np.nan),
+            commanded_torque=np.full((samples, m, joints), np.nan),
+            saturated=np.zeros((samples, m, joints), dtype=bool),
+            joint_position=np.full((samples, m, joints), np.nan),
+            joint_velocity=np.full((samples, m, joints), np.nan),
             interaction_wrench=np.zeros((samples, m, 6)),
             external_wrench=np.zeros((samples, 6)),
             closure_error=np.zeros((samples, m, 2)),
@@ -58,7 +64,8 @@ class Recorder:
         tick: int,
         time: float,
         measurements: Sequence[ArmMeasurement],
-        torques: Sequence[Array],
+        commanded: Sequence[Array],
+        applied: Applied,
         target: PoseTarget,
         squeeze: Array,
     ) -> None:
@@ -69,19 +76,37 @@ class Recorder:
         seen = plant.observe()
         kept.payload_pose[tick], kept.payload_twist[tick] = seen.payload_pose, seen.payload_twist
         kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.gaps
-        kept.interaction_wrench[tick] = np.where(self._determined, seen.interaction_wrenches, np.nan)
+        kept.interaction_wrench[tick] = seen.interaction_wrenches
         kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = target.X_WP_d, target.V_WP_d, squeeze
         kept.external_wrench[tick] = plant.external
         kept.energy[tick] = plant.chain.chain.energy(plant.q, plant.v)
         kept.work[tick, :-1], kept.work[tick, -1] = plant.work, self.payload_energy
-        for index, (measurement, torque) in enumerate(zip(measurements, torques, strict=True)):
-            kept.torque[tick, index, : len(torque)] = torque
-            kept.drive_velocity[tick, index, : len(torque)] = measurement.v
+        for index, measurement in enumerate(measurements):
+            drives = len(measurement.v)
+            kept.torque[tick, index, :drives] = applied.torques[index]
+            kept.commanded_torque[tick, index, :drives] = commanded[index]
+            kept.saturated[tick, index, :drives] = applied.saturated[index]
+            kept.drive_velocity[tick, index, :drives] = measurement.v
             self._jacobians[index][tick] = measurement.payload_jacobian
         self.count = tick + 1
 
     def result(self) -> RunResult:
         """Return the result up to the last recorded tick."""
-        for index, jacobians in enumerate(self._jacobians):
-            self._samples.jacobian_condition[: self.count, index] = np.linalg.cond(jacobians[: self.count])
-        return RunResult.from_samples(self._scenario, RunSamples(*(array[: self.count] for array in self._samples)))
+        self._samples.interaction_wrench[..., ~self._determined] = np.nan
+        kept, cell = self._samples.first(self.count), self._scenario.cell
+        for index, (place, jacobians) in enumerate(zip(self._plant.chain.tree.arms, self._jacobians, strict=True)):
+            kept.jacobian_condition[:, index] = np.linalg.cond(jacobians[: self.count])
+            posture, joints = cell.arms[place.name].posture, len(place.drive)
+            start = np.zeros(joints) if posture is None else np.array(posture)
+            kept.joint_position[:, index, :joints] = place.angles.along(kept.configuration[:, place.q], start)
+            kept.joint_velocity[:, index, :joints] = kept.velocity[:, place.v]
+        return RunResult.from_samples(self._scenario, kept, self._limit_table(kept.torque.shape[2]))
+
+    def _limit_table(self, joints: int) -> LimitTable:
+        """Return the limits with one row for each arm, NaN where there is none."""
+        tables = np.full((4, len(self._limits), joints), np.nan)
+        for index, limits in enumerate(self._limits):
+            for table, values in zip(tables, limits, strict=True):
+                table[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
+        names = tuple(tuple(name.removeprefix(f"{arm.name}/") for name in arm.angles.names) for arm in self._plant.chain.tree.arms)
+        return LimitTable(names, *tables)

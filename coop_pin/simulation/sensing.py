@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.cell import Cell
 from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
@@ -19,22 +19,27 @@ class ArmSensor:
     def __init__(self, cell: Cell, place: ArmPlace) -> None:
         self._place = place
         self._kinematics = ArmKinematics(cell.arms[place.name], cell.grasps[place.name].matrix, cell.task_rows)
-        self._angles_turn_with_drive = place.q.stop - place.q.start == len(place.drive)
+        posture = cell.arms[place.name].posture
+        self._angles = np.zeros(len(place.drive)) if posture is None else np.array(posture)
 
-    def measure(self, time: float, q: Array, v: Array, internal_wrench: Array | None) -> ArmMeasurement:
-        """Return this arm's measurement from the state of the whole tree."""
-        angles, T = q[self._place.q], self._place.drive
-        view = self._kinematics.view(angles)
+    def measure(self, time: float, q: Array, v: Array, internal_wrench: Array | None, saturated: Mask) -> ArmMeasurement:
+        """Return this arm's measurement from the state of the whole tree.
+
+        Encoders lose no turn: the angle of a continuous joint starts within half a turn of the posture and never jumps.
+        """
+        own, T = q[self._place.q], self._place.drive
+        view = self._kinematics.view(own)
+        self._angles = own if self._place.angles.is_vector else self._place.angles.near(own, self._angles)
         v_drive = T.dot(v[self._place.v])
         return ArmMeasurement(
             time=time,
-            q=frozen(T.dot(angles) if self._angles_turn_with_drive else angles.copy()),
+            q=frozen(T.dot(self._angles)),
             v=frozen(v_drive),
             payload_pose=frozen(view.pose),
             payload_twist=frozen(view.jacobian.dot(v_drive)),
             payload_jacobian=frozen(view.jacobian),
             internal_wrench=internal_wrench,
-            saturated=frozen(np.zeros(len(v_drive), dtype=bool)),
+            saturated=saturated,
         )
 
 

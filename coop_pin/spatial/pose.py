@@ -19,8 +19,16 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
 
 
 def rpy_from_rotation(rotation: ArrayLike) -> Array:
-    """Return roll, pitch, yaw (rad) of a rotation matrix, shape (3, 3), in the URDF convention."""
-    return Rotation.from_matrix(as_array("rotation", rotation, 3, 3)).as_euler("xyz")
+    """Return roll, pitch, yaw (rad) of a rotation matrix, shape (3, 3), in the URDF convention.
+
+    Yaw first, then the rest from R' = Rz(-yaw) R = Ry(pitch) Rx(roll): as accurate at a pitch of +-pi/2, where grasps often are.
+    """
+    R = as_array("rotation", rotation, 3, 3)
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], cos * R[0, 0] + sin * R[1, 0])
+    roll = np.arctan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
+    return np.array((roll, pitch, yaw))
 
 
 def make_pose(translation: ArrayLike = (0.0, 0.0, 0.0), rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -39,9 +39,9 @@ class ForceSeries(NamedTuple):
 
 
 def force_series(data: xr.Dataset) -> tuple[ForceSeries, ...]:
-    """Return the forces to draw: at each arm's tip the internal part and the load part of the force on the arm, and the push on the payload.
+    """Return the forces to draw: the internal part and the load part of the force on each arm, at its tip, and the push on the payload.
 
-    Rows that are not determined (outside the task rows) are drawn as zero.
+    Rows that rigid bodies do not determine are drawn as zero.
     """
     interaction = np.nan_to_num(data["interaction_wrench"].values)[..., :3]
     internal = np.nan_to_num(data["internal_wrench"].values)[..., :3]
@@ -70,7 +70,7 @@ def arrow_items(series: ForceSeries) -> tuple[Item, ...]:
     """Return the two parts of an arrow along z: a shaft of unit length and a head."""
     paint = Paint(palette.rgb(series.colour), on_top=True)
     return (
-        Item(f"{series.path}/shaft/body", Cylinder(SHAFT_RADIUS_M, 1.0), paint, translation(0.0, 0.0, 0.5)),
+        Item(f"{series.path}/shaft/body", Cylinder(SHAFT_RADIUS_M, 1.0), paint, translation((0.0, 0.0, 0.5))),
         Item(f"{series.path}/head/body", Cone(HEAD_RADIUS_M, HEAD_LENGTH_M), paint, np.eye(4)),
     )
 

@@ -21,8 +21,8 @@ LINK_VERTICES = 1500
 
 _TRIAD_M = 0.05
 _TRAIL_SPACING_M = 0.004
-_GHOST_M = 0.004
-"""How much larger the ghost of the payload is: equal faces would flicker."""
+_GHOST_SCALE = 0.97
+"""The ghost is smaller than the payload, so that it hides inside while the payload is where it should be."""
 
 _GRID_M = 0.25
 _FLOOR_M = 3.0
@@ -44,7 +44,7 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND) 
     path = data["payload_position"].values
     forces, scale = force_series(data), newtons_per_metre(result.data)
     floor = floor_height(scenario.cell, arms.bodies)
-    camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), floor)
+    camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), data["tip_position"].values, floor)
     items = (
         *_floor_items(camera.target, floor),
         *(item for body in arms.bodies for item in _body_items(body)),
@@ -95,10 +95,13 @@ def _body_items(body: Body) -> tuple[Item, ...]:
 
 def _payload_items(cell: Cell) -> tuple[Item, ...]:
     x, y, z = cell.payload.size
-    grasps = (Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items())
+    ghost = Box((_GHOST_SCALE * x, _GHOST_SCALE * y, _GHOST_SCALE * z))
+    grasps = (
+        Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items()
+    )
     return (
         Item("payload/box", Box((x, y, z)), Paint(palette.rgb(palette.ACTUAL)), np.eye(4)),
-        Item("desired/box", Box((x + _GHOST_M, y + _GHOST_M, z + _GHOST_M)), Paint(palette.rgb(palette.DESIRED), opacity=0.3), np.eye(4)),
+        Item("desired/box", ghost, Paint(palette.rgb(palette.DESIRED), opacity=0.35), np.eye(4)),
         *grasps,
     )
 
@@ -118,10 +121,11 @@ def _trail_items(actual: Array, desired: Array) -> tuple[Item, ...]:
 
 
 def _floor_items(target: Array, height: float) -> tuple[Item, ...]:
-    centre = np.round(target[:2] / _GRID_M) * _GRID_M
+    x, y = np.round(target[:2] / _GRID_M) * _GRID_M
     points = grid_points(_FLOOR_M, _GRID_M)
     lines = Segments(points, np.tile(palette.rgb(palette.FLOOR_LINES), (len(points), 1)))
+    slab = Box((8 * _FLOOR_M, 8 * _FLOOR_M, 0.01))
     return (
-        Item("floor/plane", Box((8 * _FLOOR_M, 8 * _FLOOR_M, 0.01)), Paint(palette.rgb(palette.FLOOR)), translation(*centre, height - 0.006)),
-        Item("floor/grid", lines, Paint((1.0, 1.0, 1.0)), translation(*centre, height)),
+        Item("floor/slab", slab, Paint(palette.rgb(palette.FLOOR)), translation((x, y, height - 0.006))),
+        Item("floor/grid", lines, Paint((1.0, 1.0, 1.0)), translation((x, y, height))),
     )

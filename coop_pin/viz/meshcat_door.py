@@ -156,7 +156,7 @@ def _look(root: Any, camera: Camera) -> None:
 
     meshcat's camera looks at the world's origin wherever it stands, so the whole scene is moved until its target is there.
     """
-    root.set_transform(translation(*-camera.target))
+    root.set_transform(translation(-camera.target))
     x, y, z = (float(part) for part in camera.eye - camera.target)
     rotated = root["/Cameras/default/rotated"].path
     root.window.send(ObjectProperty(rotated, "fov", camera.field_of_view))

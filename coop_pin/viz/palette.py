@@ -9,6 +9,7 @@ LOAD = "#009e73"
 EXTERNAL = "#cc79a7"
 EVENT = "#8c8c8c"
 LIMIT = "#000000"
+CAPTION = "#5a6472"
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """For lines that only need to differ from each other."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.model.shapes import Shape
@@ -117,8 +118,8 @@ class Scene(NamedTuple):
     camera: Camera
 
 
-def translation(x: float, y: float, z: float) -> Array:
-    """Return the pose of a node that is only displaced, m, shape (4, 4)."""
+def translation(position: ArrayLike) -> Array:
+    """Return the pose of a node that is displaced (m, shape (3,)) and not turned, shape (4, 4)."""
     pose = np.eye(4)
-    pose[:3, 3] = x, y, z
+    pose[:3, 3] = position
     return pose

@@ -11,6 +11,7 @@ from coop_pin.description.urdf.files import UrdfFile
 from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
 from coop_pin.description.urdf.tree import read_tree
+from coop_pin.description.urdf.xacro import expanded
 from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
 
 
@@ -42,15 +43,31 @@ def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
 
     Raises:
         UrdfNotFoundError: the file is gone.
+        MissingExtraError: it is a xacro file and xacrodoc is not installed.
         UrdfError: the file has errors, all of which the message names, or cannot be read from the disk.
     """
-    data = _read(urdf.path)
-    report = UrdfReport(str(urdf.path), _findings(data))
+    data = expanded(urdf.path, dict(urdf.xacro_args), urdf.package_dirs) if urdf.is_xacro else _read(urdf.path)
+    _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
+    return data.decode("utf-8")
+
+
+def text_checked(text: str) -> str:
+    """Return URDF text itself, once it is sure that Pinocchio reads it as it is written.
+
+    Physical findings are warned of (UrdfWarning).
+
+    Raises:
+        UrdfError: it has errors, all of which the message names.
+    """
+    _require_usable(check_urdf(text), strict=False, warn=True)
+    return text
+
+
+def _require_usable(report: UrdfReport, strict: bool, warn: bool) -> None:
     if report.errors(strict):
         raise UrdfError("\n".join(("the URDF cannot be used:", *report.lines(strict))))
-    if report.warnings(strict) and urdf.origin == "user":
-        warnings.warn("\n".join(("the URDF describes bodies that cannot exist:", *report.lines())), UrdfWarning, stacklevel=2)
-    return data.decode("utf-8")
+    if report.warnings(strict) and warn:
+        warnings.warn("\n".join(("the URDF describes bodies that cannot exist:", *report.lines())), UrdfWarning, stacklevel=3)
 
 
 def _read(path: Path) -> bytes:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -22,12 +23,24 @@ class UrdfFile:
         package_dirs: folders in which the packages of its package:// meshes are looked for, in this order.
         srdf: its SRDF (postures), where one is known.
         origin: "user" (found as a path), "bundled" (comes with coop_pin) or "example" (example-robot-data).
+        xacro_args: name and value of the arguments that a xacro file is expanded with.
     """
 
     path: Path
     package_dirs: tuple[Path, ...]
     srdf: Path | None = None
     origin: Literal["user", "bundled", "example"] = "user"
+    xacro_args: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def is_xacro(self) -> bool:
+        """Whether the file must be expanded before it is a URDF."""
+        return self.path.suffix == ".xacro"
+
+    def given(self, package_dirs: Iterable[str], xacro_args: Mapping[str, str]) -> UrdfFile:
+        """Return the same file with folders to look in first, and with xacro arguments."""
+        folders = (*(Path(folder).absolute() for folder in package_dirs), *self.package_dirs)
+        return replace(self, package_dirs=folders, xacro_args=tuple(sorted(xacro_args.items())))
 
 
 def bundled_urdf_folder() -> Path:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from coop_pin.arrays import Array
 from coop_pin.results import RunResult
 from coop_pin.results.judgements import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, STYLE, grid_figure, label, mark_time, without_zeros
+from coop_pin.viz.figures.style import ACTUAL, finish, frame_decades, grid_figure, label, styled, without_zeros
 
 
 def error_figure(result: RunResult) -> Figure:
@@ -21,23 +23,32 @@ def error_figure(result: RunResult) -> Figure:
     """
     data, time = result.data, result.data["time"].values
     error = data["pose_error"].values
-    figure, axes = grid_figure(2, 2, f"{result.scenario.name}: errors")
+    figure, axes = grid_figure(2, 2, result, "errors")
     position, orientation, closure, energy = axes.flat
-    with mpl.rc_context(STYLE):
-        position.semilogy(time, without_zeros(np.linalg.norm(error[:, :3], axis=1)), **ACTUAL)
+    with styled():
+        _draw(position, time, np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
         _draw_band(position, POSITION_BAND_M, "5 mm")
         label(position, "position error", "m")
-        orientation.semilogy(time, without_zeros(np.linalg.norm(error[:, 3:], axis=1)), **ACTUAL)
+        _draw(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
         _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
         label(orientation, "orientation error", "rad")
-        for name, text, colour in (("closure_distance", "distance (m)", palette.SERIES[0]), ("closure_angle", "angle (rad)", palette.SERIES[1])):
+        for name, text, colour in (
+            ("closure_distance", "distance (m)", palette.SERIES[0]),
+            ("closure_angle", "angle (rad)", palette.SERIES[1]),
+        ):
             closure.semilogy(time, without_zeros(data[name].values.max(axis=1)), color=colour, label=text)
+        frame_decades(closure, np.stack((data["closure_distance"].values, data["closure_angle"].values)))
         label(closure, "closure drift, widest of all grasps", "m, rad")
-        closure.legend(loc="best", ncols=2)
-        energy.semilogy(time, without_zeros(np.abs(energy_balance(data))), **ACTUAL)
+        closure.legend(loc="upper right", ncols=2, framealpha=0.8, frameon=True, edgecolor="none")
+        _draw(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
-    mark_time(axes, result)
+    finish(figure, axes, result)
     return figure
+
+
+def _draw(panel: Axes, time: Array, values: Array, **style: Any) -> None:
+    panel.semilogy(time, without_zeros(values), **style)
+    frame_decades(panel, values)
 
 
 def _draw_band(panel: Axes, limit: float, text: str) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coop_pin.arrays import Array
 from coop_pin.viz import palette
-from coop_pin.viz.figures.style import STYLE, label
+from coop_pin.viz.figures.style import label, styled
 
 
 class SignGainRun(NamedTuple):
@@ -76,7 +75,7 @@ def internal_force_study_figure(study: InternalForceStudy) -> Figure:
     Args:
         study: the runs.
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(10.8, 3.2), layout="constrained")
         over_alpha, over_force_gain, over_time = figure.subplots(1, 3)
         _draw_sign_gains(over_alpha, study.sign_gains)
@@ -92,7 +91,7 @@ def _draw_sign_gains(panel: Axes, runs: tuple[SignGainRun, ...]) -> None:
         alpha, rms = [run.sign_gain for run in chosen], [run.force_rms_error for run in chosen]
         panel.semilogy(alpha, rms, color=colour, marker=marker, markersize=4.0, label=f"{rate:g} Hz")
     panel.set_xlabel("sign gain $\\alpha$")
-    label(panel, "rms internal-force error grows with $\\alpha$", "N")
+    label(panel, "internal-force error over the sign gain", "rms, axial and shear (N)")
     panel.legend(title="control rate", loc="lower right")
 
 
@@ -108,7 +107,7 @@ def _draw_force_gains(panel: Axes, runs: tuple[ForceGainRun, ...]) -> None:
     panel.set_xlim(0.0, 1.05)
     panel.set_ylim(bottom=0.0)
     panel.set_xlabel("$1 / (1 + K_f)$; numbers at the points: $K_f$")
-    label(panel, "and shrinks with the force gain", "N")
+    label(panel, "internal-force error over the force gain", "rms, axial and shear (N)")
     panel.legend(loc="upper left")
 
 
@@ -116,5 +115,5 @@ def _draw_biased(panel: Axes, study: InternalForceStudy) -> None:
     for run, colour in zip(study.biased, palette.SERIES, strict=False):
         panel.plot(run.time, run.internal_force, color=colour, label=f"$\\alpha$ = {run.sign_gain:g}")
     panel.set_xlabel("time (s)")
-    label(panel, f"internal force, one arm's kinematics off by {study.bias * 1e3:g} mm", "N")
+    label(panel, f"one arm's kinematics off by {study.bias * 1e3:g} mm", "axial internal force (N)")
     panel.legend(loc="best")

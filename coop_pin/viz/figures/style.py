@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from contextlib import AbstractContextManager
+from typing import Any, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
@@ -15,7 +16,7 @@ from coop_pin.description.event import PayloadChange, WrenchPulse
 from coop_pin.results import RunResult
 from coop_pin.viz import palette
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
     "axes.titlesize": 9.0,
@@ -36,33 +37,43 @@ STYLE: dict[str, Any] = {
 ACTUAL: dict[str, Any] = {"color": palette.ACTUAL}
 DESIRED: dict[str, Any] = {"color": palette.DESIRED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
 
-Grid = NDArray[np.object_]
+Grid: TypeAlias = NDArray[Any]
 """Axes in rows and columns."""
 
 
-def grid_figure(rows: int, columns: int, title: str, panel: tuple[float, float] = (3.6, 2.0)) -> tuple[Figure, Grid]:
+def styled() -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in our style; outside it nothing is changed."""
+    return mpl.rc_context(STYLE)
+
+
+def grid_figure(rows: int, columns: int, result: RunResult, title: str, panel: tuple[float, float] = (3.6, 2.0)) -> tuple[Figure, Grid]:
     """Return an empty figure and its axes, shape (rows, columns), which share the time axis.
 
     Args:
         rows: of panels.
         columns: of panels.
+        result: the run; its name stands in the title, its summary below the panels.
         title: above all panels.
         panel: width and height of a panel, inches.
     """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.4), layout="constrained")
+    scenario = result.scenario
+    with styled():
+        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6), layout="constrained")
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        figure.suptitle(title)
+        figure.suptitle(f"{scenario.name}: {title}")
+        if scenario.summary:
+            figure.supxlabel(scenario.summary, fontsize=7.5, color=palette.CAPTION)
     return figure, axes
 
 
-def mark_time(axes: Grid, result: RunResult) -> None:
-    """Mark the events in every panel, and label the time axis at the bottom."""
-    with mpl.rc_context(STYLE):
+def finish(figure: Figure, axes: Grid, result: RunResult) -> None:
+    """Mark the events in every panel, label the time axis at the bottom, and line up the rest."""
+    with styled():
+        figure.align_ylabels()
         for panel in axes.flat:
             for event in result.scenario.events:
                 _mark_event(panel, event)
-            panel.set_xlim(0.0, result.end)
+            panel.set_xlim(0.0, max(result.end, result.scenario.clock.period))
         for panel in axes[-1]:
             panel.set_xlabel("time (s)")
 
@@ -81,13 +92,23 @@ def without_zeros(values: Array) -> Array:
 def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
     """Limit a panel to the middle 98 % of its values, and say so where a short peak leaves the picture."""
     finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return
     low, high = (float(edge) for edge in np.percentile(finite, (1.0, 99.0)))
     margin = max(0.25 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
     if finite.min() >= low - margin and finite.max() <= high + margin:
         return
     panel.set_ylim(low - margin, high + margin)
     text = f"peaks cut off: {finite.min():.3g} to {finite.max():.3g} {unit}"
-    panel.text(0.99, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=7.0, color=palette.EVENT)
+    backing = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
+    panel.text(0.99, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=7.0, color=palette.CAPTION, bbox=backing)
+
+
+def frame_decades(panel: Axes, values: Array) -> None:
+    """Limit a logarithmic panel from below: where a value crosses zero its logarithm has nothing to say."""
+    positive = values[values > 0.0]
+    if positive.size:
+        panel.set_ylim(bottom=float(np.percentile(positive, 1.0)) / 3.0)
 
 
 def _mark_event(panel: Axes, event: PayloadChange | WrenchPulse) -> None:

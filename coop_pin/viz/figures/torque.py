@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin.results import RunResult
-from coop_pin.viz.figures.style import ACTUAL, STYLE, grid_figure, label, mark_time
+from coop_pin.viz.figures.style import ACTUAL, finish, grid_figure, label, styled
 
 
 def torque_figure(result: RunResult) -> Figure:
@@ -18,13 +17,13 @@ def torque_figure(result: RunResult) -> Figure:
     """
     data = result.data
     torque, arms = data["torque"].values, data["arm"].values
-    figure, axes = grid_figure(torque.shape[2], len(arms), f"{result.scenario.name}: drive torques", panel=(3.6, 1.5))
-    with mpl.rc_context(STYLE):
+    figure, axes = grid_figure(torque.shape[2], len(arms), result, "drive torques", panel=(3.6, 1.5))
+    with styled():
         for (joint, arm), panel in np.ndenumerate(axes):
             if np.isnan(torque[:, arm, joint]).all():  # an arm with fewer joints than the others
                 panel.set_visible(False)
                 continue
             panel.plot(data["time"].values, torque[:, arm, joint], drawstyle="steps-post", **ACTUAL)
             label(panel, f"arm {arms[arm]}, joint {data['joint'].values[joint]}", "N m")
-    mark_time(axes, result)
+    finish(figure, axes, result)
     return figure

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -12,7 +11,7 @@ from coop_pin.arrays import Array
 from coop_pin.results import RunResult
 from coop_pin.results.judgements import axial_directions
 from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, DESIRED, STYLE, frame_bulk, grid_figure, label, mark_time
+from coop_pin.viz.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, styled
 
 
 def tracking_figure(result: RunResult) -> Figure:
@@ -23,33 +22,33 @@ def tracking_figure(result: RunResult) -> Figure:
     Args:
         result: the run.
     """
-    title = f"{result.scenario.name}: payload and internal force"
+    title = "payload and internal force"
     if result.scenario.cell.rows == "planar":
-        figure, axes = grid_figure(2, 2, title)
+        figure, axes = grid_figure(2, 2, result, title)
         x, y, psi, axial = axes.flat
-        with mpl.rc_context(STYLE):
+        with styled():
             _draw_positions(result.data, (x, y))
             _draw_heading(result.data, psi)
             _draw_axial_force(result.data, axial)
     else:
-        figure, axes = grid_figure(2, 3, title)
+        figure, axes = grid_figure(2, 3, result, title)
         x, y, z, rotation, axial, across = axes.flat
-        with mpl.rc_context(STYLE):
+        with styled():
             _draw_positions(result.data, (x, y, z))
             _draw_rotation_error(result.data, rotation)
             _draw_axial_force(result.data, axial)
             _draw_force_across(result.data, across)
-    mark_time(axes, result)
-    axes[0, 0].legend(loc="best", fontsize=STYLE["legend.fontsize"], frameon=False)
+    finish(figure, axes, result)
     return figure
 
 
 def _draw_positions(data: xr.Dataset, panels: tuple[Axes, ...]) -> None:
-    time = data["time"].values
-    for panel, name, actual, desired in zip(panels, "xyz", data["payload_position"].values.T, data["desired_position"].values.T, strict=False):
-        panel.plot(time, actual, label="actual", **ACTUAL)
-        panel.plot(time, desired, label="desired", **DESIRED)
-        label(panel, f"payload {name}", "m")
+    time, actual, desired = data["time"].values, data["payload_position"].values, data["desired_position"].values
+    for axis, panel in enumerate(panels):
+        panel.plot(time, actual[:, axis], label="actual", **ACTUAL)
+        panel.plot(time, desired[:, axis], label="desired", **DESIRED)
+        label(panel, f"payload {'xyz'[axis]}", "m")
+    panels[0].legend(loc="best")
 
 
 def _draw_heading(data: xr.Dataset, panel: Axes) -> None:
@@ -77,7 +76,7 @@ def _draw_axial_force(data: xr.Dataset, panel: Axes) -> None:
     actual = np.sum(_force(data, "internal_wrench") * axis, axis=1)
     panel.plot(time, actual, **ACTUAL)
     panel.plot(time, np.sum(_force(data, "desired_internal_wrench") * axis, axis=1), **DESIRED)
-    label(panel, f"internal force on arm {data['arm'].values[0]}, along the line to the other tip", "N")
+    label(panel, f"internal force on arm {data['arm'].values[0]}, axial", "N")
     frame_bulk(panel, actual, "N")
 
 
@@ -87,9 +86,9 @@ def _draw_force_across(data: xr.Dataset, panel: Axes) -> None:
         force = _force(data, name)
         across = np.linalg.norm(force - np.sum(force * axis, axis=1, keepdims=True) * axis, axis=1)
         panel.plot(time, across, **style)
-    label(panel, "and across it", "N")
+    label(panel, f"internal force on arm {data['arm'].values[0]}, shear", "N")
 
 
 def _force(data: xr.Dataset, name: str) -> Array:
-    """Return a wrench's force on the first arm, N, shape (n, 3); zero where it is not determined (outside the task rows)."""
+    """Return a wrench's force on the first arm, N, shape (n, 3); zero where rigid bodies do not determine it."""
     return np.nan_to_num(data[name].values[:, 0, :3])

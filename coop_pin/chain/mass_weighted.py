@@ -1,0 +1,75 @@
+"""The closure Jacobian in the metric of the mass matrix, cut at its rank."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dtrtrs
+
+from coop_pin.arrays import Array
+from coop_pin.errors import MassMatrixError
+
+# Singular values below this part of the largest are redundant rows; 1e-9 would take rounding and drift for constraints.
+RANK_CUT = 1e-5
+
+
+class MassWeightedClosure(NamedTuple):
+    """The singular value decomposition of J L^-T, with M = L L^T, cut at its rank.
+
+    Attributes:
+        factor: L, shape (nv, nv).
+        left: U, shape (r, rank).
+        values: s, shape (rank,).
+        right: V, shape (nv, rank).
+        dropped: the largest singular value that was cut off; next to zero unless the mechanism is close to a singular pose.
+    """
+
+    factor: Array
+    left: Array
+    values: Array
+    right: Array
+    dropped: float
+
+    @property
+    def rank(self) -> int:
+        """The number of independent rows."""
+        return len(self.values)
+
+    def unweighted(self, y: Array) -> Array:
+        """Return L^-T y, shape (nv,)."""
+        x: Array = dtrtrs(self.factor, y, lower=1, trans=1)[0]
+        return x
+
+    def least_motion(self, target: Array, damping: float = 0.0) -> Array:
+        """Return the joint motion x of least M-norm with J x = target (its part in the range), shape (nv,).
+
+        Args:
+            target: shape (r,).
+            damping: mu of Levenberg and Marquardt, in parts of the largest s^2: s / (s^2 + mu s_1^2) instead of 1 / s.
+        """
+        return self.unweighted(self.right.dot(self.left.T.dot(target) / self._damped(damping)))
+
+    def _damped(self, damping: float) -> Array:
+        return self.values if damping == 0.0 else self.values + damping * self.values[:1] ** 2 / self.values
+
+    def multipliers(self, target: Array) -> Array:
+        """Return the least lambda with J M^-1 J^T lambda = target (its part in the range), shape (r,)."""
+        return self.left.dot(self.left.T.dot(target) / self.values**2)
+
+
+def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
+    """Decompose a closure Jacobian in the metric of the mass matrix.
+
+    Raises:
+        MassMatrixError: the mass matrix is not positive definite.
+    """
+    try:
+        factor = np.asarray(np.linalg.cholesky(mass_matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise MassMatrixError(float(np.linalg.eigvalsh(np.nan_to_num(mass_matrix)).min())) from None
+    weighted = dtrtrs(factor, jacobian.T, lower=1)[0].T if len(jacobian) else jacobian
+    left, values, right = np.linalg.svd(weighted, full_matrices=False)
+    rank = int(np.count_nonzero(values > RANK_CUT * values[0])) if values.size else 0
+    dropped = float(values[rank]) if rank < values.size else 0.0
+    return MassWeightedClosure(factor, left[:, :rank], values[:rank], right[:rank].T, dropped)

@@ -1,0 +1,80 @@
+"""One angle for each joint of an arm, where Pinocchio's q holds a cosine and a sine for a continuous joint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array
+
+_TURN = 2.0 * np.pi
+
+
+class JointAngles:
+    """The angles of an arm's joints, rad (m for a prismatic one), and the configuration entries that hold them.
+
+    Attributes:
+        names: of the joints.
+        entry: where each joint begins in the arm's entries of q, shape (k,).
+        is_vector: whether q is the angles themselves.
+        continuous: which angles belong to continuous joints, shape (k,).
+        revolute: which belong to revolute joints, shape (k,).
+    """
+
+    def __init__(self, model: pin.Model, first: int = 1, last: int | None = None) -> None:
+        """Read the joints of an arm.
+
+        Args:
+            model: the arm alone, or a tree that holds it.
+            first: index of its first joint.
+            last: index of its last joint; that of the model when omitted.
+        """
+        joints = range(first, model.njoints if last is None else last + 1)
+        self.names = tuple(str(model.names[joint]) for joint in joints)
+        self.entry = np.array([model.idx_qs[joint] - model.idx_qs[first] for joint in joints])
+        self.continuous = np.array([model.nqs[joint] == 2 for joint in joints])
+        kinds = [str(model.joints[joint].shortname()) for joint in joints]
+        self.revolute = np.array([kind.startswith("JointModelR") for kind in kinds]) & ~self.continuous
+        self.is_vector = not self.continuous.any()
+        self._nq = len(joints) + int(self.continuous.sum())
+
+    def of(self, q: Array) -> Array:
+        """Return the angles of configurations; those of continuous joints lie between -pi and pi.
+
+        Args:
+            q: the arm's entries, shape (..., nq).
+
+        Returns:
+            Shape (..., k).
+        """
+        angles: Array = q[..., self.entry]
+        if not self.is_vector:
+            cosines = self.entry[self.continuous]
+            angles[..., self.continuous] = np.arctan2(q[..., cosines + 1], q[..., cosines])
+        return angles
+
+    def near(self, q: Array, reference: Array) -> Array:
+        """Return the angles of a configuration, those of continuous joints within half a turn of a reference, shape (k,)."""
+        angles = self.of(q)
+        return np.where(self.continuous, reference + (angles - reference + np.pi) % _TURN - np.pi, angles)
+
+    def along(self, q: Array, reference: Array) -> Array:
+        """Return the angles of configurations one after the other, shape (n, k): no continuous joint ever jumps.
+
+        Args:
+            q: the arm's entries, shape (n, nq).
+            reference: half a turn around which the first sample lies, shape (k,).
+        """
+        angles = self.of(q)
+        if not self.is_vector:
+            turning = np.concatenate((reference[None], angles))[:, self.continuous]
+            angles[:, self.continuous] = np.unwrap(turning, axis=0)[1:]
+        return angles
+
+    def configuration(self, angles: Array) -> Array:
+        """Return the arm's entries of q at angles, shape (nq,)."""
+        q = np.zeros(self._nq)
+        q[self.entry] = angles
+        cosines = self.entry[self.continuous]
+        q[cosines], q[cosines + 1] = np.cos(angles[self.continuous]), np.sin(angles[self.continuous])
+        return q

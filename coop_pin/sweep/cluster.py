@@ -1,0 +1,65 @@
+"""A dask client: of a scheduler of our own with local workers, or of one that is there already."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+from coop_pin.errors import MissingExtraError, WorkersLostError
+from coop_pin.sweep.workers import LocalWorkers
+
+try:
+    import dask
+    import distributed
+except ImportError:
+    raise MissingExtraError("distributed", "sweep", "to run a sweep on several processes") from None
+
+from coop_pin.sweep.quiet import QuietScheduler
+
+# One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then beyond doubt.
+_SETTINGS = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}
+
+
+class Cluster(NamedTuple):
+    """Where runs are computed.
+
+    Attributes:
+        client: dask's.
+        error: says why no worker will ever answer again, or None.
+    """
+
+    client: Any
+    error: Callable[[], WorkersLostError | None]
+
+    def threads(self) -> int:
+        """Return how many runs the workers can do at once; at least one, since workers may still be on their way."""
+        return max(1, sum(self.client.nthreads().values()))
+
+
+@contextlib.contextmanager
+def local_cluster(workers: int) -> Iterator[Cluster]:
+    """Yield a scheduler with so many workers of one thread each. It listens on the loopback device only and serves no web page."""
+    options = {"host": "127.0.0.1", "port": 0, "protocol": "tcp://", "dashboard": False}
+    with dask.config.set(_SETTINGS):
+        spec = {"cls": QuietScheduler, "options": options}
+        scheduler = distributed.SpecCluster(scheduler=spec, workers={}, silence_logs=logging.CRITICAL)
+    with scheduler, LocalWorkers(scheduler.scheduler_address, workers) as local:
+        with distributed.Client(scheduler, set_as_default=False) as client:
+            yield Cluster(client, lambda: local.error)
+
+
+@contextlib.contextmanager
+def remote_cluster(address: str) -> Iterator[Cluster]:
+    """Yield a scheduler that is there already, with the workers it has and gets.
+
+    Raises:
+        WorkersLostError: there is no scheduler at that address.
+    """
+    try:
+        client = distributed.Client(address, set_as_default=False, timeout="10s")
+    except (OSError, TimeoutError) as error:
+        raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
+    with client:
+        yield Cluster(client, lambda: None)

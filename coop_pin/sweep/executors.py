@@ -1,0 +1,134 @@
+"""Jobs in, outcomes out, in whatever order they finish; memory does not grow with the number of jobs."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from distributed import CancelledError, KilledWorker
+
+from coop_pin.errors import RunTimeoutError, WorkerDiedError, WorkersLostError
+from coop_pin.sweep.cluster import Cluster
+from coop_pin.sweep.job import Job, Outcome, run_jobs_on_worker
+from coop_pin.sweep.record import Failure, Record
+
+_TASK_S = 0.25
+_LARGEST_BATCH = 64
+_DEATHS = 3
+_POLL_S = 0.5
+_PATIENCE_S = 30.0
+"""What a task should take, s; jobs in a task; deaths after which a job is given up; how often the cluster is looked at, s."""
+
+
+class _Task(NamedTuple):
+    """Jobs under way together.
+
+    Attributes:
+        jobs: the jobs.
+        deaths: workers that died with the one job there is; several jobs are first taken apart.
+        submitted: when, s.
+    """
+
+    jobs: list[Job]
+    deaths: int
+    submitted: float
+
+
+class ClusterExecutor:
+    """Runs jobs on a dask cluster.
+
+    Short runs travel in batches of about a quarter of a second. A batch whose worker dies is taken apart, and its jobs are tried one
+    by one; a job that ends three workers, or hangs until the guard ends its worker a second time, is recorded as failed.
+    """
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._under_way: dict[Any, _Task] = {}
+        self._suspects: deque[tuple[Job, int]] = deque()
+        self._mean_s = _TASK_S
+        self._threads, self._looked = 1, 0.0
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        """Yield the outcome of every job as it finishes.
+
+        Raises:
+            WorkersLostError: the scheduler is gone, or local workers cannot be started.
+        """
+        while True:
+            self._fill(jobs)
+            if not self._under_way:
+                return
+            yield from self._next()
+
+    # ------------------------------------------------------------ out
+
+    def _fill(self, jobs: Iterator[Job]) -> None:
+        """Keep every thread and a queue of the same length busy. Suspects go first, and wait for a free thread, not in the queue."""
+        self._look()
+        while self._suspects and len(self._under_way) < self._threads:
+            job, deaths = self._suspects.popleft()
+            self._submit([job], deaths)
+        while not self._suspects and len(self._under_way) < 2 * self._threads:
+            batch = [job for job, _ in zip(jobs, range(self._batch_size()), strict=False)]
+            if not batch:
+                return
+            self._submit(batch, 0)
+
+    def _batch_size(self) -> int:
+        return max(1, min(_LARGEST_BATCH, round(_TASK_S / self._mean_s)))
+
+    def _submit(self, jobs: list[Job], deaths: int) -> None:
+        future = self._cluster.client.submit(run_jobs_on_worker, jobs, pure=False)
+        self._under_way[future] = _Task(jobs, deaths, time.monotonic())
+        future.add_done_callback(self._done.put)
+
+    def _look(self) -> None:
+        """Count threads now and then: workers come and go."""
+        if time.monotonic() - self._looked > _POLL_S:
+            self._threads, self._looked = self._cluster.threads(), time.monotonic()
+
+    # ------------------------------------------------------------ in
+
+    def _next(self) -> Iterator[Outcome]:
+        """Wait for a task and yield what it brought."""
+        future = self._wait()
+        task = self._under_way.pop(future)
+        try:
+            outcomes = future.result()
+        except KilledWorker:
+            yield from self._worker_died(task)
+            return
+        except CancelledError:
+            raise WorkersLostError("the scheduler is gone; start the same command again: finished runs are kept") from None
+        for outcome in outcomes:
+            self._mean_s += 0.2 * (outcome.record.times["wall_s"] - self._mean_s)
+            yield outcome
+
+    def _wait(self) -> Any:
+        lost_since: float | None = None
+        while True:
+            try:
+                return self._done.get(timeout=_POLL_S)
+            except queue.Empty:
+                error = self._cluster.error()
+            if error is not None:
+                raise error
+            connected = self._cluster.client.status == "running"
+            lost_since = None if connected else lost_since or time.monotonic()
+            if lost_since is not None and time.monotonic() - lost_since > _PATIENCE_S:
+                raise WorkersLostError("the scheduler does not answer; start the same command again: finished runs are kept")
+
+    def _worker_died(self, task: _Task) -> Iterator[Outcome]:
+        """Try the jobs of a dead worker alone, or give the only one up."""
+        deaths = task.deaths + 1
+        hung = deaths > 1 and time.monotonic() - task.submitted >= task.jobs[0].hard_limit_s
+        if len(task.jobs) == 1 and (hung or deaths >= _DEATHS):
+            job = task.jobs[0]
+            failure = Failure.of(RunTimeoutError(job.time_limit_s) if hung else WorkerDiedError(deaths))
+            yield Outcome(Record(job.key, job.scenario, {}, failure, {"wall_s": 0.0, "cpu_s": 0.0}))
+            return
+        self._suspects += [(job, deaths if len(task.jobs) == 1 else 1) for job in task.jobs]

@@ -1,0 +1,220 @@
+"""A finished sweep, or as far as it came: a table with named axes, and the questions one asks it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+
+from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
+from coop_pin.results import RunResult
+from coop_pin.runs import run
+from coop_pin.sweep import answers
+from coop_pin.sweep.answers import SobolIndices
+from coop_pin.sweep.plan import SweepPlan
+from coop_pin.sweep.store import SweepStore
+from coop_pin.sweep.table import MISSING, OK, dataset, key_of, rows, write_csv, write_times
+
+_NOT_METRICS = ("status", "failure", "failed_at_s")
+
+
+class PointResult(NamedTuple):
+    """One run of a sweep.
+
+    Attributes:
+        index: its place in the plan; ``open`` takes it.
+        parameters: what was varied.
+        metrics: its judgements.
+    """
+
+    index: int
+    parameters: dict[str, Any]
+    metrics: dict[str, float]
+
+
+class PointFailure(NamedTuple):
+    """One run of a sweep that failed.
+
+    Attributes:
+        index: its place in the plan.
+        parameters: what was varied.
+        kind: name of the error.
+        message: what it said.
+    """
+
+    index: int
+    parameters: dict[str, Any]
+    kind: str
+    message: str
+
+
+class SweepResult:
+    """The runs of a sweep.
+
+    Attributes:
+        plan: what was run.
+        store: the folder.
+    """
+
+    def __init__(self, plan: SweepPlan, store: SweepStore) -> None:
+        self.plan, self.store = plan, store
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Self:
+        """Read the folder of a sweep, finished or not; another process may be writing it.
+
+        Raises:
+            SweepStoreError: the folder is not that of a sweep.
+        """
+        store = SweepStore(folder)
+        return cls(store.read_plan(), store)
+
+    # ------------------------------------------------------------ tables
+
+    @functools.cached_property
+    def data(self) -> xr.Dataset:
+        """All runs: the plan's dimensions, a variable for each metric, and ``status``, ``failure``, ``failed_at_s``."""
+        return dataset(self.plan, self.store)
+
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of the metrics that the runs have."""
+        return [str(name) for name in self.data.data_vars if name not in _NOT_METRICS]
+
+    @property
+    def failures(self) -> list[PointFailure]:
+        """The runs that failed, and why."""
+        return list(self._failures())
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of runs by status: "ok", "failed", "missing"."""
+        names, counts = np.unique(self.data["status"].values, return_counts=True)
+        return {"ok": 0, "failed": 0, "missing": 0} | {str(name): int(count) for name, count in zip(names, counts, strict=True)}
+
+    def write_tables(self) -> None:
+        """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
+
+        Raises:
+            StoreWriteError: the disk is full.
+        """
+        names = self.metric_names
+        self.store.write_with("table.csv", lambda part: write_csv(part, self.plan, self.store, names))
+        self.store.write_with("table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
+        self.store.write_with("times.csv", lambda part: write_times(part, self.plan, self.store))
+
+    # ------------------------------------------------------------ questions
+
+    def values(self, metric: str) -> xr.DataArray:
+        """Return one metric of all runs.
+
+        Raises:
+            EntryNotFoundError: no run has it.
+        """
+        if metric not in self.metric_names:
+            raise EntryNotFoundError("metric", metric, self.metric_names, "the sweep")
+        return self.data[metric]
+
+    def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
+        """Return the n runs with the smallest values of a metric, or the largest; runs whose value is not finite are left out."""
+        values = self.values(metric).values.ravel()
+        order = np.argsort(-values if largest else values, kind="stable")
+        return [self.point(int(index)) for index in order if np.isfinite(values[index])][:n]
+
+    def marginal(self, field: str, metric: str, average: Callable[..., Any] = np.nanmean) -> xr.DataArray:
+        """Return a metric along one field, averaged over all that varies besides; failed runs are left out.
+
+        Args:
+            field: a dimension, or a field that moves along one.
+            metric: name.
+            average: how to average, for example np.nanmedian.
+        """
+        values = self.values(metric).where(np.isfinite(self.values(metric)))
+        self._require_coordinate(field)
+        return values.groupby(field).reduce(average, ...) if field not in values.dims else values.reduce(
+            average, [dim for dim in values.dims if dim != field]
+        )
+
+    def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
+        """Return the runs that no other run beats in one metric without losing in the other; smaller is better."""
+        a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
+        return [self.point(int(index)) for index in answers.not_dominated(a, b)]
+
+    def stability_boundary(self, field: str, stable: xr.DataArray | None = None) -> xr.Dataset:
+        """Return, along all other dimensions, the last stable and the first unstable value of a field.
+
+        Args:
+            field: a dimension with numbers.
+            stable: which runs are stable; those that finished when omitted. For example
+                ``result.values("position_rms_m") < 0.01``.
+
+        Raises:
+            UnfinishedSweepError: runs are missing.
+        """
+        missing = self.counts()[MISSING]
+        if missing:
+            raise UnfinishedSweepError("a stability boundary", missing, len(self.plan))
+        if field not in self.data.dims:
+            raise EntryNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
+        return answers.boundary(self.data["status"] == OK if stable is None else stable, field)
+
+    def sobol_indices(self, metric: str, confidence: float = 0.95, resamples: int = 999) -> SobolIndices:
+        """Return how much of a metric's variance each sampled field explains.
+
+        Raises:
+            FieldError: the plan's only dimension is not a sample with method "saltelli".
+            UnfinishedSweepError: runs failed, are missing, or have no finite value.
+        """
+        sample = self.plan.sample
+        if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
+            raise FieldError("must be the only dimension and have method = 'saltelli' for Sobol' indices", "sample")
+        values = self.values(metric).values
+        unfinished = int(np.count_nonzero(~np.isfinite(values)))
+        if unfinished:
+            raise UnfinishedSweepError(f"the Sobol' indices of {metric}", unfinished, len(self.plan))
+        return answers.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
+
+    # ------------------------------------------------------------ single runs
+
+    def point(self, index: int) -> PointResult:
+        """Return the parameters and metrics of one run."""
+        point = self.plan[index]
+        metrics = {name: float(self.data[name].values.ravel()[point.index]) for name in self.metric_names}
+        return PointResult(point.index, point.parameters, metrics)
+
+    def open(self, index: int) -> RunResult:
+        """Return one run as a full result: the kept one, or else computed again.
+
+        Raises:
+            CoopPinError: the run failed; it fails again.
+        """
+        try:
+            record = self.store.read(key_of(self.plan, index))
+        except SweepStoreError:
+            record = None
+        kept = self.store.read_result(record) if record is not None else None
+        return kept if kept is not None else run(self.plan.scenario(index))
+
+    def summary(self) -> str:
+        """Return what was run and how it ended, for people."""
+        counts = self.counts()
+        lines = [str(self.plan), ", ".join(f"{count} {status}" for status, count in counts.items())]
+        kinds, numbers = np.unique(self.data["failure"].values, return_counts=True)
+        lines += [f"  {number} {kind}" for kind, number in zip(kinds, numbers, strict=True) if kind]
+        for name in self.metric_names:
+            values = self.data[name].values[np.isfinite(self.data[name].values)]
+            if values.size:
+                lines.append(f"  {name:<30} {values.min():>11.4g} .. {values.max():<11.4g} median {np.median(values):.4g}")
+        return "\n".join(lines)
+
+    def _failures(self) -> Iterator[PointFailure]:
+        for row in rows(self.plan, self.store):
+            if row.record is not None and row.record.failure is not None:
+                yield PointFailure(row.point.index, row.point.parameters, row.record.failure.kind, row.record.failure.message)
+
+    def _require_coordinate(self, field: str) -> None:
+        if field not in self.data.coords:
+            raise EntryNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")

@@ -1,0 +1,121 @@
+"""Points spread over ranges of several fields at once."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+from scipy.stats import qmc
+
+from coop_pin.arrays import Array
+from coop_pin.description.base import Description
+from coop_pin.errors import FieldError
+
+_BLOCK = 1024
+
+
+class Span(Description):
+    """The range of one field.
+
+    Attributes:
+        low: where it starts.
+        high: where it ends.
+        scale: "linear", or "log" for a range that is sampled evenly in its logarithm.
+    """
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+    @field_validator("high")
+    @classmethod
+    def _above(cls, high: float, earlier: ValidationInfo) -> float:
+        if not high > earlier.data.get("low", -math.inf):
+            raise FieldError(f"is {high:g}; it must be above low = {earlier.data['low']:g}")
+        return high
+
+    @field_validator("scale")
+    @classmethod
+    def _positive(cls, scale: str, earlier: ValidationInfo) -> str:
+        if scale == "log" and earlier.data.get("low", 1.0) <= 0.0:
+            raise FieldError(f"is 'log', but low is {earlier.data['low']:g}; a logarithmic scale needs positive ends")
+        return scale
+
+    def at(self, fraction: float) -> float:
+        """Return the value at a fraction of the range."""
+        if self.scale == "log":
+            return float(self.low * (self.high / self.low) ** fraction)
+        return float(self.low + fraction * (self.high - self.low))
+
+
+class Sample(Description):
+    """Points spread over the ranges of several fields.
+
+    Sobol' points are computed in blocks of 1024 and a Latin hypercube as a whole (8 bytes for each point and field) when its first
+    point is asked for; neither is stored in the plan.
+
+    Attributes:
+        fields: the range of each field.
+        count: number of points; a power of two for "sobol" and "saltelli".
+        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": the count (2 + number of fields) points that Sobol'
+            indices are computed from.
+        seed: of the sampling.
+    """
+
+    fields: dict[str, Span] = Field(min_length=1)
+    count: int = Field(ge=1)
+    method: Literal["sobol", "latin-hypercube", "random", "saltelli"] = "sobol"
+    seed: int = Field(default=0, ge=0)
+
+    @field_validator("method")
+    @classmethod
+    def _balanced(cls, method: str, earlier: ValidationInfo) -> str:
+        count = earlier.data.get("count", 1)
+        if method in ("sobol", "saltelli") and count & (count - 1):
+            raise FieldError(f"is {method!r}, whose count must be a power of two; {count} is not (next: {1 << count.bit_length()})")
+        return method
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return self.count * (2 + len(self.fields)) if self.method == "saltelli" else self.count
+
+    def point(self, index: int) -> dict[str, float]:
+        """Return the value of each field at one point."""
+        return {name: span.at(float(u)) for (name, span), u in zip(self.fields.items(), self.fractions(index), strict=True)}
+
+    def fractions(self, index: int) -> Array:
+        """Return one point of the unit cube, shape (number of fields,)."""
+        d = len(self.fields)
+        if self.method in ("sobol", "saltelli"):
+            row, width = index % self.count, 2 * d if self.method == "saltelli" else d
+            u = _sobol_block(width, self.seed, row // _BLOCK)[row % _BLOCK]
+            return _saltelli(u, index // self.count, d) if self.method == "saltelli" else u
+        return _matrix(self.method, d, self.count, self.seed)[index]
+
+
+def _saltelli(u: Array, block: int, d: int) -> Array:
+    """Return a row of A (block 0), of B (block 1), or of A with column block - 2 from B."""
+    a, b = u[:d], u[d:]
+    if block < 2:
+        return (a, b)[block]
+    mixed = a.copy()
+    mixed[block - 2] = b[block - 2]
+    return mixed
+
+
+@functools.lru_cache(maxsize=8)
+def _sobol_block(d: int, seed: int, block: int) -> Array:
+    """Return points 1024 b to 1024 (b + 1) of a scrambled Sobol' sequence, shape (1024, d)."""
+    sequence = qmc.Sobol(d, scramble=True, rng=np.random.default_rng(seed))
+    if block:
+        sequence.fast_forward(block * _BLOCK)
+    return np.asarray(sequence.random(_BLOCK))
+
+
+@functools.lru_cache(maxsize=2)
+def _matrix(method: str, d: int, count: int, seed: int) -> Array:
+    random = np.random.default_rng(seed)
+    return np.asarray(qmc.LatinHypercube(d, rng=random).random(count)) if method == "latin-hypercube" else random.random((count, d))

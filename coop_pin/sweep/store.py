@@ -1,0 +1,182 @@
+"""The folder of a sweep: one whole file for each run, found by its key."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from coop_pin.errors import ScenarioError, StoreWriteError, SweepStoreError
+from coop_pin.results import RunResult
+from coop_pin.results.storage import write_atomically
+from coop_pin.sweep.envelope import seal, unseal
+from coop_pin.sweep.lock import FolderLock
+from coop_pin.sweep.plan import SweepPlan
+from coop_pin.sweep.record import Record
+
+_RECORD = re.compile(r"[0-9a-f]{64}\.json")
+_RESULT = re.compile(r"[0-9a-f]{64}\.nc")
+_PART = re.compile(r"\.[0-9a-f]{64}\.[0-9a-f]{32}\.(json|nc)")
+
+
+class SweepStore:
+    """A folder that holds the runs of a sweep.
+
+    ``runs/ab/ab....json`` is the record of the run with that key, ``results/ab/ab....nc`` its full result if it was asked for,
+    ``set-aside/`` what was found damaged or foreign, ``plan.json`` the last plan.
+
+    Attributes:
+        folder: the folder.
+        lock: who writes holds it; who reads does not need it.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.lock = FolderLock(self.folder)
+
+    # ------------------------------------------------------------ runs
+
+    def record_path(self, key: str) -> Path:
+        """Return the file of a record."""
+        return self.folder / "runs" / key[:2] / f"{key}.json"
+
+    def result_path(self, key: str) -> Path:
+        """Return the file of a full result."""
+        return self.folder / "results" / key[:2] / f"{key}.nc"
+
+    def read(self, key: str) -> Record | None:
+        """Return the record of a run, or None if there is none.
+
+        Raises:
+            SweepStoreError: the file is damaged or foreign.
+        """
+        try:
+            data = self.record_path(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        record = Record.from_bytes(data)
+        if record.key != key:
+            raise SweepStoreError(f"{self.record_path(key)} holds the record of another run")
+        return record
+
+    def read_or_set_aside(self, key: str, *, with_result: bool = False) -> Record | None:
+        """Return the record of a run whose files are whole; others are moved aside, so that the run is computed again.
+
+        Args:
+            key: of the run.
+            with_result: whether the full result is needed as well.
+        """
+        try:
+            record = self.read(key)
+        except (SweepStoreError, OSError):
+            self._set_aside(self.record_path(key))
+            return None
+        if record is None or not with_result or record.failure is not None:
+            return record
+        if self._result_is_whole(record):
+            return record
+        self._set_aside(self.result_path(key))
+        return None
+
+    def write(self, record: Record, result: bytes | None = None) -> None:
+        """Write a record, and first the full result that belongs to it.
+
+        Raises:
+            StoreWriteError: the disk is full, or the folder cannot be written.
+        """
+        if result is not None:
+            record = record._replace(result_digest=hashlib.sha256(result).hexdigest())
+            self._write(self.result_path(record.key), result)
+        self._write(self.record_path(record.key), record.to_bytes())
+
+    def read_result(self, record: Record) -> RunResult | None:
+        """Return the full result of a run if it is kept and whole."""
+        return RunResult.load(self.result_path(record.key)) if self._result_is_whole(record) else None
+
+    def _result_is_whole(self, record: Record) -> bool:
+        try:
+            data = self.result_path(record.key).read_bytes()
+        except OSError:
+            return False
+        return bool(record.result_digest) and hashlib.sha256(data).hexdigest() == record.result_digest
+
+    # ------------------------------------------------------------ the plan and tables
+
+    def write_plan(self, plan: SweepPlan) -> None:
+        """Write the plan, so that the sweep can be read without the command that made it."""
+        self._write(self.folder / "plan.json", seal(plan.model_dump(mode="json")))
+
+    def read_plan(self) -> SweepPlan:
+        """Return the last plan.
+
+        Raises:
+            SweepStoreError: the folder is not that of a sweep, or its plan is damaged.
+        """
+        path = self.folder / "plan.json"
+        try:
+            return SweepPlan(**unseal(path.read_bytes()))
+        except FileNotFoundError:
+            raise SweepStoreError(f"{self.folder} holds no sweep: there is no {path.name}") from None
+        except (SweepStoreError, ScenarioError) as error:
+            raise SweepStoreError(f"{path} cannot be used ({error}); run the sweep's command again: finished runs are kept") from None
+
+    def write_with(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write a file of the folder whole or not at all.
+
+        Raises:
+            StoreWriteError: the disk is full, or the folder cannot be written.
+        """
+        path = self.folder / name
+        try:
+            write_atomically(path, write)
+        except OSError as error:
+            raise StoreWriteError(str(path), _reason(error)) from None
+
+    def _write(self, path: Path, data: bytes) -> None:
+        self.write_with(str(path.relative_to(self.folder)), lambda part: part.write_bytes(data))
+
+    # ------------------------------------------------------------ order
+
+    def tidy(self) -> int:
+        """Remove parts that a kill left behind and move foreign files aside; only for the owner of the lock.
+
+        Returns:
+            The number of files set aside.
+        """
+        aside = 0
+        for file, known in self._files():
+            if _PART.fullmatch(file.name):
+                file.unlink()
+            elif not known.fullmatch(file.name) or file.name[:2] != file.parent.name or file.is_dir():
+                aside += self._set_aside(file)
+        return aside
+
+    def _files(self) -> Iterator[tuple[Path, re.Pattern[str]]]:
+        for room, known in (("runs", _RECORD), ("results", _RESULT)):
+            for shard in sorted((self.folder / room).glob("*")):
+                if shard.is_dir() and len(shard.name) == 2:
+                    yield from ((file, known) for file in sorted(shard.iterdir()))
+                else:
+                    yield shard, known
+
+    def _set_aside(self, file: Path) -> bool:
+        """Move a file out of the way without destroying it."""
+        if not (file.exists() or file.is_symlink()):
+            return False
+        aside, count = self.folder / "set-aside" / file.name, 1
+        while aside.exists():
+            aside, count = aside.with_name(f"{file.stem}.{count}{file.suffix}"), count + 1
+        try:
+            aside.parent.mkdir(exist_ok=True)
+            file.rename(aside)
+        except OSError as error:
+            raise StoreWriteError(str(aside), _reason(error)) from None
+        return True
+
+
+def _reason(error: OSError) -> str:
+    texts = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the quota is used up", errno.EFBIG: "a file-size limit is reached"}
+    return texts.get(error.errno or 0, os.strerror(error.errno) if error.errno else str(error))

@@ -1,0 +1,123 @@
+"""All runs of a plan side by side: an xarray Dataset with the plan's dimensions, and a CSV file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from coop_pin.errors import ScenarioError, SweepStoreError
+from coop_pin.sweep.dimension import Dimension
+from coop_pin.sweep.key import run_key, unresolved_key
+from coop_pin.sweep.plan import Point, SweepPlan
+from coop_pin.sweep.record import Record
+from coop_pin.sweep.store import SweepStore
+
+OK, FAILED, MISSING = "ok", "failed", "missing"
+_TIMES = ("wall_s", "cpu_s")
+
+
+class Row(NamedTuple):
+    """One point of a plan and what is known of it.
+
+    Attributes:
+        point: the point.
+        key: of its run.
+        record: None while it is missing, or when its file is damaged.
+    """
+
+    point: Point
+    key: str
+    record: Record | None
+
+    @property
+    def status(self) -> str:
+        """"ok", "failed" or "missing"."""
+        if self.record is None:
+            return MISSING
+        return OK if self.record.failure is None else FAILED
+
+
+def key_of(plan: SweepPlan, index: int) -> str:
+    """Return the key of a point's run."""
+    try:
+        return run_key(plan.scenario(index), plan.metrics)
+    except ScenarioError:
+        point = plan[index]
+        return unresolved_key(plan.base[point.base], point.changes)
+
+
+def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
+    """Yield the runs in the order of the plan; files are only read, damaged ones count as missing."""
+    for point in plan.points():
+        key = key_of(plan, point.index)
+        try:
+            record = store.read(key)
+        except SweepStoreError:
+            record = None
+        yield Row(point, key, record)
+
+
+def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
+    """Return all runs with the plan's dimensions.
+
+    Variables: every metric (not a number where a run failed or is missing), ``status`` ("ok", "failed", "missing"), ``failure`` (name of
+    the error) and ``failed_at_s`` (simulated time of a divergence).
+    """
+    n = len(plan)
+    metrics: dict[str, np.ndarray] = {}
+    status, failure = np.full(n, MISSING, dtype="<U7"), np.full(n, "", dtype=object)
+    failed_at = np.full(n, np.nan)
+    for row in rows(plan, store):
+        place, record = row.point.index, row.record
+        status[place] = row.status
+        if record is None:
+            continue
+        for name, value in record.metrics.items():
+            metrics.setdefault(name, np.full(n, np.nan))[place] = value
+        if record.failure is not None:
+            failure[place] = record.failure.kind
+            failed_at[place] = record.failure.numbers.get("time", np.nan)
+    dims = [dimension.name for dimension in plan.dimensions]
+    columns = {**metrics, "status": status, "failure": failure.astype(str), "failed_at_s": failed_at}
+    data = xr.Dataset({name: (dims, values.reshape(plan.shape)) for name, values in columns.items()})
+    for dimension in plan.dimensions:
+        data = data.assign_coords(_coordinates(dimension))
+    return data
+
+
+def _coordinates(dimension: Dimension) -> dict[str, tuple[str, Any]]:
+    """Return what stands along a dimension: its own labels, and those of fields that move with it."""
+    labels = [dimension.labels(place) for place in range(dimension.size)]
+    return {name: (dimension.name, np.array([place[name] for place in labels])) for name in labels[0]}
+
+
+def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]) -> None:
+    """Write one line for each run, in the order of the plan: parameters, status, metrics. Numbers are written so that they read back exactly."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        parameters = list(plan[0].parameters)
+        table.writerow(["point", *parameters, "status", "failure", "message", *metrics, "key"])
+        for row in rows(plan, store):
+            failure = row.record.failure if row.record else None
+            said = (failure.kind, failure.message) if failure else ("", "")
+            values = [_text(row.record.metrics.get(name)) if row.record else "" for name in metrics]
+            table.writerow([row.point.index, *map(_text, row.point.parameters.values()), row.status, *said, *values, row.key])
+
+
+def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:
+    """Write how long each run took, apart from the metrics, which are the same wherever they are computed."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["point", *_TIMES, "key"])
+        for row in rows(plan, store):
+            times = row.record.times if row.record else {}
+            table.writerow([row.point.index, *(_text(times.get(name)) for name in _TIMES), row.key])
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,49 @@
+"""The benchmarks run; MuJoCo, an independent simulator, moves the same cell the same way."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.controllers import build_controller
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture
+def benchmark_module(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return importlib.import_module
+
+
+def test_the_tick_benchmark_prints_its_ratios(benchmark_module, capsys):
+    benchmark_module("bench_tick").main(["--blocks", "2", "--calls", "1", "--duration", "0.05"])
+    printed = capsys.readouterr().out
+    assert "one arm's tick of law (23), kinematics included" in printed
+    assert "whole run: 4 ticks" in printed
+
+
+def test_the_mujoco_benchmark_prints_its_table(benchmark_module, capsys):
+    pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
+    benchmark_module("bench_mujoco").main(["--rounds", "1", "--duration", "0.05", "--solref", "2"])
+    printed = capsys.readouterr().out
+    assert "coop_pin, 2.5 ms" in printed
+    assert "MuJoCo, 2.5 ms, solref 2 dt" in printed
+
+
+def test_mujoco_agrees_on_motion_and_internal_wrench(benchmark_module):
+    pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
+    bench, cell = benchmark_module("bench_mujoco"), benchmark_module("mujoco_cell")
+    events = [
+        {"kind": "payload-change", "time": 0.2, "mass": 5.6},
+        {"kind": "wrench-pulse", "time": 0.2, "duration": 0.1, "wrench": [200.0, 100.0, 0.0, 0.0, 0.0, 2.0]},
+    ]
+    scenario = cp.Scenario.load("adept-paper", bench.OVERRIDES | {"duration": 0.5, "events": events})
+    ours = bench.recorded(bench.coop_pin_run(scenario, 5))
+    theirs = cell.MujocoRun(scenario, build_controller(scenario)).run()
+    assert_allclose(theirs.position, ours.position, rtol=0, atol=1e-6)
+    assert_allclose(theirs.angle, ours.angle, rtol=0, atol=1e-5)
+    assert_allclose(theirs.internal_wrench, ours.internal_wrench, rtol=0, atol=0.05)
+    assert abs(ours.internal_wrench[:, 0]).max() > 5.0

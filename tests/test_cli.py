@@ -1,0 +1,440 @@
+"""The command line: parse, call, print; folders that hold a run whole; exit codes and messages instead of tracebacks."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import coop_pin as cp
+from coop_pin.cli import main
+from coop_pin.cli.parsing import split_fields
+from coop_pin.cli.values import literal
+from coop_pin.output import RunFolder, Timing
+
+NUMBERS = ["--no-replay", "--no-figures"]
+SHORT = ["--duration", "0.5", "--events", "[]"]
+TIMING = Timing(1.0, 1.0, 1.0)
+METRICS = [
+    "settling_time_s",
+    "resettling_time_s",
+    "event_peak_position_error_m",
+    "position_rms_m",
+    "orientation_rms_rad",
+    "internal_axial_mean_N",
+    "internal_axial_rms_error_N",
+    "internal_shear_rms_N",
+    "internal_moment_rms_error_Nm",
+    "closure_error_max_m",
+    "closure_error_max_rad",
+    "energy_balance_max_J",
+    "torque_peak_Nm",
+    "window_s",
+]
+PICTURES = ["replay.html", *(f"{name}.{kind}" for name in ("figure2", "figure3", "errors") for kind in ("png", "svg"))]
+NUMBER_FILES = ["scenario.toml", "result.nc", "metrics.json", "timing.json"]
+
+
+def files(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def child(*words, cwd=None, code=None):
+    """Run a process as a user does."""
+    start = ["-c", code] if code else ["-m", "coop_pin"]
+    return subprocess.run([sys.executable, *start, *words], cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def paper_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("paper") / "out"
+    assert main(["run", "adept-paper", "--out", str(folder)]) == 0
+    return folder
+
+
+# ---------------------------------------------------------------- run
+
+
+def test_run_leaves_the_whole_folder(paper_folder):
+    assert files(paper_folder) == sorted([*NUMBER_FILES, *PICTURES])
+    assert all((paper_folder / name).stat().st_size > 0 for name in files(paper_folder))
+
+
+def test_metrics_are_flat_and_those_of_the_result(paper_folder):
+    metrics = json.loads((paper_folder / "metrics.json").read_text(), parse_constant=pytest.fail)
+    assert list(metrics) == METRICS
+    assert metrics == cp.run("adept-paper").metrics()
+
+
+def test_timing_is_kept_apart(paper_folder):
+    timing = json.loads((paper_folder / "timing.json").read_text())
+    assert list(timing) == ["wall_s", "cpu_s", "real_time_factor"]
+    assert timing["real_time_factor"] == pytest.approx(20.0 / timing["wall_s"])
+
+
+def test_the_resolved_scenario_runs_again_to_the_same_bits(paper_folder, tmp_path):
+    assert cp.Scenario.load(paper_folder / "scenario.toml") == cp.Scenario.load("adept-paper")
+    assert main(["run", str(paper_folder / "scenario.toml"), "--out", str(tmp_path), "--quiet", *NUMBERS]) == 0
+    for name in ("scenario.toml", "metrics.json"):
+        assert (tmp_path / name).read_bytes() == (paper_folder / name).read_bytes()
+    again, first = (cp.RunResult.load(folder / "result.nc") for folder in (tmp_path, paper_folder))
+    assert again.data.identical(first.data)
+
+
+def test_a_table_is_printed_and_no_bar_where_nobody_looks(tmp_path, capsys):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
+    out, err = capsys.readouterr()
+    assert all(name in out for name in METRICS)
+    assert str(tmp_path) in out
+    assert err == ""
+
+
+def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT, "--cell.arms.left.torque-limits", "3"]) == 0
+    assert "beyond its limit: torque of left" in capsys.readouterr().out
+
+
+def test_quiet_prints_nothing(tmp_path, capsys):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_numbers_that_json_does_not_know_become_null(tmp_path):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT]) == 0
+    metrics = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
+    assert metrics["settling_time_s"] is None  # never settles in half a second
+    assert metrics["position_rms_m"] is None  # the window is empty
+
+
+def test_the_default_folder_carries_the_scenarios_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "adept-paper", "--quiet", "--name", "mine", *NUMBERS, *SHORT]) == 0
+    assert files(tmp_path / "out" / "mine") == sorted(NUMBER_FILES)
+
+
+def test_pictures_of_an_earlier_run_do_not_stay_beside_the_numbers_of_this_one(tmp_path):
+    for name in PICTURES:
+        (tmp_path / name).write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT]) == 0
+    assert files(tmp_path) == sorted([*NUMBER_FILES, "notes.txt"])
+
+
+# ---------------------------------------------------------------- fields
+
+
+@pytest.mark.parametrize(
+    ("words", "path", "value"),
+    [
+        (["--controller.gains.sign-gain", "0.5"], "controller.gains.sign_gain", 0.5),
+        (["--controller.gains.sign-gain=.5"], "controller.gains.sign_gain", 0.5),
+        (["--controller.gains.damping-gain", "1", "2", "3"], "controller.gains.damping_gain", (1.0, 2.0, 3.0)),
+        (["--clock.rate-hz", "400"], "clock.rate_hz", 400.0),
+        (["--cell.arms.left.posture", "1.3", "-1.7", "1.9"], "cell.arms.left.posture", (1.3, -1.7, 1.9)),
+        (["--plant.payload", "free"], "plant.payload", "free"),
+        (["--controller.switching", '{kind = "tanh", width = 0.2}'], "controller.switching.width", 0.2),
+        (["--controller.switching.width", "0.2", "--controller.switching.kind", "tanh"], "controller.switching.width", 0.2),
+        (["--cell.load-shares.left", "0.3", "--cell.load-shares.right", "0.7"], "cell.load_shares.right", 0.7),
+        (["--events.0.kind", "payload-change", "--events.0.time", "0.1", "--events.0.mass", "6"], "events.0.mass", 6.0),
+        (["--beyond-bound"], "beyond_bound", True),
+    ],
+)
+def test_any_field_can_be_typed(words, path, value, tmp_path):
+    assert main(["run", "adept-paper", *SHORT, *words, "--out", str(tmp_path), "--quiet", *NUMBERS]) == 0
+    node = cp.Scenario.load(tmp_path / "scenario.toml")
+    for key in path.split("."):
+        node = node[int(key)] if isinstance(node, tuple) else node[key] if isinstance(node, dict) else getattr(node, key)
+    assert node == value
+
+
+def test_own_words_are_told_apart_from_fields_in_any_order():
+    words = ["run", "a.toml", "--out", "d", "--a.b", "1", "-2", "--no-figures", "--c=3", "--quiet", "--flag", "-h"]
+    own = ["run", "a.toml", "--out", "d", "--no-figures", "--quiet", "-h"]
+    assert split_fields(words) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        ("400", 400),
+        ("1e-3", 1e-3),
+        (".5", 0.5),
+        ("true", True),
+        ("free", "free"),
+        ('"400"', "400"),
+        ("[[1, 2], [3, 4]]", [[1, 2], [3, 4]]),
+        ("{a = 1}", {"a": 1}),
+        ("2026-01-01", "2026-01-01"),
+        ("1\nother = 2", "1\nother = 2"),
+        ("robots/a.urdf", "robots/a.urdf"),
+    ],
+)
+def test_words_are_read_as_toml_or_as_text(word, value):
+    assert literal(word) == value
+    assert type(literal(word)) is type(value)
+
+
+def test_fields_lists_what_run_takes(capsys, tmp_path):
+    assert main(["fields", "adept-paper"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for field in (
+        "controller.gains.sign-gain",
+        "cell.arms.left.posture",
+        "events.1.wrench",
+        "beyond-bound",
+        "plant.stabilisation.frequency",
+    ):
+        (line,) = (line for line in lines if line.startswith(f"--{field} "))
+        assert len(line.split()) > 2  # value and meaning
+    # What is listed can be typed back.
+    words = [part for line in lines if line.startswith(("--clock", "--cell.payload", "--plant", "--start")) for part in typed(line)]
+    assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT, *words]) == 0
+    assert cp.Scenario.load(tmp_path / "scenario.toml").cell.payload == cp.Scenario.load("adept-paper").cell.payload
+
+
+def typed(line):
+    option, *rest = line.split("  ")
+    return [option, *next(part for part in rest if part).split()]
+
+
+# ---------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "adept-papr"], "'adept-paper'"),
+        (["run", "adept-paper", "--controler.gains.sign-gain", "1"], "'controller'"),
+        (["run", "adept-paper", "--duraton", "1"], "'duration'"),
+        (["run", "adept-paper", "--controller.gains.sign-gain", "nan"], "controller.gains.sign_gain: is nan"),
+        (["run", "adept-paper", "--controller.gains.sign-gain"], "controller.gains.sign_gain: has no value"),
+        (["run", "adept-paper", "--duration", "5"], "events.0.time: ends at t = 10 s"),
+        (["run", "adept-paper", "--start.xyz", "3", "0", "0"], "misses its grasp by"),
+        (["run", "adept-paper", "--cell.arms.left.tip", "tipp"], "'tip'"),
+        (["run", "adept-paper", "--cell.arms.left.urdf", "nowhere.urdf"], "nowhere.urdf"),
+        (["run", "adept-paper", "--controller.gains.force-gain", "0.5"], "force_path 'none'"),
+        (["fields", "adept-papr"], "'adept-paper'"),
+        (["view", "nowhere"], "no result file"),
+        (["check-urdf", "nowhere.urdf"], "nowhere.urdf"),
+    ],
+)
+def test_bad_input_is_told_without_a_traceback(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert said in err
+    assert err.startswith("coop-pin: ")
+    assert out == ""
+
+
+def test_a_users_file_with_mistakes_has_them_all_told(tmp_path, capsys):
+    scenario = cp.Scenario.load("adept-paper").to_toml()
+    (tmp_path / "mine.toml").write_text(scenario.replace("mass = 11.2", "masss = 11.2").replace("rate_hz = 80.0", "rate_hz = nan"))
+    assert main(["run", str(tmp_path / "mine.toml")]) == 2
+    err = capsys.readouterr().err
+    assert "cell.payload.masss: there is no such field" in err
+    assert "clock.rate_hz: is nan" in err
+    assert "cell.payload.mass: must be given" in err
+
+
+@pytest.mark.parametrize("words", [[], ["walk"], ["run"], ["view"]])
+def test_words_that_make_no_command_end_with_code_2(words, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 2
+    assert "coop-pin" in "".join(capsys.readouterr())
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_run(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["run", "adept-paper", "--out", str(tmp_path / "file" / "out")]) == 1
+    assert "Not a directory" in capsys.readouterr().err
+
+
+def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, capsys):
+    (tmp_path / "metrics.json").write_text("old")
+    words = ["--controller.force-path.kind", "late", "--controller.gains.force-gain", "1.1", "--beyond-bound"]
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *words]) == 1
+    err = capsys.readouterr().err
+    result = cp.RunResult.load(tmp_path / "result.nc")
+    assert f"diverged at t = {result.end:g} s" in err
+    assert str(tmp_path / "result.nc") in err
+    assert 0.0 < result.end < 20.0
+    assert files(tmp_path) == ["result.nc", "scenario.toml", "timing.json"]
+
+
+INTERRUPTING = """
+import os, signal
+from coop_pin import ArmController, Command
+
+class Law(ArmController):
+    def __init__(self, scenario, arm):
+        pass
+    def init(self, measurement, reference):
+        return None
+    def step(self, measurement, reference, state):
+        if measurement.time > 0.1:
+            os.kill(os.getpid(), signal.SIGINT)
+        return Command(0.0 * measurement.v, state)
+"""
+
+
+def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
+    (tmp_path / "interrupting.py").write_text(INTERRUPTING)
+    words = ["--controller.kind", "user", "--controller.target", "interrupting:Law"]
+    done = child("run", "adept-paper", "--out", "kept", *words, cwd=tmp_path)
+    assert done.returncode == 130
+    assert "interrupted at t = 0.1 s" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert cp.RunResult.load(tmp_path / "kept" / "result.nc").end == pytest.approx(0.1)
+
+
+# ---------------------------------------------------------------- the other commands
+
+
+def test_list_names_every_scenario(capsys):
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == cp.scenario_names()
+    assert "2 arms  20 s" in next(line for line in lines if line.startswith("adept-paper "))
+
+
+def test_view_makes_a_missing_replay_again(tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    cp.run("adept-paper", {"duration": 0.5, "events": []}).save(tmp_path / "result.nc")
+    for _ in range(2):
+        assert main(["view", str(tmp_path)]) == 0
+        assert capsys.readouterr().out.strip() == str((tmp_path / "replay.html").resolve())
+        assert (tmp_path / "replay.html").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("words", "opened"), [([], True), (["--no-open"], False)])
+def test_view_opens_a_browser_where_there_is_a_screen(tmp_path, monkeypatch, words, opened):
+    asked = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.open", asked.append)
+    (tmp_path / "replay.html").write_text("a replay")
+    assert main(["view", str(tmp_path), *words]) == 0
+    assert asked == ([(tmp_path / "replay.html").resolve().as_uri()] if opened else [])
+
+
+def test_check_urdf_ends_with_the_verdict(tmp_path, capsys):
+    assert main(["check-urdf", "adept_3dof"]) == 0
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    bad = f'<robot name="a"><link name="b"><inertial><mass value="-1"/>{inertia}</inertial></link></robot>'
+    (tmp_path / "bad.urdf").write_text(bad)
+    assert main(["check-urdf", str(tmp_path / "bad.urdf")]) == 0
+    assert main(["check-urdf", str(tmp_path / "bad.urdf"), "--strict"]) == 1
+    (tmp_path / "worse.urdf").write_text(bad[:-9])
+    assert main(["check-urdf", str(tmp_path / "worse.urdf")]) == 1
+    assert "link 'b'" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["run", "adept-paper", "-h"]])
+def test_help_tells_how_to_change_fields(words, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 0
+    assert "coop-pin fields" in " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+def test_python_m_is_the_command_and_both_know_their_version():
+    script = Path(sys.executable).with_name("coop-pin")
+    for command in ([sys.executable, "-m", "coop_pin"], [str(script)]):
+        done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True)
+        assert done.stdout == f"coop-pin {cp.__version__}\n"
+
+
+def test_help_loads_no_dynamics_and_no_pictures():
+    code = (
+        "import sys\nfrom coop_pin.cli import main\n"
+        "try: main(['run', '--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'pinocchio', 'scipy', 'xarray', 'matplotlib', 'meshcat', 'pydantic'} & set(sys.modules)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    done = child(code=code)
+    assert done.returncode == 0, done.stderr
+
+
+# ---------------------------------------------------------------- files that survive
+
+
+@pytest.fixture(scope="module")
+def result():
+    return cp.run("adept-paper", {"duration": 0.5, "events": []})
+
+
+def test_a_result_survives_its_file(result, tmp_path):
+    result.save(tmp_path / "result.nc")
+    loaded = cp.RunResult.load(tmp_path / "result.nc")
+    assert loaded.scenario == result.scenario
+    assert loaded.data.identical(result.data)
+    assert json.dumps(loaded.metrics()) == json.dumps(result.metrics())
+
+
+def test_files_are_as_readable_as_any_others(result, tmp_path):
+    RunFolder(tmp_path).write(result, TIMING, replay=False, figures=False)
+    (tmp_path / "plain").write_text("")
+    assert {path.stat().st_mode for path in tmp_path.iterdir()} == {(tmp_path / "plain").stat().st_mode}
+
+
+FULL_DISK = """
+import resource, sys
+import coop_pin as cp
+result = cp.RunResult.load("result.nc")
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+try:
+    result.save("result.nc")
+except OSError as error:
+    sys.exit(0)
+sys.exit("a file of 100 kB went into 20 kB")
+"""
+
+
+def test_a_full_disk_leaves_the_old_result_and_nothing_else(result, tmp_path):
+    result.save(tmp_path / "result.nc")
+    before = (tmp_path / "result.nc").read_bytes()
+    assert len(before) > 20_000
+    done = child(code=FULL_DISK, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "result.nc").read_bytes() == before
+    assert files(tmp_path) == ["result.nc"]
+
+
+def test_a_failing_write_leaves_the_old_files_of_the_folder(result, tmp_path, monkeypatch):
+    folder = RunFolder(tmp_path)
+    folder.write(result, TIMING, replay=False, figures=False)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        folder.write(result, Timing(2.0, 2.0, 2.0), replay=False, figures=False)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("keep", [0, 1, 100, 5000, 0.5, 0.99])
+def test_a_truncated_result_is_refused(result, tmp_path, keep):
+    path = tmp_path / "result.nc"
+    result.save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: keep if isinstance(keep, int) else int(keep * len(whole))])
+    with pytest.raises(cp.errors.ResultFileError, match=r"result\.nc"):
+        cp.RunResult.load(path)
+
+
+def test_foreign_files_are_no_results(tmp_path):
+    import xarray as xr
+
+    (tmp_path / "text.nc").write_text("not a result")
+    xr.Dataset({"a": ("x", np.arange(3))}).to_netcdf(tmp_path / "foreign.nc", engine="h5netcdf")
+    xr.Dataset(attrs={"coop_pin_scenario": "a = "}).to_netcdf(tmp_path / "broken.nc", engine="h5netcdf")
+    xr.Dataset(attrs={"coop_pin_scenario": "name = 'a'"}).to_netcdf(tmp_path / "old.nc", engine="h5netcdf")
+    for name in ("text.nc", "foreign.nc", "broken.nc", "old.nc", "missing.nc"):
+        with pytest.raises(cp.errors.ResultFileError, match=name):
+            cp.RunResult.load(tmp_path / name)

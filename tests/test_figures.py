@@ -1,0 +1,202 @@
+"""Figures show the numbers of the result, say what they are, and are the same bytes each time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from cells import planar_scenario, spatial_scenario
+from matplotlib.axes import Axes
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from coop_pin import run
+from coop_pin.results import RunResult
+from coop_pin.results.judgements import energy_balance
+from coop_pin.viz.figures import (
+    BiasRun,
+    ForceGainRun,
+    InternalForceStudy,
+    SignGainRun,
+    error_figure,
+    internal_force_study_figure,
+    save_figure,
+    torque_figure,
+    tracking_figure,
+)
+
+FIGURES = [tracking_figure, torque_figure, error_figure]
+
+
+@pytest.fixture(scope="module")
+def planar() -> RunResult:
+    return run(planar_scenario())
+
+
+@pytest.fixture(scope="module")
+def spatial() -> RunResult:
+    return run(spatial_scenario())
+
+
+def data_lines(panel: Axes) -> list[np.ndarray]:
+    """The curves of a panel, without the marks of events and bands."""
+    return [np.asarray(line.get_ydata()) for line in panel.lines if len(line.get_xdata()) > 2]
+
+
+def titles(figure: mpl.figure.Figure) -> list[str]:
+    return [panel.get_title(loc="left") for panel in figure.axes]
+
+
+# ---------------------------------------------------------------- tracking
+
+
+def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunResult) -> None:
+    figure, data = tracking_figure(planar), planar.data
+    x, y, psi, axial = figure.axes
+    assert titles(figure) == ["payload x", "payload y", "payload $\\psi$", "internal force on arm left, axial"]
+    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "m", "deg", "N"]
+    assert [panel.get_xlabel() for panel in (psi, axial)] == ["time (s)"] * 2
+    for axis, panel in enumerate((x, y)):
+        actual, desired = data_lines(panel)
+        assert_array_equal(actual, data["payload_position"].values[:, axis])
+        assert_array_equal(desired, data["desired_position"].values[:, axis])
+    heading, desired_heading = data_lines(psi)
+    rotations = (Rotation.from_quat(data[f"{name}_quaternion"].values).as_rotvec(degrees=True)[:, 2] for name in ("payload", "desired"))
+    for drawn, wanted in zip((heading, desired_heading), rotations, strict=True):
+        assert_allclose(drawn, wanted, atol=1e-9)
+
+
+def test_drawn_axial_force_has_the_mean_and_the_error_that_the_result_judges(planar: RunResult) -> None:
+    actual, desired = data_lines(tracking_figure(planar).axes[3])
+    time, window = planar.data["time"].values, planar.steady_window
+    inside = (time >= window.start) & (time < window.end - 1e-9)
+    judged = planar.internal_force()  # over both arms, whose internal forces are opposite and so are their axes
+    assert_allclose(actual[inside].mean(), judged.axial_mean, rtol=1e-9)
+    assert_allclose(np.sqrt(np.mean((actual - desired)[inside] ** 2)), judged.axial_rms_error, rtol=1e-9)
+    assert_allclose(desired, -10.0, atol=0.6)  # the squeeze is fixed in the payload, the line is that of the tips
+
+
+def test_peaks_out_of_the_picture_are_told(planar: RunResult) -> None:
+    panel = tracking_figure(planar).axes[3]
+    actual = data_lines(panel)[0]
+    low, high = panel.get_ylim()
+    assert actual.min() < low or actual.max() > high
+    assert f"peaks cut off: {actual.min():.3g} to {actual.max():.3g} N" in [text.get_text() for text in panel.texts]
+
+
+def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_of_the_internal_force(spatial: RunResult) -> None:
+    figure, data = tracking_figure(spatial), spatial.data
+    positions, (rotation, axial, shear) = figure.axes[:3], figure.axes[3:]
+    assert [panel.get_title(loc="left") for panel in positions] == ["payload x", "payload y", "payload z"]
+    for axis, panel in enumerate(positions):
+        assert_array_equal(data_lines(panel)[0], data["payload_position"].values[:, axis])
+    assert rotation.get_ylabel() == "mrad"
+    assert_allclose(np.column_stack(data_lines(rotation)), 1e3 * data["pose_error"].values[:, 3:])
+    force = np.linalg.norm(data["internal_wrench"].values[:, 0, :3], axis=1)
+    assert_allclose(np.hypot(data_lines(axial)[0], data_lines(shear)[0]), force, rtol=1e-9)
+
+
+# ---------------------------------------------------------------- torque
+
+
+@pytest.mark.parametrize(("name", "joints"), [("planar", 3), ("spatial", 6)])
+def test_torques_stand_in_a_column_for_each_arm_and_a_row_for_each_joint(name: str, joints: int, request: pytest.FixtureRequest) -> None:
+    result = request.getfixturevalue(name)
+    figure = torque_figure(result)
+    assert len(figure.axes) == 2 * joints
+    for place, panel in enumerate(figure.axes):
+        joint, arm = divmod(place, 2)
+        assert panel.get_title(loc="left") == f"arm {('left', 'right')[arm]}, joint {joint + 1}"
+        assert panel.get_ylabel() == "N m"
+        assert panel.lines[0].get_drawstyle() == "steps-post"  # held from the tick on
+        assert_array_equal(data_lines(panel)[0], result.data["torque"].values[:, arm, joint])
+
+
+def test_a_joint_that_an_arm_does_not_have_is_left_blank(planar: RunResult) -> None:
+    data = planar.data.copy(deep=True)
+    data["torque"][:, 1, 2] = np.nan
+    panels = torque_figure(RunResult(planar.scenario, data)).axes
+    assert [panel.get_visible() for panel in panels] == [True] * 5 + [False]
+
+
+# ---------------------------------------------------------------- errors
+
+
+def test_errors_stand_on_logarithmic_axes_with_their_bands(planar: RunResult) -> None:
+    figure, data = error_figure(planar), planar.data
+    position, orientation, closure, energy = figure.axes
+    assert [panel.get_yscale() for panel in figure.axes] == ["log"] * 4
+    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "rad", "m, rad", "J"]
+    error = data["pose_error"].values
+    for panel, axes in ((position, slice(0, 3)), (orientation, slice(3, 6))):
+        assert_allclose(data_lines(panel)[0], np.linalg.norm(error[:, axes], axis=1), rtol=1e-12)
+        assert [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--"] == [5e-3]
+    assert_allclose(np.nan_to_num(data_lines(closure)[0]), data["closure_distance"].values.max(axis=1))
+    assert_allclose(np.nan_to_num(data_lines(energy)[0]), np.abs(energy_balance(data)))
+
+
+# ---------------------------------------------------------------- what all share
+
+
+@pytest.mark.parametrize("figure_of", FIGURES)
+def test_events_are_marked_in_every_panel(figure_of, planar: RunResult) -> None:
+    for panel in figure_of(planar).axes:
+        marks = [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == ":"]
+        assert marks == [10.0, 10.0]  # the change of mass and the push
+        (pulse,) = panel.patches
+        assert_allclose((pulse.get_x(), pulse.get_width()), (10.0, 0.2))
+
+
+@pytest.mark.parametrize("figure_of", FIGURES)
+def test_a_run_that_ended_at_once_can_be_drawn(figure_of, planar: RunResult, tmp_path: Path) -> None:
+    save_figure(figure_of(RunResult(planar.scenario, planar.data.isel(time=slice(0, 1)))), tmp_path / "short")
+
+
+@pytest.mark.parametrize("figure_of", FIGURES)
+def test_the_same_result_gives_the_same_bytes(figure_of, planar: RunResult, tmp_path: Path) -> None:
+    first, second = (save_figure(figure_of(planar), tmp_path / name) for name in ("first", "second"))
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.png", "first.svg", "second.png", "second.svg"]
+    assert b"<dc:date>" not in first[1].read_bytes()
+
+
+def test_drawing_changes_no_setting_of_matplotlib(spatial: RunResult, tmp_path: Path) -> None:
+    before = dict(mpl.rcParams)
+    save_figure(tracking_figure(spatial), tmp_path / "figure")
+    assert dict(mpl.rcParams) == before
+
+
+def test_pyplot_stays_out() -> None:
+    code = "import sys, coop_pin.viz.figures; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+# ---------------------------------------------------------------- the study
+
+
+def test_the_study_shows_its_runs() -> None:
+    time = np.linspace(0.0, 20.0, 50)
+    study = InternalForceStudy(
+        sign_gains=tuple(
+            SignGainRun(alpha, rate, 0.15 + alpha * rate / 10.0) for rate in (80.0, 400.0, 2000.0) for alpha in (0.5, 0.0, 0.2)
+        ),
+        force_gains=tuple(ForceGainRun(gain, 2.0 / (1.0 + gain)) for gain in (0.9, 0.0, 0.5)),
+        biased=(BiasRun(0.0, time, np.full(50, -10.0)), BiasRun(0.2, time, -10.0 + time)),
+    )
+    over_alpha, over_force_gain, over_time = internal_force_study_figure(study).axes
+    assert over_alpha.get_yscale() == "log"
+    assert [text.get_text() for text in over_alpha.get_legend().get_texts()] == ["80 Hz", "400 Hz", "2000 Hz"]
+    for line, rate in zip(over_alpha.lines, (80.0, 400.0, 2000.0), strict=True):
+        assert_allclose(line.get_xdata(), (0.0, 0.2, 0.5))
+        assert_allclose(line.get_ydata(), 0.15 + np.array((0.0, 0.2, 0.5)) * rate / 10.0)
+    proportional, runs = over_force_gain.lines
+    assert_allclose(runs.get_ydata() / runs.get_xdata(), 2.0)
+    assert_allclose(proportional.get_ydata(), (0.0, 2.0))
+    assert [len(line.get_xdata()) for line in over_time.lines] == [50, 50]
+    assert "0.1 mm" in over_time.get_title(loc="left")
