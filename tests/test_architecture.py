@@ -1,6 +1,7 @@
 """The plan of the house: who may import whom, and that controllers cannot see a model."""
 
 import ast
+import functools
 import graphlib
 import importlib
 import subprocess
@@ -30,6 +31,8 @@ BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 # - integrators need nothing above chain and stand there, so that simulation needs no Pinocchio;
 # - description (URDF origins), results and viz turn quaternions with scipy;
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
+# - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
+# - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - controllers asks an ArmModel for the number of joints that gains must fit.
 ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -45,12 +48,12 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "controllers": ({"control", "model_based", "description", "model"}, set()),
     "runs": (BELOW_RUNS | {"controllers"}, set()),
-    "analysis": (BELOW_VIEWS, {"scipy", "xarray"}),
+    "analysis": (BELOW_VIEWS, {"pinocchio", "scipy", "xarray"}),
     "viz": ({"description", "model", "results"}, {"meshcat", "matplotlib", "umsgpack", "xarray", "scipy", "zmq"}),
-    "sweep": ({"description", "results", "runs"}, {"dask", "distributed", "scipy", "xarray"}),
+    "sweep": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),
     "output": ({"description", "results", "viz"}, set()),
     "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
-    "cli": (BELOW_VIEWS | {"analysis", "viz", "sweep", "report", "output", "coop_pin"}, {"tyro", "tqdm", "pydantic"}),
+    "cli": (BELOW_VIEWS | {"analysis", "viz", "sweep", "report", "output"}, {"tyro", "tqdm", "pydantic"}),
     "__main__": ({"cli"}, set()),
 }
 
@@ -65,6 +68,11 @@ def room_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+def imported_name(name: str) -> str:
+    """What "from coop_pin import name" loads: a room, or the module of a public name; the version stands in the package itself."""
+    return f"coop_pin.{name}" if name in ROOMS else coop_pin._PUBLIC.get(name, "coop_pin")
+
+
 def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
     """Every module a file imports, at its top or inside a function; a relative import counts as ``.``."""
     found: list[str] = []
@@ -75,12 +83,11 @@ def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
         elif isinstance(node, ast.ImportFrom) and node.level:
             found.append(".")
         elif isinstance(node, ast.ImportFrom):
-            # "from coop_pin import x" imports the room x, or a public name of the package itself.
-            rooms = [f"coop_pin.{a.name}" for a in node.names if a.name in ROOMS] if node.module == "coop_pin" else []
-            found += rooms or [str(node.module)]
+            found += [imported_name(alias.name) for alias in node.names] if node.module == "coop_pin" else [str(node.module)]
     return found
 
 
+@functools.cache
 def imports() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
     """Rooms and third parties that each room imports."""
     rooms, third_parties = defaultdict(set), defaultdict(set)
@@ -91,7 +98,7 @@ def imports() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
                 rooms[room_of(file)].add(rest[0] if rest else "coop_pin")
             elif top not in sys.stdlib_module_names:
                 third_parties[room_of(file)].add(top)
-    return rooms, third_parties
+    return {room: rooms[room] for room in {*ROOMS, *rooms}}, {room: third_parties[room] for room in {*ROOMS, *rooms}}
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
@@ -100,11 +107,18 @@ def test_every_file_stands_in_a_room_of_the_plan_and_imports_by_full_name(file):
     assert "." not in imported_modules(file)
 
 
+def test_only_the_version_is_read_from_the_package_itself():
+    for file in FILES:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module == "coop_pin":
+                assert {alias.name for alias in node.names} <= {"__version__", *ROOMS, *coop_pin._PUBLIC}
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_imports_only_what_the_plan_allows(room):
     rooms, third_parties = imports()
     allowed_rooms, allowed_third_parties = ROOMS[room]
-    assert rooms[room] - {room} - EVERYWHERE - allowed_rooms == set()
+    assert rooms[room] - {room, "coop_pin"} - EVERYWHERE - allowed_rooms == set()
     assert third_parties[room] - {"numpy"} - allowed_third_parties == set()
 
 

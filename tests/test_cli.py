@@ -1,6 +1,7 @@
 """The command line: parse, call, print; folders that hold a run whole; exit codes and messages instead of tracebacks."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.cli.parsing import split_fields
-from coop_pin.cli.values import literal
+from coop_pin.cli.values import changes, literal
 from coop_pin.output import RunFolder, Timing
 
 NUMBERS = ["--no-replay", "--no-figures"]
@@ -176,27 +177,19 @@ def test_words_are_read_as_toml_or_as_text(word, value):
     assert type(literal(word)) is type(value)
 
 
-def test_fields_lists_what_run_takes(capsys, tmp_path):
+def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
     assert main(["fields", "adept-paper"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    for field in (
-        "controller.gains.sign-gain",
-        "cell.arms.left.posture",
-        "events.1.wrench",
-        "beyond-bound",
-        "plant.stabilisation.frequency",
-    ):
-        (line,) = (line for line in lines if line.startswith(f"--{field} "))
-        assert len(line.split()) > 2  # value and meaning
-    # What is listed can be typed back.
-    words = [part for line in lines if line.startswith(("--clock", "--cell.payload", "--plant", "--start")) for part in typed(line)]
-    assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT, *words]) == 0
-    assert cp.Scenario.load(tmp_path / "scenario.toml").cell.payload == cp.Scenario.load("adept-paper").cell.payload
-
-
-def typed(line):
-    option, *rest = line.split("  ")
-    return [option, *next(part for part in rest if part).split()]
+    scenario, fields = cp.Scenario.load("adept-paper"), {}
+    for line in capsys.readouterr().out.splitlines():
+        option, value, meaning = re.fullmatch(r"--(\S+) +(.+?)  +(\S.*)", line).groups()
+        assert meaning
+        fields[option] = [value] if value[0] in "[{" or option == "summary" else value.split()
+    assert scenario.override(changes(fields, scenario.cell.arms)) == scenario
+    assert {"controller.gains.sign-gain", "cell.arms.left.posture", "events.1.wrench", "beyond-bound"} <= set(fields)
+    # Where a field is missing in the list, changing it in the scenario would not show.
+    nothing = cp.Scenario.load("adept-paper").override({"events": [], "cell.payload.mass": 1.0, "plant.stabilisation.frequency": 1.0})
+    kept = {path: words for path, words in fields.items() if path.split(".")[0] in ("cell", "plant")}
+    assert nothing.override(changes(kept, scenario.cell.arms)) == scenario.override({"events": []})
 
 
 # ---------------------------------------------------------------- mistakes

@@ -11,15 +11,13 @@ FOLDER = Path(__file__).parent.parent / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 
 
-def run(name, folder):
-    done = subprocess.run([sys.executable, str(FOLDER / name)], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_and_shows_what_it_promises(path, tmp_path):
+    done = subprocess.run([sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
-    return done.stdout
-
-
-def test_every_example_is_tested_here():
-    assert {path.name for path in EXAMPLES} == {"run_paper.py", "sweep_force_gain.py", "own_controller.py"}
+    assert done.stdout
+    PROMISES.get(path.stem, lambda _out, _folder: None)(done.stdout, tmp_path)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -27,15 +25,13 @@ def test_an_example_says_what_it_shows(path):
     assert ast.get_docstring(ast.parse(path.read_text()))
 
 
-def test_run_paper_prints_the_metrics_and_saves_the_run(tmp_path):
-    out = run("run_paper.py", tmp_path)
+def metrics_and_files(out, folder):
     assert "settling_time_s" in out
-    assert sorted(path.name for path in (tmp_path / "out" / "run_paper").iterdir()) == ["replay.html", "result.nc"]
+    assert sorted(path.name for path in (folder / "out" / "run_paper").iterdir()) == ["replay.html", "result.nc"]
 
 
-def test_sweep_shows_the_static_factor_and_the_bound(tmp_path):
-    lines = run("sweep_force_gain.py", tmp_path).splitlines()[1:]
-    *stable, last = (line.split() for line in lines)
+def static_factor_and_bound(out, _folder):
+    *stable, last = (line.split() for line in out.splitlines()[1:])
     for gain, _, promised, found in stable:
         assert float(promised) == pytest.approx(1.0 / (1.0 + float(gain)), abs=1e-3)
         assert float(found) == pytest.approx(float(promised), rel=0.05)
@@ -43,9 +39,16 @@ def test_sweep_shows_the_static_factor_and_the_bound(tmp_path):
     assert "diverged" in last
 
 
-def test_own_controller_tracks_and_squeezes(tmp_path):
-    law, spring = run("own_controller.py", tmp_path).splitlines()
+def tracking_and_squeeze(out, _folder):
+    law, spring = out.splitlines()
     assert law.startswith("paper's law")
     position, force = (float(spring.split(before)[1].split()[0]) for before in ("position", "force"))
     assert 0.0 < position < 0.5
     assert 0.0 < force < 0.5
+
+
+PROMISES = {"run_paper": metrics_and_files, "sweep_force_gain": static_factor_and_bound, "own_controller": tracking_and_squeeze}
+
+
+def test_the_examples_with_promises_exist():
+    assert set(PROMISES) <= {path.stem for path in EXAMPLES}

@@ -1,5 +1,16 @@
 """What can be said about a scenario beyond running it."""
 
+from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, LimitApproach, NearlySingular, ReachLoss
+from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_damping import sampled_damping
 
-__all__ = ["sampled_damping"]
+__all__ = [
+    "ArmReach",
+    "FastestJoint",
+    "LimitApproach",
+    "NearlySingular",
+    "ReachLoss",
+    "Reachability",
+    "reachability",
+    "sampled_damping",
+]

@@ -19,12 +19,14 @@ class ReachLoss(NamedTuple):
         gap_time: when it is farthest away, s.
         gap_m: the least distance between tip and grasp it can keep then.
         gap_rad: the angle left between them at that distance.
+        other_branch: the arm could hold the payload there, but not on the branch it came on; then the gap is that of its branch.
     """
 
     time: float
     gap_time: float
     gap_m: float
     gap_rad: float
+    other_branch: bool
 
 
 class NearlySingular(NamedTuple):
@@ -128,6 +130,7 @@ class ArmReach:
             yield (
                 f"cannot follow from t = {loss.time:.4g} s on:"
                 f" at t = {loss.gap_time:.4g} s it misses its grasp by {loss.gap_m:.3g} m and {loss.gap_rad:.3g} rad"
+                + (" on this branch; another could hold it: change the posture" if loss.other_branch else "")
             )
         if self.singular is not None and not self.singular.condition < CONDITION_LIMIT:
             yield f"is singular at t = {self.singular.time:.4g} s: no law can follow through that pose"

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
+from coop_pin.chain.chain_dynamics import Energy
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closing import closing_angles
 from coop_pin.chain.closure import Closure
@@ -33,6 +34,7 @@ class Observation(NamedTuple):
         tip_positions: of every tip in the world, m, shape (m, 3).
         gaps: for each arm how far its tip stands from its grasp.
         interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (m, 6).
+        energy: kinetic and potential, J.
     """
 
     payload_pose: Array
@@ -40,6 +42,7 @@ class Observation(NamedTuple):
     tip_positions: Array
     gaps: list[Gap]
     interaction_wrenches: Array
+    energy: Energy
 
 
 class CellChain:
@@ -121,10 +124,16 @@ class CellChain:
 
     def observe(self, q: Array, v: Array, tau: Array, external: Array = _NO_WRENCH) -> Observation:
         """Return all of this at once, from one pass over the tree; arguments as of interaction_wrenches."""
+        model, data, payload = self.tree.model, self._data, self.tree.payload_frame
         frames = self._at(q, v, self.chain.solver.acceleration(q, v, tau))
-        twist = pin.getFrameVelocity(self.tree.model, self._data, self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED).vector
-        wrenches = self._wrenches(frames, external)
-        return Observation(frames[self.tree.payload_frame].homogeneous, twist, self._tips(frames), self._gaps(frames), wrenches)
+        return Observation(
+            payload_pose=frames[payload].homogeneous,
+            payload_twist=pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
+            tip_positions=self._tips(frames),
+            gaps=self._gaps(frames),
+            interaction_wrenches=self._wrenches(frames, external),
+            energy=Energy(pin.computeKineticEnergy(model, data), pin.computePotentialEnergy(model, data)),
+        )
 
     def _at(self, q: Array, *rates: Array) -> Any:
         """Move the tree to (q, v, a) and return its frames; they are Pinocchio's own and change with the next move."""

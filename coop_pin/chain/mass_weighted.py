@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.blas import dtrsm, dtrsv  # LAPACK's dtrtrs starts threads for a 5 x 5 matrix: a millisecond
 
 from coop_pin.arrays import Array
 from coop_pin.errors import MassMatrixError
@@ -36,9 +36,14 @@ class MassWeightedClosure(NamedTuple):
         """The number of independent rows."""
         return len(self.values)
 
+    def weighted(self, x: Array) -> Array:
+        """Return L^-1 x, shape (nv,)."""
+        y: Array = dtrsv(self.factor, x, lower=1)
+        return y
+
     def unweighted(self, y: Array) -> Array:
         """Return L^-T y, shape (nv,)."""
-        x: Array = dtrtrs(self.factor, y, lower=1, trans=1)[0]
+        x: Array = dtrsv(self.factor, y, lower=1, trans=1)
         return x
 
     def least_motion(self, target: Array, damping: float = 0.0) -> Array:
@@ -68,7 +73,7 @@ def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
         factor = np.asarray(np.linalg.cholesky(mass_matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise MassMatrixError(float(np.linalg.eigvalsh(np.nan_to_num(mass_matrix)).min())) from None
-    weighted = dtrtrs(factor, jacobian.T, lower=1)[0].T if len(jacobian) else jacobian
+    weighted = dtrsm(1.0, factor, jacobian.T, lower=1).T if len(jacobian) else jacobian
     left, values, right = np.linalg.svd(weighted, full_matrices=False)
     rank = int(np.count_nonzero(values > RANK_CUT * values[0])) if values.size else 0
     dropped = float(values[rank]) if rank < values.size else 0.0

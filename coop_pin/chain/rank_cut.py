@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dtrtrs
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closures import Closures
@@ -36,7 +35,7 @@ class RankCutSolver:
         h = pin.nonLinearEffects(self._model, self._data, q, v)
         state, gains = self._closures.state(q, v), self._stabilisation
         weighted = mass_weighted(M, state.jacobian)
-        y = dtrtrs(weighted.factor, tau - h, lower=1)[0]
+        y = weighted.weighted(tau - h)
         wanted = -(state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position)
         b = wanted - state.jacobian.dot(weighted.unweighted(y))
         self._wrenches = state.wrench_map.dot(weighted.multipliers(b))

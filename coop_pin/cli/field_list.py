@@ -36,9 +36,16 @@ def _fields(value: Any, path: str, meaning: str) -> Iterator[tuple[str, str, str
 
 
 def _meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return what the ``Attributes:`` of a docstring say of each field."""
-    _, _, attributes = inspect.cleandoc(model.__doc__ or "").partition("Attributes:\n")
-    return {name: " ".join(text.split()) for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", attributes, re.MULTILINE)}
+    """Return what the docstrings of a description and of its bases say of each field."""
+    documented = [kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel]
+    return {name: meaning for kind in documented for name, meaning in _attributes(kind.__doc__ or "")}
+
+
+def _attributes(docstring: str) -> list[tuple[str, str]]:
+    """Return names and texts below ``Attributes:``."""
+    _, _, attributes = inspect.cleandoc(docstring).partition("Attributes:\n")
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", attributes, re.MULTILINE)
+    return [(name, " ".join(text.split())) for name, text in found]
 
 
 def _written(value: Any) -> str:
@@ -46,6 +53,8 @@ def _written(value: Any) -> str:
     match value:
         case None:
             return "(omitted)"
+        case "":
+            return '""'
         case bool():
             return str(value).lower()
         case tuple() if len(value) > 1 and not any(isinstance(entry, tuple) for entry in value):

@@ -79,7 +79,7 @@ class Recorder:
         kept.interaction_wrench[tick] = seen.interaction_wrenches
         kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = target.X_WP_d, target.V_WP_d, squeeze
         kept.external_wrench[tick] = plant.external
-        kept.energy[tick] = plant.chain.chain.energy(plant.q, plant.v)
+        kept.energy[tick] = seen.energy
         kept.work[tick, :-1], kept.work[tick, -1] = plant.work, self.payload_energy
         for index, measurement in enumerate(measurements):
             drives = len(measurement.v)

@@ -18,6 +18,9 @@ except ImportError:
 
 from coop_pin.sweep.quiet import QuietScheduler
 
+# Dask's own names carry no types.
+_SCHEDULER: Any = distributed.SpecCluster
+_CLIENT: Any = distributed.Client
 # One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then beyond doubt.
 _SETTINGS = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}
 
@@ -44,10 +47,13 @@ def local_cluster(workers: int) -> Iterator[Cluster]:
     options = {"host": "127.0.0.1", "port": 0, "protocol": "tcp://", "dashboard": False}
     with dask.config.set(_SETTINGS):
         spec = {"cls": QuietScheduler, "options": options}
-        scheduler = distributed.SpecCluster(scheduler=spec, workers={}, silence_logs=logging.CRITICAL)
-    with scheduler, LocalWorkers(scheduler.scheduler_address, workers) as local:
-        with distributed.Client(scheduler, set_as_default=False) as client:
-            yield Cluster(client, lambda: local.error)
+        scheduler = _SCHEDULER(scheduler=spec, workers={}, silence_logs=logging.CRITICAL)
+    with (
+        scheduler,
+        LocalWorkers(scheduler.scheduler_address, workers) as local,
+        _CLIENT(scheduler, set_as_default=False) as client,
+    ):
+        yield Cluster(client, lambda: local.error)
 
 
 @contextlib.contextmanager
@@ -58,7 +64,7 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
         WorkersLostError: there is no scheduler at that address.
     """
     try:
-        client = distributed.Client(address, set_as_default=False, timeout="10s")
+        client = _CLIENT(address, set_as_default=False, timeout="10s")
     except (OSError, TimeoutError) as error:
         raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
     with client:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import logging
 import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from coop_pin.sweep.record import Failure, Record
 from coop_pin.sweep.store import SweepStore
 from coop_pin.sweep.writer import OutcomeWriter
 
+_LOG = logging.getLogger("coop_pin.sweep")
 _OF_THE_MACHINE = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that another try may not repeat."""
 
@@ -58,8 +60,12 @@ def run_plan(plan: SweepPlan, folder: str | Path, where: Where, *, retry_failed:
     if where.workers or where.scheduler:
         _require_importable(plan)
     store = SweepStore(folder)
-    with store.lock:
-        store.tidy()
+    with store.lock as lock:
+        if lock.left_by:
+            _LOG.warning("the last sweep in %s (%s) ended without leaving; its finished runs are kept", folder, lock.left_by)
+        aside = store.tidy()
+        if aside:
+            _LOG.warning("%d files in %s that no sweep wrote were moved to set-aside", aside, folder)
         store.write_plan(plan)
         with SweepBar(len(plan), quiet) as bar:
             try:
@@ -100,11 +106,11 @@ class _Sweep:
     def _jobs(self, writer: OutcomeWriter) -> Iterator[Job]:
         """Yield what is still to be done; what cannot be done is written down at once."""
         for point in self._plan.points():
-            keep = self._plan.keeps(point.index)
+            keep = self._plan.keeps(point.number)
             try:
-                scenario = self._plan.scenario(point.index)
+                scenario = self._plan.scenario(point.number)
             except ScenarioError as error:
-                self._write_unresolved(point.index, error, writer)
+                self._write_unresolved(point.number, error, writer)
                 continue
             key = run_key(scenario, self._plan.metrics)
             if key in self._under_way:

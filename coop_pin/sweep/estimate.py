@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import NamedTuple
 
@@ -36,7 +37,7 @@ class Estimate(NamedTuple):
         return f"about {hours}:{minutes:02}:{seconds:02} h for {self.runs} runs of {self.run_s:.2g} s on {max(self.workers, 1)} workers"
 
 
-class _Enough(CoopPinError):
+class _EnoughError(CoopPinError):
     """The run has been watched long enough."""
 
 
@@ -53,7 +54,7 @@ class _Watch:
             self.first = self.last
         self.ticks, self.total = done, total
         if self.last - self.first > _SAMPLE_S:
-            raise _Enough("enough")
+            raise _EnoughError("enough")
 
 
 def estimate(plan: SweepPlan, workers: int) -> Estimate:
@@ -63,11 +64,10 @@ def estimate(plan: SweepPlan, workers: int) -> Estimate:
         CoopPinError: the first point cannot be run.
     """
     scenario = plan.scenario(0)
-    run(scenario, progress=_Watch())  # the first run of a process loads what later ones have
+    with contextlib.suppress(_EnoughError):
+        run(scenario, progress=_Watch())  # the first run of a process loads what later ones have
     start, watch = time.perf_counter(), _Watch()
-    try:
+    with contextlib.suppress(_EnoughError):
         run(scenario, progress=watch)
-    except _Enough:
-        pass
     setup, ticks = watch.first - start, max(watch.ticks, 1)
     return Estimate(len(plan), setup + (watch.last - watch.first) / ticks * watch.total, workers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import queue
 import time
 from collections import deque
@@ -73,7 +74,7 @@ class ClusterExecutor:
             job, deaths = self._suspects.popleft()
             self._submit([job], deaths)
         while not self._suspects and len(self._under_way) < 2 * self._threads:
-            batch = [job for job, _ in zip(jobs, range(self._batch_size()), strict=False)]
+            batch = list(itertools.islice(jobs, self._batch_size()))
             if not batch:
                 return
             self._submit(batch, 0)

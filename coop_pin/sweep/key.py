@@ -74,6 +74,6 @@ def _digest(path: Path) -> str:
 
 
 @functools.lru_cache(maxsize=256)
-def _digest_of(path: Path, changed: int, size: int) -> str:
+def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 they are in the cache's key
     """Return the digest of a file; read again when its time or size says that it changed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -6,53 +6,33 @@ import functools
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from coop_pin.description.base import Description
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import EntryNotFoundError, FieldError, FieldShapeError, ScenarioError, ScenarioFileError, UnknownFieldError, one_or_all
 from coop_pin.sweep.axis import Values
+from coop_pin.sweep.bases import Bases, anchored
 from coop_pin.sweep.dimension import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
 from coop_pin.sweep.sample import Sample
-
-
-def _scenarios(given: Any) -> Any:
-    """Return scenarios by name from a scenario, the name or path of one, several of these, or a table of them."""
-    if isinstance(given, str | Path | Scenario):
-        given = [given]
-    if isinstance(given, Mapping):
-        return {str(name): _scenario(entry) for name, entry in given.items()}
-    if not isinstance(given, Sequence) or not given:
-        raise FieldError(f"is {given!r}; it must be a scenario, its name or path, or several of them")
-    scenarios = [_scenario(entry) for entry in given]
-    twice = [name for name, count in Counter(entry.name for entry in scenarios).items() if count > 1]
-    if twice:
-        raise FieldError(f"has several scenarios named {twice[0]!r}; give them names of their own: {{first = ..., second = ...}}")
-    return {scenario.name: scenario for scenario in scenarios}
-
-
-def _scenario(given: Any) -> Scenario:
-    if isinstance(given, Scenario):
-        return given
-    return Scenario.from_dict(dict(given)) if isinstance(given, Mapping) else Scenario.load(given)
 
 
 class Point(NamedTuple):
     """One run of a plan.
 
     Attributes:
-        index: its place in the plan.
+        number: its place in the plan, counted from 0.
         base: name of its scenario.
         changes: what is changed in it, by dotted path.
         parameters: what a table shows of it: the label of every dimension and the value of every varied field.
     """
 
-    index: int
+    number: int
     base: str
     changes: dict[str, Any]
     parameters: dict[str, Any]
@@ -77,7 +57,7 @@ class SweepPlan(Description):
         keep: which runs are kept as full results, by their place in the plan, or "all", or "none".
     """
 
-    base: Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]
+    base: Bases
     changes: dict[str, Any] = Field(default_factory=dict)
     cases: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
     axes: dict[str, Values] = Field(default_factory=dict)
@@ -103,7 +83,9 @@ class SweepPlan(Description):
     def _not_empty(cls, cases: dict[str, dict[str, dict[str, Any]]]) -> dict[str, dict[str, dict[str, Any]]]:
         for name, entries in cases.items():
             if not entries or name in ("base", "sample", "repeat", "point"):
-                raise FieldError("must have at least one case" if not entries else "is a name that plans use themselves; choose another", name)
+                raise FieldError(
+                    "must have at least one case" if not entries else "is a name that plans use themselves; choose another", name
+                )
         return cases
 
     @field_validator("keep")
@@ -139,7 +121,7 @@ class SweepPlan(Description):
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
-        return cls(**data | {"base": _anchored(data.get("base"), path.parent)})
+        return cls(**data | {"base": anchored(data.get("base"), path.parent)})
 
     # ------------------------------------------------------------ points
 
@@ -245,12 +227,3 @@ class SweepPlan(Description):
                 unknown = [problem for problem in error.problems if isinstance(problem, UnknownFieldError)]
                 if unknown:
                     raise one_or_all(unknown, "the plan") from None
-
-
-def _anchored(base: Any, folder: Path) -> Any:
-    """Return scenarios as given, with paths of files that exist beside the plan made whole."""
-    if isinstance(base, str):
-        return str((folder / base).resolve()) if (folder / base).is_file() else base
-    if isinstance(base, Mapping):
-        return {name: _anchored(entry, folder) if isinstance(entry, str) else entry for name, entry in base.items()}
-    return [_anchored(entry, folder) for entry in base] if isinstance(base, list) else base

@@ -7,14 +7,14 @@ from typing import Any
 from distributed import Scheduler, Worker
 
 
-class QuietScheduler(Scheduler):  # type: ignore[misc]
+class QuietScheduler(Scheduler):
     """A scheduler that listens on its own port only."""
 
     def start_http_server(self, *arguments: Any, **options: Any) -> None:
         """Open nothing: ``dashboard=False`` leaves a server for health checks and statistics on port 8787."""
 
 
-class QuietWorker(Worker):  # type: ignore[misc]
+class QuietWorker(Worker):
     """A worker that listens on its own port only."""
 
     def start_http_server(self, *arguments: Any, **options: Any) -> None:

@@ -26,12 +26,12 @@ class PointResult(NamedTuple):
     """One run of a sweep.
 
     Attributes:
-        index: its place in the plan; ``open`` takes it.
+        number: its place in the plan, counted from 0; ``open`` takes it.
         parameters: what was varied.
         metrics: its judgements.
     """
 
-    index: int
+    number: int
     parameters: dict[str, Any]
     metrics: dict[str, float]
 
@@ -40,13 +40,13 @@ class PointFailure(NamedTuple):
     """One run of a sweep that failed.
 
     Attributes:
-        index: its place in the plan.
+        number: its place in the plan, counted from 0.
         parameters: what was varied.
         kind: name of the error.
         message: what it said.
     """
 
-    index: int
+    number: int
     parameters: dict[str, Any]
     kind: str
     message: str
@@ -134,8 +134,10 @@ class SweepResult:
         """
         values = self.values(metric).where(np.isfinite(self.values(metric)))
         self._require_coordinate(field)
-        return values.groupby(field).reduce(average, ...) if field not in values.dims else values.reduce(
-            average, [dim for dim in values.dims if dim != field]
+        return (
+            values.groupby(field).reduce(average, ...)
+            if field not in values.dims
+            else values.reduce(average, [dim for dim in values.dims if dim != field])
         )
 
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
@@ -179,24 +181,24 @@ class SweepResult:
 
     # ------------------------------------------------------------ single runs
 
-    def point(self, index: int) -> PointResult:
+    def point(self, number: int) -> PointResult:
         """Return the parameters and metrics of one run."""
-        point = self.plan[index]
-        metrics = {name: float(self.data[name].values.ravel()[point.index]) for name in self.metric_names}
-        return PointResult(point.index, point.parameters, metrics)
+        point = self.plan[number]
+        metrics = {name: float(self.data[name].values.ravel()[point.number]) for name in self.metric_names}
+        return PointResult(point.number, point.parameters, metrics)
 
-    def open(self, index: int) -> RunResult:
+    def open(self, number: int) -> RunResult:
         """Return one run as a full result: the kept one, or else computed again.
 
         Raises:
             CoopPinError: the run failed; it fails again.
         """
         try:
-            record = self.store.read(key_of(self.plan, index))
+            record = self.store.read(key_of(self.plan, number))
         except SweepStoreError:
             record = None
         kept = self.store.read_result(record) if record is not None else None
-        return kept if kept is not None else run(self.plan.scenario(index))
+        return kept if kept is not None else run(self.plan.scenario(number))
 
     def summary(self) -> str:
         """Return what was run and how it ended, for people."""
@@ -213,7 +215,7 @@ class SweepResult:
     def _failures(self) -> Iterator[PointFailure]:
         for row in rows(self.plan, self.store):
             if row.record is not None and row.record.failure is not None:
-                yield PointFailure(row.point.index, row.point.parameters, row.record.failure.kind, row.record.failure.message)
+                yield PointFailure(row.point.number, row.point.parameters, row.record.failure.kind, row.record.failure.message)
 
     def _require_coordinate(self, field: str) -> None:
         if field not in self.data.coords:

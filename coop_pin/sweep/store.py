@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import logging
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from coop_pin.sweep.lock import FolderLock
 from coop_pin.sweep.plan import SweepPlan
 from coop_pin.sweep.record import Record
 
+_LOG = logging.getLogger("coop_pin.sweep")
 _RECORD = re.compile(r"[0-9a-f]{64}\.json")
 _RESULT = re.compile(r"[0-9a-f]{64}\.nc")
 _PART = re.compile(r"\.[0-9a-f]{64}\.[0-9a-f]{32}\.(json|nc)")
@@ -71,8 +73,9 @@ class SweepStore:
         """
         try:
             record = self.read(key)
-        except (SweepStoreError, OSError):
+        except (SweepStoreError, OSError) as error:
             self._set_aside(self.record_path(key))
+            _LOG.warning("a run is computed again: %s; its file was moved to set-aside", error)
             return None
         if record is None or not with_result or record.failure is not None:
             return record

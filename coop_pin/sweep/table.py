@@ -36,7 +36,7 @@ class Row(NamedTuple):
 
     @property
     def status(self) -> str:
-        """"ok", "failed" or "missing"."""
+        """How it ended: "ok", "failed" or "missing"."""
         if self.record is None:
             return MISSING
         return OK if self.record.failure is None else FAILED
@@ -54,7 +54,7 @@ def key_of(plan: SweepPlan, index: int) -> str:
 def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
     """Yield the runs in the order of the plan; files are only read, damaged ones count as missing."""
     for point in plan.points():
-        key = key_of(plan, point.index)
+        key = key_of(plan, point.number)
         try:
             record = store.read(key)
         except SweepStoreError:
@@ -73,7 +73,7 @@ def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     status, failure = np.full(n, MISSING, dtype="<U7"), np.full(n, "", dtype=object)
     failed_at = np.full(n, np.nan)
     for row in rows(plan, store):
-        place, record = row.point.index, row.record
+        place, record = row.point.number, row.record
         status[place] = row.status
         if record is None:
             continue
@@ -97,7 +97,7 @@ def _coordinates(dimension: Dimension) -> dict[str, tuple[str, Any]]:
 
 
 def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]) -> None:
-    """Write one line for each run, in the order of the plan: parameters, status, metrics. Numbers are written so that they read back exactly."""
+    """Write one line for each run in the order of the plan; numbers are written so that they read back exactly."""
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         parameters = list(plan[0].parameters)
@@ -106,7 +106,7 @@ def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]
             failure = row.record.failure if row.record else None
             said = (failure.kind, failure.message) if failure else ("", "")
             values = [_text(row.record.metrics.get(name)) if row.record else "" for name in metrics]
-            table.writerow([row.point.index, *map(_text, row.point.parameters.values()), row.status, *said, *values, row.key])
+            table.writerow([row.point.number, *map(_text, row.point.parameters.values()), row.status, *said, *values, row.key])
 
 
 def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:
@@ -116,7 +116,7 @@ def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:
         table.writerow(["point", *_TIMES, "key"])
         for row in rows(plan, store):
             times = row.record.times if row.record else {}
-            table.writerow([row.point.index, *(_text(times.get(name)) for name in _TIMES), row.key])
+            table.writerow([row.point.number, *(_text(times.get(name)) for name in _TIMES), row.key])
 
 
 def _text(value: Any) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from typing import Any
 
 from distributed import Nanny
 
@@ -18,7 +19,7 @@ _PRELOAD = "coop_pin.sweep.job"
 
 async def keep_workers(address: str, count: int) -> None:
     """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced."""
-    options = {"nthreads": 1, "host": "127.0.0.1", "worker_class": QuietWorker, "preload": [_PRELOAD], "death_timeout": 60}
+    options: dict[str, Any] = {"nthreads": 1, "host": "127.0.0.1", "worker_class": QuietWorker, "preload": [_PRELOAD], "death_timeout": 60}
     nannies = [Nanny(address, **options) for _ in range(count)]
     try:
         await asyncio.gather(*nannies)
