@@ -18,7 +18,7 @@ import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control.inverse import jacobian_inverse
 from coop_pin.controllers import build_controller
-from coop_pin.simulation.loop import _Run
+from coop_pin.simulation import Simulation
 
 UNIT = "constraintDynamics"
 STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"
@@ -41,9 +41,9 @@ def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.
 def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     """Return what is timed, by name, at a state in motion: tick 40 of the experiment."""
     controller = build_controller(scenario)
-    run = _Run(scenario, controller)
-    for tick in range(TICK):
-        run.tick(tick)
+    run = Simulation(scenario, controller)
+    for _ in range(TICK):
+        run.tick()
     plant, chain, sensor, t = run.plant, run.chain, run.sensors[0], run.timeline.time(TICK)
     target, squeeze = run.motion.at(t), run.squeeze.at(t)
     references = run._references(target, squeeze)

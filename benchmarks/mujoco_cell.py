@@ -16,10 +16,10 @@ import coop_pin as cp
 from coop_pin.control import CellController
 from coop_pin.description.arm import Arm
 from coop_pin.model import ArmModel
-from coop_pin.simulation.loop import _Run
+from coop_pin.simulation import Simulation
 from coop_pin.spatial import inverse_pose
 
-SOFTEST = "0.9999 0.9999 0.001 0.5 2"
+SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 
 
 class Recorded(NamedTuple):
@@ -81,14 +81,14 @@ def mjcf(scenario: cp.Scenario, step: float, solref_steps: float) -> str:
         <flag contact="disable" limit="disable" frictionloss="disable" clampctrl="disable"/></option>
         <worldbody>{arm_xml(first, left, bar)}{arm_xml(second, right, tip)}</worldbody>
         <tendon>{tendons_1}{tendons_2}</tendon><actuator>{motors_1}{motors_2}</actuator>
-        <equality><weld site1="grasp" site2="tip" solref="{solref_steps * step!r} 1" solimp="{SOFTEST}"/></equality></mujoco>"""
+        <equality><weld site1="grasp" site2="tip" solref="{solref_steps * step!r} 1" solimp="{SOLIMP}"/></equality></mujoco>"""
 
 
 class MujocoRun:
     """One run of a scenario on MuJoCo: coop_pin's loop for clock, references, sensing and law; MuJoCo's plant."""
 
     def __init__(self, scenario: cp.Scenario, controller: CellController, solref_steps: float = 2.0) -> None:
-        self.loop, self.controller = _Run(scenario, controller), controller
+        self.loop, self.controller = Simulation(scenario, controller), controller
         self.steps = scenario.clock.steps_per_tick
         self.model = mujoco.MjModel.from_xml_string(mjcf(scenario, scenario.clock.period / self.steps, solref_steps))
         self.data = mujoco.MjData(self.model)

@@ -9,9 +9,9 @@ from typing import Any, Self
 
 
 def _rebuild(kind: type[CoopPinError], message: str, fields: dict[str, Any]) -> CoopPinError:
-    layout: type[Any] = kind
+    layout: Any = kind
     while layout.__module__ != "builtins":  # an OSError is larger than other exceptions: only its own __new__ may make one
-        layout = layout.__base__ or Exception
+        layout = layout.__base__
     error: CoopPinError = layout.__new__(kind, message)
     error.args = (message,)
     error.__dict__.update(fields)
@@ -350,6 +350,10 @@ class GeometryWarning(UserWarning):
     """A visual geometry that cannot be read and is left out of pictures; the physics does not use it."""
 
 
+class ViewWarning(UserWarning):
+    """A 3-D view that does not show, or no longer; the simulation goes on without it."""
+
+
 class ScenarioFileError(CoopPinError, ValueError):
     """A file is not readable as a scenario."""
 
@@ -482,7 +486,9 @@ class IntegrationError(CoopPinError, ArithmeticError):
 
     def __init__(self, time: float, step: float, why: str, result: Any) -> None:
         self.time, self.step, self.result = time, step, result
-        super().__init__(f"the motion broke down after t = {time:.6g} s: {why}; take a step smaller than {step:.3g} s; the motion up to then is kept")
+        super().__init__(
+            f"the motion broke down after t = {time:.6g} s: {why}; take a step smaller than {step:.3g} s; the motion up to then is kept"
+        )
 
 
 class SingularJacobianError(CoopPinError, ArithmeticError):
@@ -547,6 +553,18 @@ class RunInterruptedError(KeyboardInterrupt):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by fields, not by message."""
         return type(self), (self.time, self.result)
+
+
+class RunFinishedError(CoopPinError, RuntimeError):
+    """A tick was asked of a run that has come to its end.
+
+    Attributes:
+        end: time of its last tick, s.
+    """
+
+    def __init__(self, end: float) -> None:
+        self.end = end
+        super().__init__(f"the run has come to its end at t = {end:.6g} s; make a new Simulation, or give the scenario a longer duration")
 
 
 class ResultFileError(CoopPinError, ValueError):

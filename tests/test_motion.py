@@ -61,7 +61,7 @@ def leaking_squeeze(time):
     return {"left": [-1.0, 0, 0, 0, 0, 0], "right": [1.0 + time, 0, 0, 0, 0, 0]}
 
 
-def lopsided_squeeze(time):
+def lopsided_squeeze(_):
     return {"left": [0.0] * 6}
 
 
@@ -225,7 +225,7 @@ MISTAKES = {
         "half a turn",
     ),
     "no function": ({"kind": "user", "target": "just_a_name"}, errors.FieldError, "motion.target", "module:function"),
-    "a lambda": ({"kind": "user", "target": lambda time: np.eye(4)}, errors.FieldError, "motion.target", "def"),
+    "a lambda": ({"kind": "user", "target": lambda _: np.eye(4)}, errors.FieldError, "motion.target", "def"),
     "terms of unequal number": (
         {"kind": "exponentials", "constant": [0, 0, 0], "amplitudes": [[1, 0, 0]], "time_constants": [1.0, 2.0]},
         errors.FieldShapeError,
@@ -297,12 +297,12 @@ def test_a_squeeze_survives_the_scenario_file_unchanged(squeeze):
 def test_the_run_squeezes_by_the_ramp():
     ramp = RampSqueeze(goal=planar_scenario().squeeze.wrenches, duration=0.1)
     result = cp.run(planar_scenario().replace(squeeze=ramp, duration=0.2, events=()))
-    desired = result.data.internal_wrench_desired if "internal_wrench_desired" in result.data else None
-    reference = ramp.build(["left", "right"])
     assert result.scenario.squeeze == ramp
-    if desired is not None:
-        lengths = [np.linalg.norm(reference.at(float(time))[0, :3]) for time in result.data.time]
-        assert_allclose(np.linalg.norm(desired.values[:, 0, :2], axis=1), lengths, atol=1e-9)
+    desired = result.data.desired_internal_wrench.values
+    lengths = [np.linalg.norm(ramp.build(["left", "right"]).at(float(time))[0, :2]) for time in result.data.time]
+    assert lengths[0] == 0.0
+    assert lengths[-1] == pytest.approx(10.0)
+    assert_allclose(np.linalg.norm(desired[:, 0, :2], axis=1), lengths, atol=1e-9)
 
 
 @pytest.mark.parametrize(

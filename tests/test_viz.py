@@ -151,7 +151,7 @@ def test_payload_and_ghost_follow_the_recorded_poses(replay: Replay) -> None:
     for path, name in (("payload", "payload"), ("desired", "desired")):
         assert_allclose(replay.values(path, "position"), data[f"{name}_position"].values, atol=1e-6)
         assert_allclose(replay.values(path, "quaternion"), data[f"{name}_quaternion"].values, atol=1e-6)
-    ghost = replay.objects("desired/box")["desired/box"]["materials"][0]
+    ghost = replay.objects("desired/shape")["desired/shape"]["materials"][0]
     assert ghost["transparent"]
     assert ghost["opacity"] < 0.5
 

@@ -14,18 +14,20 @@ from coop_pin.chain.tip_search import TipSearch
 from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 
-_SEEDS = 24
+_NEIGHBOURS = 12
+_SEEDS = 16
 _BRANCH_SEEDS = 96
 _SLIDES = 4
+_FIRST_SLIDE = 5
+_WHOLE_SLIDE = 60
 _SAME_BRANCH = 1e-3
-_ANGLE_WEIGHT = 1e-3
-_SAME_DISTANCE = 1e-6
+_SAME_DISTANCE = 1e-5
 
 
 def closing_angles(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> Array:
     """Return joint angles that hold the payload at a pose within the joint limits, nearest to a posture, shape (nq,).
 
-    Levenberg-Marquardt from the posture and from seeds spread over the joint ranges. A redundant arm then slides along its
+    Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint ranges. A redundant arm then slides along its
     self-motion to the angles nearest to the posture. Deterministic.
 
     Args:
@@ -57,24 +59,23 @@ def closing_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLi
     Raises:
         JointLimitError, UnreachablePoseError: there is none, as for closing_angles.
     """
-    return _branches(name, arm, X_WP, posture, _BRANCH_SEEDS, _BRANCH_SEEDS)
+    return _branches(name, arm, X_WP, posture, _BRANCH_SEEDS, None)
 
 
-def _branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, slides: int) -> list[Array]:
+def _branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, slides: int | None) -> list[Array]:
     """Return the distinct branches, sorted by distance to the posture; of a redundant arm, those of the nearest landings."""
     search = TipSearch(arm)
     target = search.grasp(as_array("X_WP", X_WP, 4, 4))
     near = configuration_near(name, arm, posture)
-    starts = [near, *search.ranges.spread(seeds)]
+    starts = [near, *search.ranges.around(near, _NEIGHBOURS), *search.ranges.spread(seeds)]
     found = sorted(_landings(search, target, starts, near), key=lambda q: search.distance(q, near))
     if not found:
         raise _missed(name, search, target, starts, near)
     if search.is_redundant:
-        slid = [search.ranges.unwound(search.slide(target, q, near), near) for q in found[:slides]]
-        found = sorted((q for q in slid if not search.ranges.beyond(q).any()), key=lambda q: search.distance(q, near)) or found[:1]
+        found = _slid(search, target, _slid(search, target, found, near, _FIRST_SLIDE)[:slides], near, _WHOLE_SLIDE)
     distinct: list[Array] = []
     for q in found:
-        if all(search.distance(q, other) > _SAME_BRANCH for other in distinct):
+        if all(search.distance(search.ranges.unwound(q, other), other) > _SAME_BRANCH for other in distinct):
             distinct.append(q)
     return distinct
 
@@ -89,6 +90,13 @@ def configuration_near(name: str, arm: ArmModel, posture: ArrayLike | None) -> A
     return np.array(pin.normalize(arm.model, as_array(argument, posture, arm.nq)))
 
 
+def _slid(search: TipSearch, target: pin.SE3, found: list[Array], near: Array, steps: int) -> list[Array]:
+    """Return closed configurations slid along their self-motion towards the posture, the nearest first."""
+    slid = (search.ranges.unwound(search.slide(target, q, near, steps=steps), near) for q in found)
+    within = [q for q in slid if not search.ranges.beyond(q).any()]
+    return sorted(within or found[:1], key=lambda q: search.distance(q, near))
+
+
 def _landings(search: TipSearch, target: pin.SE3, starts: list[Array], near: Array) -> Iterator[Array]:
     """Yield the closed configurations within the limits that the starts lead to, unwound towards the posture."""
     for start in starts:
@@ -101,8 +109,7 @@ def _landings(search: TipSearch, target: pin.SE3, starts: list[Array], near: Arr
 
 def _missed(name: str, search: TipSearch, target: pin.SE3, starts: list[Array], near: Array) -> UnreachablePoseError:
     """Return the error that says by how much the arm misses, and the joint that is to blame where it is limits alone."""
-    tries = [search.descend(target, start, angle_weight=_ANGLE_WEIGHT) for start in starts]
-    nearest = min(tries, key=_distance_then_angle)
+    nearest = min((search.approach(target, start) for start in starts), key=_distance_then_angle)
     beyond: list[Array] = []
     for start in starts:
         landing = search.descend(target, start, limited=False)

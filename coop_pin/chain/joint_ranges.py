@@ -13,6 +13,7 @@ from coop_pin.model.joint_angles import JointAngles
 _WHOLE_TURN = 2.0 * math.pi
 _ROUND_OFF = 1e-9
 _AT_LIMIT = 1e-7
+_SCATTER = 0.5
 
 
 class JointRanges:
@@ -81,6 +82,11 @@ class JointRanges:
         upper = np.where(self.narrow & np.isfinite(self.upper), self.upper, math.pi)
         upper = np.maximum(lower, upper)
         return [self._joints.configuration(generator.uniform(lower, upper)) for _ in range(count)]
+
+    def around(self, q: Array, count: int) -> list[Array]:
+        """Return configurations scattered around one, half a radian in each joint, the same at every call."""
+        generator = np.random.default_rng(0)
+        return [self.hold(pin.integrate(self._model, q, generator.normal(scale=_SCATTER, size=self._model.nv))) for _ in range(count)]
 
 
 def _turns(angle: float, lower: float, upper: float) -> int:

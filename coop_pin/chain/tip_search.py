@@ -73,13 +73,23 @@ class TipSearch:
             gap_next, A_next = self._gap(target, q_next, weights)
             size_next = float(gap_next @ gap_next)
             if size_next < size:
-                stalled = size > CLOSED**2 and size - size_next < _STALLED * size
+                stalled = size > CLOSED**2 and size - size_next < _STALLED * angle_weight**2 * size
                 q, gap, A, size, damping = q_next, gap_next, A_next, size_next, max(damping * 0.1, 1e-15)
                 if stalled:
                     break
             else:
                 damping *= 10.0
         return Landing(q, gap / weights)
+
+    def approach(self, target: pin.SE3, q: Array) -> Landing:
+        """Return the angles within the limits that come nearest to a grasp out of reach: least distance first, then least angle.
+
+        The weight of the angle falls from descent to descent, so that the distance is made least to a millionth.
+        """
+        for angle_weight in (1.0, 0.1, 0.01, 0.001):
+            landing = self.descend(target, q, angle_weight=angle_weight)
+            q = landing.q
+        return landing
 
     def slide(self, target: pin.SE3, q: Array, near: Array, *, limited: bool = True, steps: int = 60) -> Array:
         """Return the configuration nearest to another that self-motion leads to: dq = (I - A^+ A) (near - q).

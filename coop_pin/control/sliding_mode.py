@@ -45,7 +45,8 @@ class SlidingModeController(ArmController):
         tau     = -K_d s_r - J^T (f_d - K_f ftilde)                (23)
         sigma[k+1] = sigma[k] + T sgn(s_q[k]),  sigma[0] = 0       (18)
 
-    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j stands still where the torque of joint j is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
+    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j stands still where the torque of joint j is saturated.
+    The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
 
     Attributes:
         rows: the k_0 task rows.

@@ -3,33 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm
 from coop_pin.description.base import Description, Vector3
+from coop_pin.description.grasps import grasps_from_configuration
 from coop_pin.description.payload import Payload
+from coop_pin.description.payload_source import built
 from coop_pin.description.pose import Pose
 from coop_pin.errors import FieldError, LoadShareError, suggestion
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 
 class Cell(Description):
-    """Two or more arms that rigidly hold one payload.
+    """Arms that rigidly hold one payload; a single one is an ordinary arm with a load.
 
     Attributes:
         arms: the arms by name; their order is the order of arrays.
-        payload: the held object.
-        grasps: for each arm the pose X_PE of its tip in the payload frame.
+        payload: the held object; a table with a ``kind`` is made into one (payload_source.py).
+        payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for "as-posed" grasps only.
+        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from ``payload_pose`` and the
+            postures, once: the cell then holds the poses themselves.
         rows: the task rows: "full", or "planar" for arms that move in the world's x-y plane.
         gravity: m/s^2, in world axes.
         load_shares: c_i for each arm, summing to one; equal when omitted.
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
-    payload: Payload
+    payload: Annotated[Payload, BeforeValidator(built)]
+    payload_pose: Pose | None = None
     grasps: dict[str, Pose]
     rows: RowsName = "full"
     gravity: Vector3 = (0.0, 0.0, -9.81)
@@ -39,9 +45,25 @@ class Cell(Description):
     @classmethod
     def _named(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
         for name in arms:
-            if "/" in name or "." in name or not name:
-                raise FieldError(f"arm name {name!r} must not be empty or hold '/' or '.'")
+            if "/" in name or "." in name or name in ("", "payload"):
+                raise FieldError(f"arm name {name!r} must not be empty or 'payload', nor hold '/' or '.'")
         return arms
+
+    @field_validator("grasps", mode="before")
+    @classmethod
+    def _as_posed(cls, grasps: Any, earlier: ValidationInfo) -> Any:
+        if not isinstance(grasps, str):
+            return grasps
+        if grasps != "as-posed":
+            raise FieldError(f'is {grasps!r}; it must be a table of poses by arm, or "as-posed"')
+        arms, pose = earlier.data.get("arms"), earlier.data.get("payload_pose")
+        if arms is None:
+            return {}
+        unposed = [name for name, arm in arms.items() if arm.posture is None]
+        if pose is None or unposed:
+            missing = "payload_pose is" if pose is None else f"the postures of {unposed} are"
+            raise FieldError(f'is "as-posed", but {missing} missing; they say where the arms grip')
+        return grasps_from_configuration(arms, {name: arm.posture for name, arm in arms.items()}, pose)
 
     @field_validator("grasps")
     @classmethod

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from coop_pin.description.base import Description
 from coop_pin.description.pose import Pose
 from coop_pin.description.user_code import FunctionName, load_function
-from coop_pin.errors import AmbiguousTurnError, MotionError
+from coop_pin.errors import AmbiguousTurnError, FieldShapeError, MotionError
 from coop_pin.reference import FromFunction, PoseReference, Tabulated, Waypoints
 
 
@@ -32,11 +32,13 @@ class WaypointsMotion(Description):
     """
 
     kind: Literal["waypoints"] = "waypoints"
-    points: tuple[Waypoint, ...] = Field(min_length=2)
+    points: tuple[Waypoint, ...]
 
     @model_validator(mode="after")
     def _one_path(self) -> Self:
         times = [point.time for point in self.points]
+        if len(times) < 2:
+            raise FieldShapeError(f"has {len(times)} entries; a path needs at least 2", "points")
         for index in range(1, len(times)):
             if times[index] <= times[index - 1]:
                 detail = f"is {times[index]:g} after {times[index - 1]:g}; times must increase from point to point"

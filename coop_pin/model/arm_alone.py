@@ -66,30 +66,20 @@ def _reduced(file: UrdfFile, version: tuple[int, int], locked: tuple[tuple[str, 
 def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> WholeArm:
     text = load_checked(file)
     robot, model = Robot(text), model_from_text(text, file.path.name)
-    angles = _with_followers(robot, locked)
+    angles = robot.locked(locked)
     q = pin.neutral(model)
     for joint, angle in angles.items():
         _lock(model, q, joint, angle)
-    moving = {joint: kind for joint, kind in robot.joints.items() if joint not in angles}
+    moving = robot.unlocked(locked)
     if not moving:
         raise LockedJointError(f"locks every joint of {file.path.name}; an arm must have one that moves", "locked")
-    for joint, kind in moving.items():
-        if kind not in _DRIVEN:
-            raise UnsupportedJointError(file.path.name, joint, kind, "urdf")
+    for joint in moving:
+        if robot.joints[joint] not in _DRIVEN:
+            raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
     return WholeArm(model, text, [joint_id(model, joint) for joint in angles], q)
-
-
-def _with_followers(robot: Robot, locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the locked joints and those that mimic them, directly or along a chain of others."""
-    angles = dict(locked)
-    for _ in robot.mimics:
-        for joint, mimic in robot.mimics.items():
-            if mimic.leader in angles and joint not in angles:
-                angles[joint] = mimic.multiplier * angles[mimic.leader] + mimic.offset
-    return angles
 
 
 def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:

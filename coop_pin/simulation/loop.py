@@ -1,44 +1,36 @@
-"""The loop: measure, decide, hold, move; the controller is handed in, never looked up."""
+"""From a scenario and a controller to a result: every tick of a simulation, watched and paced if wanted."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
-
-from coop_pin.arrays import Array, frozen
-from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.contract import ArmReference, CellController
-from coop_pin.control.measurement import ArmMeasurement
-from coop_pin.description.payload import Payload
+from coop_pin.control.contract import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, DivergedError, RunInterruptedError
-from coop_pin.model.joint_limits import joint_limits
-from coop_pin.reference import PoseTarget
-from coop_pin.results import RunResult
-from coop_pin.simulation.actuation import Actuation
-from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.sensing import ArmSensor, ForceSensor
-from coop_pin.simulation.timeline import Timeline
+from coop_pin.errors import CoopPinError, RunInterruptedError
+from coop_pin.results import Observer, RunResult
+from coop_pin.simulation.pace import Pace
+from coop_pin.simulation.simulation import Simulation
 
 Progress = Callable[[int, int], None]
 """(ticks done, ticks in all) -> None."""
 
-_SPEED_LIMIT = 1e3
-_GAP_LIMIT = 1e-2
-_TORQUE_LIMIT = 1e7
 
-
-def simulate(scenario: Scenario, controller: CellController, progress: Progress | None = None) -> RunResult:
+def simulate(
+    scenario: Scenario,
+    controller: CellController,
+    progress: Progress | None = None,
+    view: Observer | None = None,
+    pace: float | None = None,
+) -> RunResult:
     """Run a controller on the plant of a scenario.
 
     Args:
         scenario: what to run.
         controller: who decides; it sees measurements only.
         progress: called after every tick.
+        view: sees every tick, for example what coop_pin.viz.open_view returns.
+        pace: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
@@ -47,107 +39,20 @@ def simulate(scenario: Scenario, controller: CellController, progress: Progress 
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
-    run = _Run(scenario, controller)
+    run = Simulation(scenario, controller)
+    steady = Pace((1.0 if view else math.inf) if pace is None else pace)
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is refused with its time, not warned of
-            for tick in range(run.timeline.ticks + 1):
-                run.tick(tick)
-                if progress is not None:
-                    progress(tick, run.timeline.ticks)
+        while not run.is_finished:
+            steady.wait_until(run.time)
+            run.tick()
+            if view is not None:
+                view(run.moment())
+            if progress is not None:
+                progress(run.ticks_done - 1, run.timeline.ticks)
     except CoopPinError as error:
-        error.result = run.recorder.result() if run.recorder.count else None
+        error.result = run.result() if run.ticks_done else None
         raise
     except KeyboardInterrupt:
-        kept = run.recorder.result() if run.recorder.count else None
+        kept = run.result() if run.ticks_done else None
         raise RunInterruptedError(kept.end if kept else math.nan, kept) from None
-    return run.recorder.result()
-
-
-class _Run:
-    """One run under way."""
-
-    def __init__(self, scenario: Scenario, controller: CellController) -> None:
-        self.scenario, self.controller = scenario, controller
-        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
-        self.chain = CellChain(scenario.cell, scenario.plant)
-        self.payload: Payload = scenario.cell.payload
-        self.plant = Plant(self.chain, scenario.plant, self.chain.configuration(scenario.start.matrix))
-        self.limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
-        self.actuation = Actuation(scenario.cell, self.limits)
-        self.saturated = self.actuation.idle
-        self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
-        self.force_sensor = ForceSensor(scenario.cell, scenario.controller.force_path)
-        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
-        self.recorder = Recorder(scenario, self.plant, self.timeline, self.limits)
-        self.state: Any = None
-
-    def tick(self, tick: int) -> None:
-        """Measure, let events happen, decide, record, and move to the next tick."""
-        time = self.timeline.time(tick)
-        target, squeeze = self.motion.at(time), self.squeeze.at(time)
-        references = self._references(target, squeeze)
-        measurements = self._measure(tick, time, references)
-        self._happen(time)
-        if self.state is None:
-            self.state = self.controller.init(measurements, references)
-        answer, self.state = self.controller.step(measurements, references, self.state)
-        commanded = self.actuation.commands(answer)
-        self._require_finite(time, commanded)
-        applied = self.actuation.apply(commanded)
-        self.plant.hold(applied.torques)
-        self.saturated = applied.saturated
-        self.recorder.record(tick, time, measurements, commanded, applied, target, squeeze)
-        if tick < self.timeline.ticks:
-            self._move(tick)
-
-    def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
-        rows = self.scenario.cell.task_rows
-        twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
-        return [ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze]
-
-    def _measure(self, tick: int, time: float, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
-        wrenches: Sequence[Array | None] = [None] * len(self.sensors)
-        if self.force_sensor.is_needed and tick > 0:
-            wrenches = self.force_sensor.measure(self.plant.interaction_wrenches())
-        measurements = [
-            sensor.measure(time, self.plant.q, self.plant.v, wrench, saturated)
-            for sensor, wrench, saturated in zip(self.sensors, wrenches, self.saturated, strict=True)
-        ]
-        if not self.force_sensor.is_needed or tick > 0:
-            return measurements
-        rows = self.scenario.cell.task_rows
-        desired = [rows.turn(m.payload_pose, r.internal_wrench) for m, r in zip(measurements, references, strict=True)]
-        started = self.force_sensor.start(desired)
-        return [m._replace(internal_wrench=wrench) for m, wrench in zip(measurements, started, strict=True)]
-
-    def _happen(self, time: float) -> None:
-        """Let the events of this instant happen."""
-        for change in self.timeline.changes_at(time):
-            before = self.chain.chain.energy(self.plant.q, self.plant.v).total
-            self.payload = change.apply(self.payload)
-            self.chain.set_payload(self.payload)
-            self.recorder.payload_energy += self.chain.chain.energy(self.plant.q, self.plant.v).total - before
-        if self.timeline.happens_at(time):
-            self.plant.push(self.timeline.push_at(time))
-
-    def _move(self, tick: int) -> None:
-        for index, step in enumerate(self.timeline.steps(tick)):
-            if index > 0:
-                self._happen(step.start)
-            self.plant.advance(step.length)
-        self._require_closed(self.timeline.time(tick))
-
-    def _require_finite(self, time: float, torques: Sequence[Array]) -> None:
-        for name, torque in zip(self.scenario.cell.arms, torques, strict=True):
-            largest = float(np.abs(torque).max())
-            if not largest < _TORQUE_LIMIT:
-                raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, _TORQUE_LIMIT)
-
-    def _require_closed(self, time: float) -> None:
-        """Refuse a state that ran away; ``not <`` also catches NaN."""
-        speed = float(np.abs(self.plant.v).max())
-        if not speed < _SPEED_LIMIT:
-            raise DivergedError(time, "joint speed, rad/s,", speed, _SPEED_LIMIT)
-        gap = max(max(gap) for gap in self.chain.gaps(self.plant.q))
-        if not gap < _GAP_LIMIT:
-            raise DivergedError(time, "closure error, m or rad,", gap, _GAP_LIMIT)
+    return run.result()

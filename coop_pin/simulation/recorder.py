@@ -6,16 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, frozen
 from coop_pin.chain.determined import determined_rows
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
-from coop_pin.results import LimitTable, RunResult, RunSamples
+from coop_pin.results import LimitTable, Moment, RunResult, RunSamples
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
+from coop_pin.spatial import internal_wrenches, rotate_vector6
 
 
 class Recorder:
@@ -27,7 +28,7 @@ class Recorder:
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]) -> None:
-        self._scenario, self._plant, self._limits = scenario, plant, limits
+        self._cell, self._plant, self._limits = scenario.cell, plant, limits
         self.count = 0
         self.payload_energy = 0.0
         self._determined = determined_rows(plant.chain, plant.q)
@@ -90,17 +91,40 @@ class Recorder:
             self._jacobians[index][tick] = measurement.payload_jacobian
         self.count = tick + 1
 
-    def result(self) -> RunResult:
-        """Return the result up to the last recorded tick."""
-        self._samples.interaction_wrench[..., ~self._determined] = np.nan
-        kept, cell = self._samples.first(self.count), self._scenario.cell
+    def moment(self) -> Moment:
+        """Return the sample of the last recorded tick."""
+        kept, last = self._samples, self.count - 1
+        interaction, pose = np.where(self._determined, kept.interaction_wrench[last], np.nan), kept.payload_pose[last]
+        return Moment(
+            time=float(kept.time[last]),
+            configuration=frozen(kept.configuration[last]),
+            payload_pose=frozen(pose),
+            desired_pose=frozen(kept.desired_pose[last]),
+            tip_position=frozen(kept.tip_position[last]),
+            interaction_wrench=frozen(interaction),
+            internal_wrench=frozen(internal_wrenches(interaction, self._cell.shares)),
+            desired_internal_wrench=frozen(rotate_vector6(pose[:3, :3], kept.desired_squeeze[last])),
+            external_wrench=frozen(kept.external_wrench[last]),
+            torque=frozen(kept.torque[last]),
+            saturated=frozen(kept.saturated[last]),
+            jacobian_condition=frozen(np.array([np.linalg.cond(jacobians[last]) for jacobians in self._jacobians])),
+        )
+
+    def result(self, scenario: Scenario) -> RunResult:
+        """Return the result up to the last recorded tick.
+
+        Args:
+            scenario: what was run.
+        """
+        kept, cell = self._samples.first(self.count), self._cell
+        kept.interaction_wrench[..., ~self._determined] = np.nan
         for index, (place, jacobians) in enumerate(zip(self._plant.chain.tree.arms, self._jacobians, strict=True)):
             kept.jacobian_condition[:, index] = np.linalg.cond(jacobians[: self.count])
             posture, joints = cell.arms[place.name].posture, len(place.drive)
             start = np.zeros(joints) if posture is None else np.array(posture)
             kept.joint_position[:, index, :joints] = place.angles.along(kept.configuration[:, place.q], start)
             kept.joint_velocity[:, index, :joints] = kept.velocity[:, place.v]
-        return RunResult.from_samples(self._scenario, kept, self._limit_table(kept.torque.shape[2]))
+        return RunResult.from_samples(scenario, kept, self._limit_table(kept.torque.shape[2]))
 
     def _limit_table(self, joints: int) -> LimitTable:
         """Return the limits with one row for each arm, NaN where there is none."""

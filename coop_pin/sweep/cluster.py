@@ -64,7 +64,7 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
         WorkersLostError: there is no scheduler at that address.
     """
     try:
-        client = _CLIENT(address, set_as_default=False, timeout="10s")
+        client = _CLIENT(address, set_as_default=False, timeout="5s")
     except (OSError, TimeoutError) as error:
         raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
     with client:

@@ -116,7 +116,7 @@ class _Sweep:
             if key in self._under_way:
                 self._under_way[key] += 1
                 continue
-            record = self._store.read_or_set_aside(key, with_result=keep)
+            record = writer.waiting(key) or self._store.read_or_set_aside(key, with_result=keep)
             if record is not None and not self._again(record):
                 self._bar.count(record.failure is not None, old=True)
                 continue
@@ -129,7 +129,7 @@ class _Sweep:
     def _write_unresolved(self, index: int, error: ScenarioError, writer: OutcomeWriter) -> None:
         point = self._plan[index]
         key = unresolved_key(self._plan.base[point.base], point.changes)
-        if self._store.read_or_set_aside(key) is None:
+        if (writer.waiting(key) or self._store.read_or_set_aside(key)) is None:
             writer.write(Outcome(Record(key, "", {}, Failure.of(error))))
         self._bar.count(True, old=True)
 

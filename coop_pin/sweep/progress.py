@@ -25,7 +25,7 @@ class SweepBar:
         """Count a run; old ones do not count as speed."""
         self.finished += 1
         self.failed += failed
-        if old:
+        if old and not self._bar.disable:
             self._bar.initial += 1
         self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
         self._bar.update(1)

@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Self
 
 from coop_pin.sweep.job import Outcome
+from coop_pin.sweep.record import Record
 from coop_pin.sweep.store import SweepStore
 
 _THREADS, _WAITING = 4, 32
@@ -21,6 +22,7 @@ class OutcomeWriter:
         self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="coop-pin-writer")
         self._room = threading.Semaphore(_WAITING)
         self._error: BaseException | None = None
+        self._waiting: dict[str, Record] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -43,12 +45,21 @@ class OutcomeWriter:
         """
         self.check()
         self._room.acquire()
-        self._pool.submit(self._store.write, outcome.record, outcome.result).add_done_callback(self._written)
+        self._waiting[outcome.record.key] = outcome.record
+        self._pool.submit(self._write, outcome).add_done_callback(self._written)
+
+    def waiting(self, key: str) -> Record | None:
+        """Return a record that is on its way to the disk."""
+        return self._waiting.get(key)
 
     def check(self) -> None:
         """Raise what went wrong in the background."""
         if self._error is not None:
             raise self._error
+
+    def _write(self, outcome: Outcome) -> None:
+        self._store.write(outcome.record, outcome.result)
+        del self._waiting[outcome.record.key]
 
     def _written(self, future: Future[None]) -> None:
         self._error = self._error or future.exception()

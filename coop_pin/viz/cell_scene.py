@@ -6,6 +6,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
+from coop_pin.model.payload_shape import payload_shape
 from coop_pin.model.shapes import Box, Mesh, half_extents
 from coop_pin.model.visuals import Body, CellVisuals
 from coop_pin.results import RunResult
@@ -94,14 +95,13 @@ def _body_items(body: Body) -> tuple[Item, ...]:
 
 
 def _payload_items(cell: Cell) -> tuple[Item, ...]:
-    x, y, z = cell.payload.size
-    ghost = Box((_GHOST_SCALE * x, _GHOST_SCALE * y, _GHOST_SCALE * z))
+    shape, ghost, X_PS = payload_shape(cell.payload), payload_shape(cell.payload, _GHOST_SCALE), cell.payload.shape_pose.matrix
     grasps = (
         Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items()
     )
     return (
-        Item("payload/box", Box((x, y, z)), Paint(palette.rgb(palette.ACTUAL)), np.eye(4)),
-        Item("desired/box", ghost, Paint(palette.rgb(palette.DESIRED), opacity=0.35), np.eye(4)),
+        Item("payload/shape", shape, Paint(palette.rgb(palette.ACTUAL)), X_PS),
+        Item("desired/shape", ghost, Paint(palette.rgb(palette.DESIRED), opacity=0.35), X_PS),
         *grasps,
     )
 

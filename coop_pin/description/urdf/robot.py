@@ -53,6 +53,20 @@ class Robot:
         self.mimics = {joint.name: _mimic(node) for joint in every if (node := joint.child("mimic")) is not None}
         self._ends = {edge.joint.name: edge.child for edge in _depth_first(self._tree)} | {link: link for link in self._tree.links}
 
+    def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
+        """Return the angles of locked joints and of those that mimic them, directly or along a chain of others."""
+        angles = dict(joints)
+        for _ in self.mimics:
+            for joint, mimic in self.mimics.items():
+                if mimic.leader in angles and joint not in angles:
+                    angles[joint] = mimic.multiplier * angles[mimic.leader] + mimic.offset
+        return angles
+
+    def unlocked(self, joints: Mapping[str, float]) -> tuple[str, ...]:
+        """Return the joints that move when some are locked."""
+        locked = self.locked(joints)
+        return tuple(joint for joint in self.joints if joint not in locked)
+
     def pose(self, frame: str, angles: Mapping[str, float]) -> Array:
         """Return the pose of a link, or of the link behind a joint, in the root link, shape (4, 4).
 

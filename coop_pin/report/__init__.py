@@ -1,0 +1,33 @@
+"""One page that tells a whole run: what was run, how it went, what the arms did to each other, and the motion in 3-D.
+
+Everything is loaded on first use: the figures and the replay take their time.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PUBLIC = {
+    "internal_force_figure": "coop_pin.report.internal_force_figure",
+    "motion_figure": "coop_pin.report.motion_figure",
+    "report_html": "coop_pin.report.document",
+    "save_report": "coop_pin.report.document",
+    "singularity_figure": "coop_pin.report.singularity_figure",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'coop_pin.report' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_PUBLIC[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return list(__all__)

@@ -1,0 +1,42 @@
+"""Controllers and metrics that misbehave on purpose, for the tests of sweeps; workers import them by name."""
+
+import ctypes
+import os
+import time
+
+import numpy as np
+
+import coop_pin as cp
+
+
+class Faulty(cp.CellController):
+    """Does nothing until it misbehaves at the first tick."""
+
+    def __init__(self, scenario, mode="none"):
+        self.mode = mode
+        self.shapes = [3 for _ in scenario.cell.arms]
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        match self.mode:
+            case "raise":
+                raise ValueError("this law has a mistake")
+            case "exit":
+                os._exit(3)
+            case "crash":
+                ctypes.string_at(0)
+            case "hang":
+                time.sleep(3600.0)
+            case "slow":
+                time.sleep(0.05)
+        return cp.Command([np.zeros(size) for size in self.shapes], state)
+
+
+def answer(result):
+    return {"answer": 42.0, "ticks": float(result.data.sizes["time"])}
+
+
+def law(mode):
+    return {"controller": {"kind": "user", "target": "faulty:Faulty", "options": {"mode": mode}}}

@@ -1,0 +1,143 @@
+"""Workers: the same bits wherever runs are computed, runs that kill or hang their workers, and what workers load and open."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+from faulty import law
+
+import coop_pin as cp
+from coop_pin.sweep import SweepPlan, linspace, sweep
+
+pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
+
+from coop_pin.sweep import cluster, executors  # noqa: E402
+from coop_pin.sweep.job import Job, run_jobs_on_worker  # noqa: E402
+
+SHORT = {"duration": 0.25, "events": []}
+PLAN = SweepPlan(
+    base="adept-paper",
+    changes=SHORT,
+    axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 6), "controller.gains.damping_gain": [[60.0, 60.0, 10.0], [3e3, 3e3, 5e2]]},
+)
+
+
+def tables(folder):
+    return (folder / "table.csv").read_bytes()
+
+
+@contextlib.contextmanager
+def scheduler_elsewhere(folder):
+    """A scheduler and a worker in processes of their own, as dask's own commands start them."""
+    file = str(folder / "scheduler.json")
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}}
+    local = ["--host", "127.0.0.1", "--scheduler-file", file, "--no-dashboard"]
+    words = [["scheduler", *local, "--port", "0"], ["worker", *local, "--nthreads", "1", "--dashboard-address", "127.0.0.1:0"]]
+    processes = []
+    try:
+        for part in words:
+            processes.append(subprocess.Popen([sys.executable, "-m", "dask", *part], **quiet))
+            while not os.path.exists(file):
+                time.sleep(0.05)
+        import json
+
+        yield json.loads(open(file).read())["address"]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            process.wait(timeout=20)
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("in-process")
+    return sweep(PLAN, out=folder, workers=0, quiet=True), tables(folder)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_give_the_bits_of_a_single_process(tmp_path, in_process, workers):
+    result, table = in_process
+    assert sweep(PLAN, out=tmp_path, workers=workers, quiet=True).data.identical(result.data)
+    assert tables(tmp_path) == table
+    assert result.counts() == {"ok": 6, "failed": 6, "missing": 0}
+
+
+def test_a_scheduler_elsewhere_gives_the_bits_of_a_single_process(tmp_path, in_process):
+    result, table = in_process
+    with scheduler_elsewhere(tmp_path) as address:
+        assert sweep(PLAN, out=tmp_path / "out", scheduler=address, quiet=True).data.identical(result.data)
+    assert tables(tmp_path / "out") == table
+
+
+def test_runs_that_hang_exit_or_crash_are_recorded_and_the_rest_goes_on(tmp_path):
+    """The limit is generous: the first run of a worker on a busy machine must not exceed it."""
+    modes = ["none", "exit", "hang", "crash", "raise"]
+    plan = SweepPlan(
+        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": {m: law(m) for m in modes}}, repeats=2, time_limit_s=4.0
+    )
+    seen = {
+        f.number: f for f in sweep(plan.replace(cases={"law": {m: law(m) for m in modes}}), out=tmp_path, workers=2, quiet=True).failures
+    }
+    kinds = {"exit": "WorkerDiedError", "hang": "RunTimeoutError", "crash": "WorkerDiedError", "raise": "ValueError"}
+    assert [seen[i].kind if i in seen else None for i in range(10)] == [kinds.get(mode) for mode in modes for _ in range(2)]
+    assert "limit of 4 s" in seen[4].message
+
+
+def loaded_modules():
+    return sorted({name.split(".")[0] for name in sys.modules} | {name for name in sys.modules if name.startswith("coop_pin.")})
+
+
+def listening(process):
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return [connection.laddr for connection in process.net_connections() if connection.status == psutil.CONN_LISTEN]
+    return []
+
+
+def test_workers_load_no_viewer_and_nothing_listens_beyond_loopback_or_on_a_web_port():
+    me = psutil.Process()
+    before = listening(me)
+    with cluster.local_cluster(2) as local:
+        local.client.wait_for_workers(2, timeout=60)
+        jobs = [Job("key", cp.Scenario.load("adept-paper", SHORT).model_dump_json())]
+        (outcome,) = local.client.submit(run_jobs_on_worker, jobs, pure=False).result()
+        modules = local.client.run(loaded_modules)
+        threads = local.client.run(lambda: [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")])
+        processes = [me, *me.children(recursive=True)]
+        addresses = [address for process in processes for address in listening(process) if address not in before]
+        workers = [process for process in processes if "multiprocessing.spawn" in " ".join(process.cmdline())]
+    assert outcome.record.failure is None
+    assert len(modules) == len(workers) == 2
+    for names in modules.values():
+        assert {"coop_pin", "pinocchio", "coop_pin.sweep.job"} <= set(names)
+        assert set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
+    assert set(map(tuple, threads.values())) == {("1", "1", "1")}
+    assert {address.ip for address in addresses} == {"127.0.0.1"}
+    assert len(addresses) == 1 + 2 + 2  # the scheduler, and each worker with its keeper
+    gone, alive = psutil.wait_procs(processes[1:], timeout=10)
+    assert [process for process in alive if process in workers] == []
+
+
+def test_workers_end_with_their_parent_however_it_ends(tmp_path):
+    code = "import sys, time; from coop_pin.sweep import cluster\nwith cluster.local_cluster(1) as c:\n c.client.wait_for_workers(1); print('up', flush=True); time.sleep(600)"
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert parent.stdout.readline() == b"up\n"
+    children = psutil.Process(parent.pid).children(recursive=True)
+    assert len(children) >= 2
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    parent.stdout.close()
+    assert psutil.wait_procs(children, timeout=30)[1] == []
+
+
+def test_batches_hold_short_runs_together_and_long_ones_apart():
+    executor = executors.ClusterExecutor(None)
+    executor._mean_s = 0.025
+    assert executor._batch_size() == 10
+    executor._mean_s = 60.0
+    assert executor._batch_size() == 1

@@ -1,0 +1,228 @@
+"""A sweep in one process: every point is recorded once, resumed, and recomputed only when its file or the plan changed."""
+
+import csv
+
+import numpy as np
+import pytest
+from faulty import law
+from numpy.testing import assert_array_equal
+
+import coop_pin as cp
+import coop_pin.sweep.engine as engine
+from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
+from coop_pin.sweep import SweepPlan, SweepResult, sweep
+from coop_pin.sweep.job import Job, run_job
+
+GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
+SHORT = {"duration": 0.1, "events": []}
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """Jobs that were computed, not read."""
+    jobs = []
+
+    def counted(job):
+        jobs.append(job)
+        return run_job(job)
+
+    monkeypatch.setattr(engine, "run_job", counted)
+    return jobs
+
+
+def small(out, axes=None, **fields):
+    return sweep("adept-paper", axes or {GAIN: [0.0, 0.1, 0.2]}, out=out, workers=0, quiet=True, changes=SHORT, **fields)
+
+
+def records(folder):
+    return {path.name: path.read_bytes() for path in (folder / "runs").rglob("*.json")}
+
+
+# ---------------------------------------------------------------- what is computed
+
+
+def test_metrics_are_those_of_single_runs(tmp_path):
+    result = small(tmp_path)
+    for gain, found in zip((0.0, 0.1, 0.2), result.values("torque_peak_Nm").values, strict=True):
+        assert found == cp.run("adept-paper", SHORT | {GAIN: gain}).torque_peak()
+    assert result.counts() == {"ok": 3, "failed": 0, "missing": 0}
+    assert_array_equal(result.data[GAIN], [0.0, 0.1, 0.2])
+
+
+def test_a_second_call_computes_nothing_and_says_the_same(tmp_path, computed):
+    first = small(tmp_path)
+    kept, table = records(tmp_path), (tmp_path / "table.csv").read_bytes()
+    second = small(tmp_path)
+    assert len(computed) == 3
+    assert records(tmp_path) == kept
+    assert (tmp_path / "table.csv").read_bytes() == table
+    assert second.data.identical(first.data)
+
+
+def test_a_changed_plan_computes_what_is_new(tmp_path, computed):
+    small(tmp_path)
+    result = small(tmp_path, {GAIN: [0.2, 0.3, 0.0]})
+    assert len(computed) == 4
+    assert result.counts()["ok"] == 3
+    assert len(records(tmp_path)) == 4
+
+
+def test_equal_points_are_computed_once(tmp_path, computed):
+    result = small(tmp_path, {GAIN: [0.1, 0.1, 0.1]})
+    assert len(computed) == 1
+    assert result.counts()["ok"] == 3
+
+
+def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
+    before = small(tmp_path).data
+    damaged = sorted((tmp_path / "runs").rglob("*.json"))[0]
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 2] ^= 4
+    damaged.write_bytes(content)
+    assert SweepResult.load(tmp_path).counts()["missing"] == 1
+    assert small(tmp_path).data.identical(before)
+    assert len(computed) == 4
+    assert (tmp_path / "set-aside" / damaged.name).read_bytes() == content
+
+
+def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
+    def interrupted(job):
+        if len(computed) == 2:
+            raise KeyboardInterrupt
+        computed.append(job)
+        return run_job(job)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(engine, "run_job", interrupted)
+        with pytest.raises(SweepInterruptedError, match="2 of 3 runs kept") as stopped:
+            small(tmp_path)
+    assert (stopped.value.finished, stopped.value.total) == (2, 3)
+    assert SweepResult.load(tmp_path).counts() == {"ok": 2, "failed": 0, "missing": 1}
+    small(tmp_path)
+    assert len(computed) == 3
+
+
+def test_seeds_of_repeats_are_counted_up(tmp_path, computed):
+    small(tmp_path, {"seed": [7]}, repeats=3)
+    assert [cp.Scenario.model_validate_json(job.scenario).seed for job in computed] == [7, 8, 9]
+
+
+def test_users_metrics_stand_beside_ours(tmp_path):
+    result = small(tmp_path, metrics=("faulty:answer",))
+    assert_array_equal(result.values("answer"), [42.0, 42.0, 42.0])
+    assert_array_equal(result.values("ticks"), [9.0, 9.0, 9.0])
+
+
+# ---------------------------------------------------------------- what fails
+
+
+def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(tmp_path):
+    wild = {DAMPING: [3e3, 3e3, 5e2]}
+    nowhere = {"controller": {"kind": "user", "target": "nowhere:Law"}}
+    cases = {"law": {"wild": wild, "broken": law("raise"), "paper": {}, "nowhere": nowhere}}
+    result = small(tmp_path, {"seed": [0]}, cases=cases)
+    assert {f.parameters["law"]: f.kind for f in result.failures} == {
+        "wild": "DivergedError",
+        "broken": "ValueError",
+        "nowhere": "EntryNotFoundError",
+    }
+    assert [f.number for f in result.failures] == [0, 1, 3]
+    assert result.counts() == {"ok": 1, "failed": 3, "missing": 0}
+    assert np.isfinite(result.data["failed_at_s"].values[0])
+
+
+def test_values_that_a_scenario_refuses_are_failures_and_are_not_tried(tmp_path, computed):
+    result = small(tmp_path, {GAIN: [0.1, -1.0, 0.2]})
+    small(tmp_path, {GAIN: [0.1, -1.0, 0.2]})
+    assert len(computed) == 2
+    (failure,) = result.failures
+    assert failure.number == 1
+    assert "sign_gain" in failure.message
+    assert_array_equal(result.data["status"], ["ok", "failed", "ok"])
+
+
+def test_a_run_beyond_its_time_limit_is_given_up_and_tried_again_on_request(tmp_path, computed):
+    plan = SweepPlan(base="adept-paper", changes=SHORT | law("slow"), time_limit_s=0.12)
+    options = {"out": tmp_path, "workers": 0, "quiet": True}
+    (failure,) = sweep(plan, **options).failures
+    assert failure.kind == "RunTimeoutError"
+    sweep(plan, **options)
+    assert len(computed) == 1
+    sweep(plan.replace(time_limit_s=60.0), retry_failed=True, **options)
+    assert len(computed) == 2
+    assert SweepResult.load(tmp_path).counts()["ok"] == 1
+
+
+def test_a_job_answers_whatever_its_run_raises():
+    for mode, kind in (("raise", "ValueError"), ("none", None)):
+        scenario = cp.Scenario.load("adept-paper", SHORT | law(mode))
+        failure = run_job(Job("key", scenario.model_dump_json())).record.failure
+        assert (failure.kind if failure else None) == kind
+
+
+def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(FieldError, match="workers cannot import"):
+        sweep("adept-paper", out=tmp_path, workers=1, metrics=("__main__:mine",))
+
+
+def test_an_absent_scheduler_is_a_typed_error(tmp_path):
+    with pytest.raises(WorkersLostError, match="no dask scheduler"):
+        sweep("adept-paper", out=tmp_path, scheduler="tcp://127.0.0.1:9", quiet=True, changes=SHORT)
+
+
+# ---------------------------------------------------------------- what is kept
+
+
+def test_kept_runs_are_read_and_others_computed_with_the_same_numbers(tmp_path, monkeypatch):
+    result = small(tmp_path, keep=[1])
+    assert len(list((tmp_path / "results").rglob("*.nc"))) == 1
+    fresh = cp.run("adept-paper", SHORT | {GAIN: 0.2}).data
+    assert result.open(2).data.equals(fresh)
+    monkeypatch.setattr("coop_pin.sweep.result.run", None)
+    assert result.open(1).scenario == result.plan.scenario(1)
+    assert result.open(1).torque_peak() == result.values("torque_peak_Nm").values[1]
+
+
+def test_a_damaged_kept_run_is_computed_again(tmp_path, computed):
+    small(tmp_path, keep="all")
+    path = sorted((tmp_path / "results").rglob("*.nc"))[0]
+    content = bytearray(path.read_bytes())
+    content[-100] ^= 1
+    path.write_bytes(content)
+    result = small(tmp_path, keep="all")
+    assert len(computed) == 4
+    assert result.store.read_or_set_aside(path.stem, with_result=True) is not None
+
+
+def test_asking_for_full_results_later_computes_them(tmp_path, computed):
+    small(tmp_path)
+    small(tmp_path, keep="all")
+    assert len(computed) == 6
+    small(tmp_path, keep="all")
+    assert len(computed) == 6
+
+
+def test_tables_have_a_line_for_each_run_and_times_stand_apart(tmp_path):
+    result = small(tmp_path)
+    with (tmp_path / "table.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [float(line[GAIN]) for line in lines] == [0.0, 0.1, 0.2]
+    assert [float(line["torque_peak_Nm"]) for line in lines] == result.values("torque_peak_Nm").values.tolist()
+    assert not any("wall" in name for name in lines[0])
+    with (tmp_path / "times.csv").open(newline="") as file:
+        assert all(float(line["wall_s"]) > 0.0 for line in csv.DictReader(file))
+    again = SweepResult.load(tmp_path)
+    assert again.plan == result.plan
+    assert again.data.identical(result.data)
+
+
+def test_a_folder_without_a_sweep_is_refused(tmp_path):
+    with pytest.raises(SweepStoreError, match="holds no sweep"):
+        SweepResult.load(tmp_path)
+
+
+def test_nothing_but_files_of_the_sweep_is_in_its_folder(tmp_path):
+    small(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"lock", "plan.json", "runs", "table.csv", "table.nc", "times.csv"}
+    assert (tmp_path / "lock").read_text() == ""
+    assert not np.any([path.name.startswith(".") for path in tmp_path.rglob("*")])
