@@ -46,7 +46,8 @@ class RunFolder:
         path: the folder.
     """
 
-    SCENARIO, RESULT, METRICS, TIMING, REPLAY = "scenario.toml", "result.nc", "metrics.json", "timing.json", "replay.html"
+    SCENARIO, RESULT, METRICS, TIMING = "scenario.toml", "result.nc", "metrics.json", "timing.json"
+    REPLAY, REPORT = "replay.html", "report.html"
     FIGURES = ("figure2", "figure3", "errors")
 
     def __init__(self, path: str | Path) -> None:
@@ -102,7 +103,7 @@ class RunFolder:
             figures.save_figure(make(result), self.path / name)
 
     def _pictures(self) -> list[str]:
-        return [self.REPLAY, *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))]
+        return [self.REPLAY, self.REPORT, *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))]
 
     def _remove(self, names: list[str]) -> None:
         for name in names:

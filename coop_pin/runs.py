@@ -8,18 +8,26 @@ from typing import Any
 
 from coop_pin.controllers import build_controller
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
+from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import simulate
 from coop_pin.simulation.loop import Progress
 
 
-def run(scenario: Scenario | str | Path, overrides: Mapping[str, Any] | None = None, progress: Progress | None = None) -> RunResult:
+def run(
+    scenario: Scenario | str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    view: Observer | None = None,
+    pace: float | None = None,
+) -> RunResult:
     """Run a scenario with the controller it names.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
         progress: called after every tick with (ticks done, ticks in all).
+        view: sees every tick, for example what coop_pin.viz.open_view returns.
+        pace: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -29,4 +37,4 @@ def run(scenario: Scenario | str | Path, overrides: Mapping[str, Any] | None = N
         scenario = Scenario.load(scenario, overrides)
     elif overrides:
         scenario = scenario.override(overrides)
-    return simulate(scenario, build_controller(scenario), progress)
+    return simulate(scenario, build_controller(scenario), progress, view, pace)

@@ -33,6 +33,7 @@ BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
 # - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
+# - description reads meshes of payloads with trimesh, which yourdfpy brings;
 # - controllers asks an ArmModel for the number of joints that gains must fit.
 ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -40,7 +41,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "spatial": (set(), {"scipy"}),
     "reference": (set(), {"scipy"}),
     "control": ({"reference"}, {"scipy"}),
-    "description": ({"control", "reference"}, {"pydantic", "pydantic_core", "scipy", "tomli_w", "xacrodoc", "yourdfpy"}),
+    "description": ({"control", "reference"}, {"pydantic", "pydantic_core", "scipy", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"}),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "model_based": ({"control", "reference", "model", "chain"}, {"pinocchio", "scipy"}),

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import Energy
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closing import closing_angles
@@ -78,40 +79,40 @@ class CellChain:
         """Give the payload another mass and inertia, at once."""
         self.tree.set_payload(payload)
 
-    def configuration(self, X_WP: Array) -> Array:
+    def configuration(self, X_WP: ArrayLike) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
 
         Raises:
             UnreachablePoseError: an arm cannot reach; with the gap.
         """
-        angles = []
+        X, configurations = as_array("X_WP", X_WP, 4, 4), []
         for name, arm in self.cell.arms.items():
             model = ArmModel(arm, self.cell.grasps[name].matrix)
-            angles.append(closing_angles(name, model, X_WP, arm.posture))
-        return self.chain.project_configuration(self.tree.configuration(angles, X_WP))
+            configurations.append(closing_angles(name, model, X, arm.posture))
+        return self.chain.project_configuration(self.tree.configuration(configurations, X))
 
-    def payload_pose(self, q: Array) -> Array:
+    def payload_pose(self, q: ArrayLike) -> Array:
         """Return X_WP, shape (4, 4)."""
-        return self._at(q)[self.tree.payload_frame].homogeneous
+        return self._at(self._q(q))[self.tree.payload_frame].homogeneous
 
-    def payload_jacobian(self, q: Array) -> Array:
+    def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP of the tree with V_WP = J_WP v, shape (6, nv)."""
-        J: Array = pin.computeFrameJacobian(self.tree.model, self._data, q, self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED)
+        J: Array = pin.computeFrameJacobian(self.tree.model, self._data, self._q(q), self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED)
         return J
 
-    def payload_twist(self, q: Array, v: Array) -> Array:
+    def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return V_WP, shape (6,)."""
-        return self.payload_jacobian(q).dot(v)
+        return self.payload_jacobian(q).dot(self._v("v", v))
 
-    def tip_positions(self, q: Array) -> Array:
+    def tip_positions(self, q: ArrayLike) -> Array:
         """Return the position of every tip in the world, m, shape (m, 3)."""
-        return self._tips(self._at(q))
+        return self._tips(self._at(self._q(q)))
 
-    def gaps(self, q: Array) -> list[Gap]:
+    def gaps(self, q: ArrayLike) -> list[Gap]:
         """Return for each arm how far its tip stands from its grasp."""
-        return self._gaps(self._at(q))
+        return self._gaps(self._at(self._q(q)))
 
-    def interaction_wrenches(self, q: Array, v: Array, tau: Array, external: Array = _NO_WRENCH) -> Array:
+    def interaction_wrenches(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
 
         Args:
@@ -120,11 +121,13 @@ class CellChain:
             tau: generalised force of everything but the closures, including J_WP^T external, shape (nv,).
             external: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
-        return self._wrenches(self._at(q, v, self.chain.solver.acceleration(q, v, tau)), external)
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        return self._wrenches(self._at(q, v, self.chain.solver.acceleration(q, v, tau)), as_array("external", external, 6))
 
-    def observe(self, q: Array, v: Array, tau: Array, external: Array = _NO_WRENCH) -> Observation:
+    def observe(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH) -> Observation:
         """Return all of this at once, from one pass over the tree; arguments as of interaction_wrenches."""
         model, data, payload = self.tree.model, self._data, self.tree.payload_frame
+        q, v, tau, external = self._q(q), self._v("v", v), self._v("tau", tau), as_array("external", external, 6)
         frames = self._at(q, v, self.chain.solver.acceleration(q, v, tau))
         return Observation(
             payload_pose=frames[payload].homogeneous,
@@ -134,6 +137,12 @@ class CellChain:
             interaction_wrenches=self._wrenches(frames, external),
             energy=Energy(pin.computeKineticEnergy(model, data), pin.computePotentialEnergy(model, data)),
         )
+
+    def _q(self, q: ArrayLike) -> Array:
+        return as_array("q", q, self.tree.model.nq)
+
+    def _v(self, name: str, v: ArrayLike) -> Array:
+        return as_array(name, v, self.tree.model.nv)
 
     def _at(self, q: Array, *rates: Array) -> Any:
         """Move the tree to (q, v, a) and return its frames; they are Pinocchio's own and change with the next move."""

@@ -23,6 +23,7 @@ class Run:
         quiet: no progress bar and no table.
         replay: whether to write replay.html, the motion in 3-D.
         figures: whether to write the figures.
+        report: whether to write report.html, one page that tells the whole run.
         fields: fields of the scenario, as typed.
     """
 
@@ -31,6 +32,7 @@ class Run:
     quiet: bool = False
     replay: bool = True
     figures: bool = True
+    report: bool = False
     fields: Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:

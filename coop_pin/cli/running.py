@@ -13,6 +13,7 @@ from coop_pin.controllers import build_controller
 from coop_pin.description import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError
 from coop_pin.output import RunFolder, Stopwatch, Timing
+from coop_pin.report import save_report
 from coop_pin.results import RunResult
 from coop_pin.simulation import simulate
 
@@ -42,6 +43,8 @@ def run_into_folder(command: Run) -> int:
         return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
     timing = watch.timing(result)
     folder.write(result, timing, replay=command.replay, figures=command.figures)
+    if command.report:
+        save_report(result, folder.path / folder.REPORT)
     if not command.quiet:
         print(table(result, timing))
         print(f"written to {folder.path}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,7 +57,8 @@ def read_mesh(path: Path) -> Any:
     Raises:
         MeshError: the file cannot be read.
     """
-    trimesh = importlib.import_module("trimesh")  # takes a tenth of a second: only who needs it pays
+    import trimesh  # takes a tenth of a second: only who needs it pays
+
     if not path.is_file():
         raise MeshError(f"there is no mesh at {path}", "mesh_file")
     try:

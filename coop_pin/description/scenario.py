@@ -157,16 +157,25 @@ class Scenario(Description):
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
-    """Make paths of URDF and CSV files that exist beside the scenario's file absolute."""
-    arms = data.get("cell", {}).get("arms", {}) if isinstance(data.get("cell"), dict) else {}
+    """Make paths of URDF, mesh and CSV files and of package folders that exist beside the scenario's file absolute."""
+    cell = data["cell"] if isinstance(data.get("cell"), dict) else {}
+    arms = cell.get("arms", {})
     for arm in arms.values() if isinstance(arms, dict) else ():
         _anchor(arm, "urdf", folder)
+        if isinstance(arm, dict) and isinstance(arm.get("package_dirs"), list):
+            arm["package_dirs"] = [_beside(folder, entry) for entry in arm["package_dirs"]]
+    for field in ("path", "mesh_file"):
+        _anchor(cell.get("payload"), field, folder)
     _anchor(data.get("motion"), "path", folder)
 
 
 def _anchor(table: Any, field: str, folder: Path) -> None:
-    if isinstance(table, dict) and isinstance(table.get(field), str) and (folder / table[field]).is_file():
-        table[field] = str((folder / table[field]).resolve())
+    if isinstance(table, dict) and isinstance(table.get(field), str) and table[field]:
+        table[field] = _beside(folder, table[field])
+
+
+def _beside(folder: Path, path: Any) -> Any:
+    return str((folder / path).resolve()) if isinstance(path, str) and (folder / path).exists() else path
 
 
 def _without_none(value: Any) -> Any:

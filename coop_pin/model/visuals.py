@@ -53,6 +53,7 @@ class CellVisuals:
 
     Attributes:
         bodies: those that have something to draw.
+        joints: names of the joints of each arm, in the order of its drives.
     """
 
     def __init__(self, cell: Cell, payload: Literal["rooted", "free"]) -> None:
@@ -62,7 +63,9 @@ class CellVisuals:
             cell: the description.
             payload: how the tree holds the payload, as in the scenario's plant: it fixes the layout of q.
         """
-        self._model = CELL_MODELS[payload](cell).model
+        tree = CELL_MODELS[payload](cell)
+        self.joints = {place.name: tuple(name.removeprefix(f"{place.name}/") for name in place.angles.names) for place in tree.arms}
+        self._model = tree.model
         self._data = self._model.createData()
         self.bodies: tuple[Body, ...] = ()
         self._joints: list[int] = []

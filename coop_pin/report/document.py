@@ -107,6 +107,8 @@ def _limits(result: RunResult) -> str:
 
 def _image(figure: Figure, text: str) -> str:
     """Return a figure as an image inside the page; as an image, because names inside two SVGs would clash."""
+    figure.suptitle("")  # the page has headings of its own
+    figure.supxlabel("")
     file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure
         figure.savefig(file, format="svg", metadata={"Date": None})

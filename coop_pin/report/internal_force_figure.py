@@ -36,6 +36,6 @@ def internal_force_figure(result: RunResult) -> Figure:
         for arm, column in zip(arms, axes.T, strict=True):
             for panel, part, unit in zip(column, ("axial", "shear", "moment about P"), ("N", "N", "N m"), strict=True):
                 label(panel, f"arm {arm}, {part}", unit)
-        axes[0, 0].legend(loc="best", ncols=2)
+        axes[0, 0].legend(loc="upper left", ncols=2)
     finish(figure, axes, result)
     return figure

@@ -42,7 +42,7 @@ def _draw(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
         base, colour = described.base.xyz, palette.SERIES[(arm + 1) % len(palette.SERIES)]
         panel.plot(tips[:, arm, first], tips[:, arm, second], color=colour, linewidth=0.6)
         panel.plot(base[first], base[second], "^", color=colour, label=f"base of {name}")
-    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_aspect("equal", adjustable="box")
     label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")
     panel.set_xlabel(f"{'xyz'[first]} (m)")
     panel.legend(loc="best")

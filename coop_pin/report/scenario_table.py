@@ -20,13 +20,13 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
         ("plant", f"payload {plant.payload}, {plant.integrator}"),
     ]
-    facts += [("event", _fields(event.model_dump())) for event in scenario.events]
+    facts += [("event", _value(event.model_dump())) for event in scenario.events]
     return facts
 
 
 def _arm(result: RunResult, index: int) -> str:
     cell = result.scenario.cell
-    name, arm = list(cell.arms.items())[index]
+    arm = list(cell.arms.values())[index]
     squeeze = result.scenario.squeeze_wrenches[index]
     return (
         f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, carries {cell.shares[index]:.3g} of the load; "

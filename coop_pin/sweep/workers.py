@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +14,7 @@ from typing import Self
 
 from coop_pin.errors import WorkersLostError
 
-_TRIES, _SHORT_LIFE_S = 3, 10.0
+_TRIES, _SHORT_LIFE_S, _GRACE_S = 3, 10.0, 3.0
 
 
 class LocalWorkers:
@@ -41,13 +43,14 @@ class LocalWorkers:
 
     @staticmethod
     def _end(process: subprocess.Popen[bytes]) -> None:
+        """Ask the process to end, and after a moment end it and its workers together."""
         assert process.stdin is not None
         process.stdin.close()
-        try:
-            process.wait(timeout=6.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=_GRACE_S)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
     def _start(self) -> subprocess.Popen[bytes]:
         """Start the process, in a session of its own: Ctrl-C on a terminal is for us to handle."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,18 +44,37 @@ def force_series(data: xr.Dataset) -> tuple[ForceSeries, ...]:
 
     Rows that rigid bodies do not determine are drawn as zero.
     """
-    interaction = np.nan_to_num(data["interaction_wrench"].values)[..., :3]
-    internal = np.nan_to_num(data["internal_wrench"].values)[..., :3]
-    tips = data["tip_position"].values
+    names = [str(arm) for arm in data["arm"].values]
+    series = arm_forces(names, data["tip_position"].values, data["interaction_wrench"].values, data["internal_wrench"].values)
+    push = data["external_wrench"].values
+    return (*series, push_force(data["payload_position"].values, push)) if push[:, :3].any() else series
+
+
+def arm_forces(arms: Sequence[str], tips: Array, interaction: Array, internal: Array) -> tuple[ForceSeries, ...]:
+    """Return the internal part and the load part of the force on each arm, at its tip.
+
+    Args:
+        arms: their names.
+        tips: m, shape (n, m, 3).
+        interaction: wrenches on the arms, rows that rigid bodies do not determine are NaN, shape (n, m, 6).
+        internal: the internal part of them, likewise.
+    """
+    whole, inner = np.nan_to_num(interaction)[..., :3], np.nan_to_num(internal)[..., :3]
     series: list[ForceSeries] = []
-    for index, arm in enumerate(data["arm"].values):
-        tip, inner = tips[:, index], internal[:, index]
-        series.append(ForceSeries(f"forces/{arm}/load", palette.LOAD, tip, interaction[:, index] - inner))
-        series.append(ForceSeries(f"forces/{arm}/internal", palette.INTERNAL, tip, inner))
-    push = data["external_wrench"].values[:, :3]
-    if push.any():
-        series.append(ForceSeries("forces/external", palette.EXTERNAL, data["payload_position"].values, push))
+    for index, arm in enumerate(arms):
+        series.append(ForceSeries(f"forces/{arm}/load", palette.LOAD, tips[:, index], whole[:, index] - inner[:, index]))
+        series.append(ForceSeries(f"forces/{arm}/internal", palette.INTERNAL, tips[:, index], inner[:, index]))
     return tuple(series)
+
+
+def push_force(payload: Array, external: Array) -> ForceSeries:
+    """Return the push on the payload, at P.
+
+    Args:
+        payload: position of P, m, shape (n, 3).
+        external: wrench on the payload, shape (n, 6).
+    """
+    return ForceSeries("forces/external", palette.EXTERNAL, payload, external[:, :3])
 
 
 def newtons_per_metre(data: xr.Dataset) -> float:
@@ -62,8 +82,13 @@ def newtons_per_metre(data: xr.Dataset) -> float:
     for name in ("internal_wrench", "interaction_wrench"):
         typical = float(np.median(np.linalg.norm(np.nan_to_num(data[name].values)[..., :3], axis=-1)))
         if typical > 1e-6:
-            return _round_up(typical / TYPICAL_LENGTH_M)
-    return 1.0 / TYPICAL_LENGTH_M
+            return round_scale(typical)
+    return round_scale(1.0)
+
+
+def round_scale(typical: float) -> float:
+    """Return a round scale, N/m, at which a typical force (N) is up to 0.2 m long."""
+    return _round_up(typical / TYPICAL_LENGTH_M)
 
 
 def arrow_items(series: ForceSeries) -> tuple[Item, ...]:

@@ -20,8 +20,9 @@ FRAMES_PER_SECOND = 30.0
 LINK_VERTICES = 1500
 """Most vertices of one link's mesh."""
 
+TRAIL_SPACING_M = 0.004
+TRAIL_RADIUS_M = 0.0025
 _TRIAD_M = 0.05
-_TRAIL_SPACING_M = 0.004
 _GHOST_SCALE = 0.97
 """The ghost is smaller than the payload, so that it hides inside while the payload is where it should be."""
 
@@ -47,9 +48,9 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND) 
     floor = floor_height(scenario.cell, arms.bodies)
     camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), data["tip_position"].values, floor)
     items = (
-        *_floor_items(camera.target, floor),
-        *(item for body in arms.bodies for item in _body_items(body)),
-        *_payload_items(scenario.cell),
+        *floor_items(camera.target, floor),
+        *(item for body in arms.bodies for item in body_items(body)),
+        *payload_items(scenario.cell),
         *_trail_items(path, data["desired_position"].values),
         *(item for series in forces for item in arrow_items(series)),
     )
@@ -86,7 +87,8 @@ def floor_height(cell: Cell, bodies: tuple[Body, ...]) -> float:
     return min(lowest)
 
 
-def _body_items(body: Body) -> tuple[Item, ...]:
+def body_items(body: Body) -> tuple[Item, ...]:
+    """Return the shapes of a body, on its node."""
     items: list[Item] = []
     for visual in body.visuals:
         shape = thinned(visual.shape, LINK_VERTICES) if isinstance(visual.shape, Mesh) else visual.shape
@@ -94,7 +96,8 @@ def _body_items(body: Body) -> tuple[Item, ...]:
     return tuple(items)
 
 
-def _payload_items(cell: Cell) -> tuple[Item, ...]:
+def payload_items(cell: Cell) -> tuple[Item, ...]:
+    """Return the payload with its grasp frames, and the ghost where it should be, on their nodes."""
     shape, ghost, X_PS = payload_shape(cell.payload), payload_shape(cell.payload, _GHOST_SCALE), cell.payload.shape_pose.matrix
     grasps = (
         Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items()
@@ -113,14 +116,20 @@ def _triad() -> Segments:
 
 
 def _trail_items(actual: Array, desired: Array) -> tuple[Item, ...]:
-    trails = (
-        ("trails/actual", tube(actual, 0.0025, _TRAIL_SPACING_M), Paint(palette.rgb(palette.ACTUAL), lit=False)),
-        ("trails/desired", tube(desired, 0.005, _TRAIL_SPACING_M), Paint(palette.rgb(palette.DESIRED), 0.5, lit=False)),
-    )
-    return tuple(Item(path, mesh, paint, np.eye(4)) for path, mesh, paint in trails if mesh is not None)
+    mesh = tube(actual, TRAIL_RADIUS_M, TRAIL_SPACING_M)
+    trail = () if mesh is None else (Item("trails/actual", mesh, Paint(palette.rgb(palette.ACTUAL), lit=False), np.eye(4)),)
+    return (*trail, *desired_path_items(desired))
 
 
-def _floor_items(target: Array, height: float) -> tuple[Item, ...]:
+def desired_path_items(positions: Array) -> tuple[Item, ...]:
+    """Return the path that P should take, m, shape (n, 3); nothing where it does not go anywhere."""
+    mesh = tube(positions, 2.0 * TRAIL_RADIUS_M, TRAIL_SPACING_M)
+    paint = Paint(palette.rgb(palette.DESIRED), 0.5, lit=False)
+    return () if mesh is None else (Item("trails/desired", mesh, paint, np.eye(4)),)
+
+
+def floor_items(target: Array, height: float) -> tuple[Item, ...]:
+    """Return the floor under a point, m, shape (3,), at a height, m."""
     x, y = np.round(target[:2] / _GRID_M) * _GRID_M
     points = grid_points(_FLOOR_M, _GRID_M)
     lines = Segments(points, np.tile(palette.rgb(palette.FLOOR_LINES), (len(points), 1)))

@@ -90,8 +90,9 @@ def scene_messages(scene: Scene) -> list[bytes]:
     for item in scene.items:
         _draw(root[item.path], item, names)
     _look(root, scene.camera)
-    clips = {root[track.path].path: _clip(track, scene.time) for track in scene.tracks}
-    window.send(SetAnimation(animation.Animation(clips=clips)))
+    if scene.tracks:
+        clips = {root[track.path].path: _clip(track, scene.time) for track in scene.tracks}
+        window.send(SetAnimation(animation.Animation(clips=clips)))
     return window.messages
 
 

@@ -10,6 +10,8 @@ EXTERNAL = "#cc79a7"
 EVENT = "#8c8c8c"
 LIMIT = "#000000"
 CAPTION = "#5a6472"
+SATURATED = "#f0e442"
+SINGULAR = "#56b4e9"
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """For lines that only need to differ from each other."""

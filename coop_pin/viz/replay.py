@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import json
-from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
 from coop_pin.description.event import Event, PayloadChange
 from coop_pin.description.scenario import Scenario
+from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
-from coop_pin.viz import palette
 from coop_pin.viz.arrows import newtons_per_metre
 from coop_pin.viz.cell_scene import cell_scene
-from coop_pin.viz.meshcat_door import scene_messages, viewer_licences, viewer_script
-
-_LEGEND = (
-    (palette.ACTUAL, "box", "payload and its path"),
-    (palette.DESIRED, "box", "desired pose and path"),
-    (palette.INTERNAL, "", "internal force on each arm"),
-    (palette.LOAD, "", "load-carrying force on each arm"),
+from coop_pin.viz.meshcat_door import scene_messages
+from coop_pin.viz.page_parts import (
+    LEGEND,
+    PUSH,
+    SATURATED,
+    SINGULAR,
+    arrow_note,
+    as_text,
+    common_parts,
+    legend,
+    page_file,
+    script_json,
 )
-_PUSH = (palette.EXTERNAL, "", "push on the payload")
-
+from coop_pin.viz.tints import COLOURS, body_tints, tint_changes
+from coop_pin.viz.tints import SATURATED as SATURATED_CODE
+from coop_pin.viz.tints import SINGULAR as SINGULAR_CODE
 
 def replay_html(result: RunResult) -> str:
     """Return a page that replays a run in 3-D: meshcat's viewer, the scene, a clock, a slider and a legend.
@@ -37,22 +40,22 @@ def replay_html(result: RunResult) -> str:
     Args:
         result: the run.
     """
-    scenario, scene = result.scenario, cell_scene(result)
+    scenario, scene, warned = result.scenario, cell_scene(result), _tints(result)
     run = {
+        **warned,
+        "colours": COLOURS,
         "duration": result.end,
         "events": [_event(scenario, event) for event in scenario.events if event.time <= result.end],
-        "messages": [base64.b64encode(message).decode("ascii") for message in scene_messages(scene)],
+        "messages": [as_text(message) for message in scene_messages(scene)],
     }
-    return Template(_page_file("replay.html")).substitute(
+    return Template(page_file("replay.html")).substitute(
+        common_parts(),
         title=html.escape(scenario.name),
         summary=html.escape(scenario.summary),
-        style=_page_file("replay.css"),
-        legend=_legend(result),
-        note=f"Arrows: 0.1 m is {newtons_per_metre(result.data) * 0.1:g} N; forces on the arm by the payload, drawn at its grasp.",
-        licences=viewer_licences(),
-        viewer=viewer_script(),
-        run=json.dumps(run).replace("<", "\\u003c"),
-        player=_page_file("replay.js"),
+        legend=_legend(result, {code for _, _, code in warned["tints"]}),
+        note=arrow_note(newtons_per_metre(result.data)),
+        run=script_json(run),
+        player=page_file("replay.js"),
     )
 
 
@@ -67,10 +70,22 @@ def save_replay(result: RunResult, path: str | Path) -> None:
     write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
 
 
-def _legend(result: RunResult) -> str:
-    pushed = bool(result.data["external_wrench"].values.any())
-    entries = (*_LEGEND, _PUSH) if pushed else _LEGEND
-    return "\n".join(f'<li><i class="{kind}" style="background:{colour}"></i>{html.escape(text)}</li>' for colour, kind, text in entries)
+def _tints(result: RunResult) -> dict[str, Any]:
+    """Return the bodies whose colour can change and every change of it."""
+    data, arms = result.data, CellVisuals(result.scenario.cell, result.scenario.plant.payload)
+    names = [body.name for body in arms.bodies]
+    codes = body_tints(names, arms.joints, data["saturated"].values.astype(bool), data["jacobian_condition"].values)
+    return {"bodies": [f"arms/{name}" for name in names], "tints": tint_changes(data["time"].values, codes)}
+
+
+def _legend(result: RunResult, codes: set[float]) -> str:
+    """Return the legend: what never shows is left out."""
+    shown = (
+        (bool(result.data["external_wrench"].values.any()), PUSH),
+        (SATURATED_CODE in codes, SATURATED),
+        (SINGULAR_CODE in codes, SINGULAR),
+    )
+    return legend((*LEGEND, *(entry for is_shown, entry in shown if is_shown)))
 
 
 def _event(scenario: Scenario, event: Event) -> dict[str, Any]:
@@ -80,7 +95,3 @@ def _event(scenario: Scenario, event: Event) -> dict[str, Any]:
     force, moment = event.wrench[:3], event.wrench[3:]
     parts = [f"({', '.join(f'{part:g}' for part in vector)}) {unit}" for vector, unit in ((force, "N"), (moment, "N m")) if any(vector)]
     return {"start": event.time, "end": event.end, "text": f"push {' and '.join(parts)} for {event.duration:g} s"}
-
-
-def _page_file(name: str) -> str:
-    return resources.files("coop_pin.viz").joinpath("page", name).read_text(encoding="utf-8")

@@ -2,41 +2,33 @@
 // Plays the run that stands in this page: the viewer draws, this player turns the clock. Nothing is fetched.
 (() => {
   const run = JSON.parse(document.getElementById("run").textContent);
-  const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
+  const stage = coopPinStage(document.getElementById("meshcat-pane"), run.messages, run.colours);
+  const { viewer } = stage;
   const element = (id) => document.getElementById(id);
   const [play, slider, clock, speed, notice] = ["play", "time", "clock", "speed", "event"].map(element);
 
-  function light() {
-    viewer.set_property(["Grid"], "visible", false);
-    viewer.set_property(["Axes"], "visible", false);
-    viewer.set_property(["Background"], "top_color", [1, 1, 1]);
-    viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
-    const lamp = ["Lights", "SpotLight"];
-    viewer.set_property(lamp, "visible", true);
-    viewer.set_property(lamp.concat("<object>"), "castShadow", true);
-    viewer.set_property(lamp.concat("<object>"), "position", [-1.0, -1.4, 3.4]);
-    const shadow = viewer.scene_tree.find(lamp.concat("<object>")).object.shadow;
-    shadow.mapSize.set(2048, 2048);
-    shadow.bias = -0.0008;
-    shadow.normalBias = 0.012;
-    const strengths = { AmbientLight: 0.52, FillLight: 0.12, PointLightNegativeX: 0.12, PointLightPositiveX: 0.12, SpotLight: 0.42 };
-    for (const [name, strength] of Object.entries(strengths)) {
-      viewer.set_property(["Lights", name, "<object>"], "intensity", strength);
-    }
-  }
-
-  for (const message of run.messages) {
-    viewer.handle_command_bytearray(Uint8Array.from(atob(message), (letter) => letter.charCodeAt(0)));
-  }
-  light();
   viewer.animator.pause(); // the actions stay ready; time is ours
   viewer.animator.folder.domElement.style.display = "none"; // one set of buttons is enough
 
   let time = 0, playing = false, last = null;
+  const tints = run.bodies.map(() => 0);
+
+  // Colours hold until their next change.
+  function tint() {
+    const wanted = run.bodies.map(() => 0);
+    for (const [start, body, code] of run.tints) {
+      if (start > time) { break; }
+      wanted[body] = code;
+    }
+    wanted.forEach((code, body) => {
+      if (code !== tints[body]) { stage.tint(run.bodies[body], code); tints[body] = code; }
+    });
+  }
 
   function show() {
     viewer.animator.seek(time);
     viewer.animator.display_progress(time);
+    tint();
     slider.value = time;
     clock.textContent = `t = ${time.toFixed(2)} s / ${run.duration.toFixed(2)} s`;
     const now = run.events.filter((event) => event.start <= time && time <= Math.max(event.end, event.start + 1));

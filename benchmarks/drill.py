@@ -1,0 +1,330 @@
+"""The fault drill: a sweep is hurt at random moments, again and again, and must lose nothing.
+
+    python benchmarks/drill.py [--faults 100] [--runs 400] [--seed 0]
+
+Each round runs ``coop-pin sweep`` on one folder and hurts it: kills a worker, the keeper of the workers, the process itself or a dask
+scheduler elsewhere, sends Ctrl-C, starts a second sweep, limits the size of files, fills the disk (a small one in memory, where this
+user may mount it), flips bits in stored files, puts foreign files among them. After every round each run that was finished before is
+still there with the same numbers, unless the round damaged its file. In the end the table is that of an undisturbed sweep, byte for byte.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+
+from coop_pin.errors import SweepStoreError
+from coop_pin.sweep import SweepPlan, sweep
+from coop_pin.sweep.record import Record
+from coop_pin.sweep.store import SweepStore
+
+HERE = ("kill", "interrupt", "second", "file-size", "flip-bits", "foreign")
+"""Faults of a sweep in one process, which starts faster."""
+FAULTS = (*HERE, "kill-worker", "kill-keeper", "kill-both", "kill-scheduler", "full-disk")
+OK, FAILED, INTERRUPTED = 0, 1, 130
+_PATIENCE_S = 240.0
+
+PLAN = """
+base = "adept-paper"
+changes = {{ duration = 0.25, events = [] }}
+[axes]
+"controller.gains.damping_gain" = [[60.0, 60.0, 10.0], [50.0, 50.0, 9.0], [40.0, 40.0, 8.0], [3e3, 3e3, 5e2]] # the last diverges
+"controller.gains.sign_gain" = {{ linspace = [0.0, 0.4, {count}] }}
+"""
+
+
+class Session:
+    """A ``coop-pin sweep`` under way.
+
+    Attributes:
+        process: its process.
+    """
+
+    def __init__(self, drill: Drill, *options: str) -> None:
+        self._drill = drill
+        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 closed in ``end``
+        words = ["-m", "coop_pin", "sweep", str(drill.file), "--out", str(drill.folder), "--quiet", *options]
+        self.process = subprocess.Popen([sys.executable, *words], stderr=self._log, start_new_session=True)
+        self._start = drill.count()
+
+    def progress(self, runs: int) -> None:
+        """Wait until so many more runs are on the disk, or the session is over; then a random moment longer."""
+        end = time.monotonic() + _PATIENCE_S
+        while self._drill.count() < self._start + runs and self.process.poll() is None:
+            assert time.monotonic() < end, f"no progress in {_PATIENCE_S:g} s"
+            time.sleep(0.01)
+        self._start = self._drill.count()
+        time.sleep(self._drill.random.uniform(0.0, 0.1))
+
+    def end(self, sent: int | None, *codes: int) -> str:
+        """Send a signal, wait, check the exit code, and return what was said; a session that was done already is fine, too."""
+        done = self.process.poll() is not None
+        if sent is not None and not done:
+            self.process.send_signal(sent)
+        code = self.process.wait(timeout=_PATIENCE_S)
+        self._log.seek(0)
+        said = self._log.read()
+        self._log.close()
+        assert code in (*codes, OK), f"exit code {code}, expected {codes}: {said}"
+        assert "Traceback" not in said, said
+        return said if code != OK else ""
+
+    def children(self, mark: str) -> list[psutil.Process]:
+        """Return descendants with a word in their command line."""
+        with contextlib.suppress(psutil.NoSuchProcess):
+            return [child for child in psutil.Process(self.process.pid).children(recursive=True) if mark in " ".join(_command(child))]
+        return []
+
+
+def _command(process: psutil.Process) -> list[str]:
+    with contextlib.suppress(psutil.Error):
+        return list(process.cmdline())
+    return []
+
+
+class Drill:
+    """One folder and what is done to it.
+
+    Attributes:
+        folder: of the sweep.
+        done: faults so far, by name.
+        random: where chance comes from.
+    """
+
+    def __init__(self, place: Path, runs: int, seed: int) -> None:
+        self.place, self.folder, self.file = place, place / "sweep", place / "sweep.toml"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.file.write_text(PLAN.format(count=runs // 4))
+        self.plan = SweepPlan.load(self.file)
+        self.store = SweepStore(self.folder)
+        self.random = random.Random(seed)
+        self.done: Counter[str] = Counter()
+
+    # ------------------------------------------------------------ what is there
+
+    def count(self) -> int:
+        """Return the number of records on the disk."""
+        return sum(1 for _ in (self.folder / "runs").glob("??/*.json"))
+
+    def records(self) -> dict[str, Record]:
+        """Return every whole record, without times."""
+        found = {}
+        for path in (self.folder / "runs").glob("??/*.json"):
+            with contextlib.suppress(SweepStoreError, OSError):
+                record = self.store.read(path.stem)
+                found[path.stem] = record._replace(times={}) if record else None
+        return {key: record for key, record in found.items() if record is not None}
+
+    def make_work(self) -> None:
+        """Take a part of the records away when few runs are left to do."""
+        files = sorted((self.folder / "runs").glob("??/*.json"))
+        if len(files) > 0.7 * len(self.plan):
+            for path in self.random.sample(files, len(files) // 2):
+                path.unlink()
+
+    # ------------------------------------------------------------ rounds
+
+    def hurt(self, fault: str) -> None:
+        """Run one round and check that nothing was lost."""
+        self.make_work()
+        before = self.records()
+        damaged: set[str] = getattr(self, "_" + fault.replace("-", "_"))() or set()
+        after = self.records()
+        for key, record in before.items():
+            assert key in damaged or key in after, f"{fault}: the finished run {key} is lost"
+            assert key not in after or repr(after[key]) == repr(record), f"{fault}: the run {key} changed"
+        self.done[fault] += 1
+
+    def finish(self) -> bytes:
+        """Let the sweep end undisturbed and return its table."""
+        assert not Session(self, "--workers", "0").end(None)
+        return (self.folder / "table.csv").read_bytes()
+
+    def undisturbed(self) -> bytes:
+        """Return the table of the same sweep in another folder, where nobody hurts it."""
+        sweep(self.plan, out=self.place / "undisturbed", workers=0, quiet=True)
+        return (self.place / "undisturbed" / "table.csv").read_bytes()
+
+    def _here(self) -> Session:
+        session = Session(self, "--workers", "0")
+        session.progress(self.random.randint(0, 12))
+        return session
+
+    def _kill(self) -> None:
+        session = self._here()
+        session.process.kill()
+        session.process.wait()
+
+    def _interrupt(self) -> None:
+        session = self._here()
+        session.progress(1)  # a Ctrl-C while Python is still loading is Python's own affair
+        said = session.end(signal.SIGINT, INTERRUPTED)
+        assert not said or "go on with: coop-pin sweep" in said, said
+
+    def _second(self) -> None:
+        first = self._here()
+        first.progress(1)
+        if first.process.poll() is None:
+            said = Session(self, "--workers", "0").end(None, FAILED)
+            assert not said or f"in use by process {first.process.pid}" in said, said
+        first.end(signal.SIGINT, INTERRUPTED)
+
+    def _file_size(self) -> None:
+        session = self._here()
+        session.progress(1)
+        with contextlib.suppress(psutil.NoSuchProcess):
+            limit = self.random.randint(0, 2000)
+            psutil.Process(session.process.pid).rlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        said = session.end(None, FAILED)
+        assert not said or "a file-size limit is reached" in said, said
+
+    def _full_disk(self) -> None:
+        session = self._here()
+        session.progress(1)
+        filler = self.folder / "filler"
+        with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
+            while True:
+                file.write(bytes(4096))
+        said = session.end(None, FAILED)
+        filler.unlink()
+        assert not said or "the disk is full" in said, said
+
+    def _flip_bits(self) -> set[str]:
+        session = self._here() if self.random.random() < 0.5 else None
+        files = sorted((self.folder / "runs").glob("??/*.json"))
+        hurt = self.random.sample(files, min(len(files), self.random.randint(1, 5)))
+        for path in [*hurt, self.folder / "plan.json"]:
+            if path.exists():
+                content = bytearray(path.read_bytes())
+                content[self.random.randrange(len(content))] ^= 1 << self.random.randrange(8)
+                path.write_bytes(content)
+        if session:
+            session.end(signal.SIGINT, INTERRUPTED, -signal.SIGINT)
+        self._interrupt()
+        return {path.stem for path in hurt}
+
+    def _foreign(self) -> None:
+        for name in ("notes.txt", f".{64 * 'a'}.{32 * 'b'}.json", f"{64 * 'c'}.json", "ab"):
+            path = self.folder / "runs" / self.random.choice(("ab", "cd", "")) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                path.write_bytes(self.random.randbytes(100))
+        self._interrupt()
+
+    def _kill_worker(self) -> None:
+        session = Session(self, "--workers", "2")
+        for _ in range(self.random.randint(1, 3)):
+            session.progress(self.random.randint(1, 12))
+            for worker in session.children("--multiprocessing-fork")[:1]:
+                worker.kill()
+        session.progress(1)
+        session.end(signal.SIGINT, INTERRUPTED)
+
+    def _kill_keeper(self) -> None:
+        session = Session(self, "--workers", "2")
+        session.progress(self.random.randint(1, 12))
+        for keeper in session.children("coop_pin.sweep.worker_host"):
+            keeper.kill()
+        session.progress(1)
+        session.end(signal.SIGINT, INTERRUPTED)
+
+    def _kill_both(self) -> None:
+        """Kill the process together with its workers, at any moment from its very start."""
+        session = Session(self, "--workers", "2")
+        time.sleep(self.random.uniform(0.0, 6.0))
+        children = session.children("")
+        session.process.kill()
+        session.process.wait()
+        assert psutil.wait_procs(children, timeout=60)[1] == [], "workers outlive a killed sweep"
+
+    def _kill_scheduler(self) -> None:
+        with scheduler_elsewhere(self.place) as (address, scheduler):
+            session = Session(self, "--scheduler", address)
+            session.progress(self.random.randint(1, 12))
+            scheduler.kill()
+            session.end(None, FAILED)
+
+
+@contextlib.contextmanager
+def scheduler_elsewhere(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Yield the address and the process of a scheduler with one worker, started with dask's own commands."""
+    file = folder / "scheduler.json"
+    file.unlink(missing_ok=True)
+    local = ["--host", "127.0.0.1", "--scheduler-file", str(file), "--no-dashboard"]
+    words = [["scheduler", *local, "--port", "0"], ["worker", *local, "--nthreads", "1"]]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    processes = []
+    try:
+        for part in words:
+            command = [sys.executable, "-m", "dask", *part]
+            processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment))
+            while not (file.exists() and file.read_text()):
+                time.sleep(0.05)
+        yield json.loads(file.read_text())["address"], processes[0]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=20)
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
+    """Mount a small disk in memory at a folder where this user may; yield whether it is there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    mounted = not subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(folder)], check=False, capture_output=True
+    ).returncode
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def run_drill(place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS) -> Counter[str]:
+    """Hurt a sweep so many times and return how often each way; an AssertionError says what was lost."""
+    with small_disk(place / "sweep", 64) as is_small:
+        drill = Drill(place, runs, seed)
+        kinds = tuple(kind for kind in kinds if is_small or kind != "full-disk")
+        for number in range(faults):
+            fault = kinds[number % len(kinds)]
+            drill.hurt(fault)
+            print(f"{number + 1:4d} {fault:15s} {drill.count():5d} of {len(drill.plan)} runs kept", flush=True)
+        assert drill.finish() == drill.undisturbed(), "the table is not that of an undisturbed sweep"
+    return drill.done
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Drill and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--faults", type=int, default=100)
+    parser.add_argument("--runs", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory() as place:
+        done = run_drill(Path(place), options.faults, options.runs, options.seed)
+    kinds = ", ".join(f"{count} {name}" for name, count in done.items())
+    print(f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s: nothing lost, the table is that of an undisturbed sweep")
+
+
+if __name__ == "__main__":
+    main()

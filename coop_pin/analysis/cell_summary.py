@@ -1,0 +1,161 @@
+"""A cell at a glance: what it is made of, and what its closures leave free."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coop_pin.analysis.arm_extent import arm_extent
+from coop_pin.arrays import Array
+from coop_pin.chain.cell_chain import CellChain
+from coop_pin.description.cell import Cell
+from coop_pin.description.clock import PlantOptions
+from coop_pin.description.payload import Payload
+from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.joint_limits import JointLimits, joint_limits
+
+
+class JointSummary(NamedTuple):
+    """One joint of an arm.
+
+    Attributes:
+        name: of the joint.
+        angle: at the payload pose, rad or m.
+        lower: limit, -inf where there is none.
+        upper: likewise.
+        velocity: limit, inf where there is none.
+        torque: limit of the drive of that number, inf where there is none.
+    """
+
+    name: str
+    angle: float
+    lower: float
+    upper: float
+    velocity: float
+    torque: float
+
+
+class ArmSummary(NamedTuple):
+    """One arm of a cell, closed at the payload pose.
+
+    Attributes:
+        name: the arm.
+        urdf: its file or name.
+        tip: frame that grips.
+        base: position of its root link in the world, m.
+        locked: joints that do not move.
+        joints: those that do.
+        mass: of everything that moves, kg.
+        extent: greatest distance between its first joint and its tip, m.
+        smallest_singular_value: of its payload Jacobian in the cell's task rows and drive coordinates.
+    """
+
+    name: str
+    urdf: str
+    tip: str
+    base: tuple[float, float, float]
+    locked: tuple[str, ...]
+    joints: tuple[JointSummary, ...]
+    mass: float
+    extent: float
+    smallest_singular_value: float
+
+
+class CellSummary(NamedTuple):
+    """A cell, closed at a payload pose.
+
+    Attributes:
+        arms: in the order of the cell.
+        payload: the held object.
+        gravity: m/s^2.
+        task_rows: name of the rows the controllers work on.
+        closure_rows: rows of all grasps, six for each arm.
+        rank: how many of them are independent.
+        freedom: degrees of freedom that are left: joints plus six of the payload minus rank.
+    """
+
+    arms: tuple[ArmSummary, ...]
+    payload: Payload
+    gravity: tuple[float, float, float]
+    task_rows: str
+    closure_rows: int
+    rank: int
+    freedom: int
+
+    def lines(self) -> tuple[str, ...]:
+        """Return the cell as a tree of text."""
+        joints = sum(len(arm.joints) for arm in self.arms)
+        shape = f"{self.payload.shape} of {_numbers(self.payload.size)} m"
+        redundant = self.closure_rows - self.rank
+        return (
+            f"cell: {len(self.arms)} arms, {joints} joints, gravity {_numbers(self.gravity)} m/s^2, task rows {self.task_rows!r}",
+            *(line for arm in self.arms for line in _arm_lines(arm)),
+            f"├─ payload: {self.payload.mass:g} kg, {shape}",
+            f"└─ closures: {self.closure_rows} rows, rank {self.rank} ({redundant} redundant); {self.freedom} degrees of freedom left",
+        )
+
+
+def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
+    """Return a cell at a glance, closed at a payload pose.
+
+    Args:
+        cell: the description.
+        X_WP: payload pose, shape (4, 4).
+
+    Raises:
+        UnreachablePoseError: an arm cannot hold the payload there.
+        UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
+    """
+    chain = CellChain(cell, PlantOptions(payload="free"))
+    q, still = chain.configuration(X_WP), np.zeros(chain.tree.model.nv)
+    rank = chain.chain.forward_dynamics(q, still, still).rank
+    arms = tuple(_arm_summary(cell, place, q[place.q]) for place in chain.tree.arms)
+    return CellSummary(
+        arms, cell.payload, cell.gravity, cell.rows, closure_rows=6 * len(arms), rank=rank, freedom=int(chain.tree.model.nv) - rank
+    )
+
+
+def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
+    arm, limits = cell.arms[place.name], joint_limits(cell.arms[place.name], place.name)
+    J = cell.task_rows.select(ArmModel(arm, cell.grasps[place.name].matrix).payload_jacobian(q)) @ np.linalg.inv(place.drive)
+    return ArmSummary(
+        name=place.name,
+        urdf=arm.urdf,
+        tip=arm.tip,
+        base=arm.base.xyz,
+        locked=tuple(arm.locked),
+        joints=_joints(place, limits, q),
+        mass=float(sum(inertia.mass for inertia in list(arm_alone(arm).inertias)[1:])),
+        extent=arm_extent(arm),
+        smallest_singular_value=float(np.linalg.svd(J, compute_uv=False)[-1]),
+    )
+
+
+def _joints(place: ArmPlace, limits: JointLimits, q: Array) -> tuple[JointSummary, ...]:
+    names = [name.removeprefix(f"{place.name}/") for name in place.angles.names]
+    rows = zip(names, place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque, strict=True)
+    return tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows)
+
+
+def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
+    locked = f", locked: {', '.join(arm.locked)}" if arm.locked else ""
+    return (
+        f"├─ {arm.name}: {arm.urdf}, base at {_numbers(arm.base)} m, tip {arm.tip!r}{locked}",
+        f"│  ├─ {len(arm.joints)} joints, {arm.mass:.3g} kg moving, reach {arm.extent:.3g} m, sigma_min {arm.smallest_singular_value:.3g}",
+        *(_joint_line(joint, last=joint is arm.joints[-1]) for joint in arm.joints),
+    )
+
+
+def _joint_line(joint: JointSummary, last: bool) -> str:
+    span = f"in {joint.lower:.3g} .. {joint.upper:.3g}" if np.isfinite((joint.lower, joint.upper)).all() else "without stops"
+    speed = f"speed up to {joint.velocity:.3g}" if np.isfinite(joint.velocity) else "any speed"
+    torque = f"torque up to {joint.torque:.3g}" if np.isfinite(joint.torque) else "any torque"
+    return f"│  {'└─' if last else '├─'} {joint.name}: {joint.angle:.3f} {span}, {speed}, {torque}"
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{round(value, 6) + 0.0:g}" for value in values) + ")"

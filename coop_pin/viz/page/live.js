@@ -1,0 +1,125 @@
+"use strict";
+// Shows frames as they come over a socket; of a still page, the one that stands in it.
+(() => {
+  const live = JSON.parse(document.getElementById("live").textContent);
+  const stage = coopPinStage(document.getElementById("meshcat-pane"), live.messages, live.colours);
+  const { viewer } = stage, three = MeshCat.THREE;
+  const element = (id) => document.getElementById(id);
+  const nodes = live.nodes.map(stage.node), tints = live.bodies.map(() => 0);
+  const WINDOW_S = 10, REDRAW_MS = 200;
+  let samples = [], path = [], drawnPath = 0, drawnAt = 0, count = 0, shown = null;
+
+  const trailMaterial = new three.MeshBasicMaterial({ color: live.trail.colour });
+  const trail = new three.Mesh(new three.BufferGeometry(), trailMaterial);
+  trail.frustumCulled = false;
+  viewer.scene_tree.find(["meshcat", "trails"]).object.add(trail);
+
+  // A frame: the length of a JSON text, the text, and position, quaternion, scale of every node.
+  function show(bytes) {
+    const length = new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
+    const told = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
+    const rows = new Float32Array(bytes.slice(4 + length).buffer);
+    nodes.forEach((node, index) => {
+      const row = rows.subarray(10 * index, 10 * index + 10);
+      node.position.fromArray(row, 0);
+      node.quaternion.fromArray(row, 3);
+      node.scale.fromArray(row, 7);
+    });
+    told.tints.forEach((code, index) => {
+      if (code !== tints[index]) { stage.tint(live.bodies[index], code); tints[index] = code; }
+    });
+    if (shown !== null && told.time < shown.time) { samples = []; path = []; drawnPath = 0; trail.geometry.dispose(); trail.geometry = new three.BufferGeometry(); }
+    samples.push(told);
+    while (samples[0].time < told.time - WINDOW_S) { samples.shift(); }
+    follow(stage.node("payload").position);
+    shown = told;
+    count += 1;
+    element("clock").textContent = `t = ${told.time.toFixed(2)} s`;
+    viewer.set_dirty();
+  }
+
+  function follow(position) {
+    const last = path[path.length - 1];
+    if (last === undefined || last.distanceTo(position) >= live.trail.spacing) { path.push(position.clone()); }
+    if (path.length > live.trail.most) { path = path.filter((_, index) => index % 2 === 0); }
+  }
+
+  function drawTrail() {
+    if (path.length < 2 || path.length === drawnPath) { return; }
+    drawnPath = path.length;
+    trail.geometry.dispose();
+    trail.geometry = new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, live.trail.radius, 6);
+    viewer.set_dirty();
+  }
+
+  function chart(id, lines) {
+    const canvas = element(id), scale = window.devicePixelRatio || 1;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    canvas.width = width * scale;
+    canvas.height = height * scale;
+    const pen = canvas.getContext("2d");
+    pen.scale(scale, scale);
+    const end = samples[samples.length - 1].time, start = Math.max(end - WINDOW_S, samples[0].time);
+    const most = Math.max(...lines.flatMap((line) => samples.map(line.value)), 1e-9);
+    const power = 10 ** Math.floor(Math.log10(most));
+    const top = [1, 2, 5, 10].find((step) => step * power >= most) * power;
+    const left = 34, bottom = 14;
+    const x = (time) => left + (width - left - 4) * (time - start) / Math.max(end - start, 1e-9);
+    const y = (value) => height - bottom - (height - bottom - 6) * value / top;
+    pen.font = "10px system-ui, sans-serif";
+    pen.fillStyle = "#52606d";
+    pen.strokeStyle = "#c9d1da";
+    pen.textAlign = "right";
+    for (const tick of [0, top / 2, top]) {
+      pen.beginPath(); pen.moveTo(left, y(tick)); pen.lineTo(width - 4, y(tick)); pen.stroke();
+      pen.fillText(Number(tick.toPrecision(3)), left - 4, y(tick) + 3);
+    }
+    pen.fillText(`${end.toFixed(1)} s`, width - 4, height - 2);
+    pen.textAlign = "left";
+    pen.fillText(`${start.toFixed(1)} s`, left, height - 2);
+    for (const line of lines) {
+      pen.strokeStyle = line.colour;
+      pen.lineWidth = 1.6;
+      pen.setLineDash(line.dash);
+      pen.beginPath();
+      samples.forEach((sample, index) => pen[index ? "lineTo" : "moveTo"](x(sample.time), y(line.value(sample))));
+      pen.stroke();
+    }
+  }
+
+  function redraw(now) {
+    requestAnimationFrame(redraw);
+    if (now - drawnAt < REDRAW_MS || shown === null) { return; }
+    drawnAt = now;
+    drawTrail();
+    const error = (sample) => 1000 * sample.position_error;
+    chart("error", [{ value: error, colour: live.chart.actual, dash: [] }]);
+    chart("force", [
+      { value: (sample) => sample.desired_internal, colour: live.chart.desired, dash: [4, 3] },
+      { value: (sample) => sample.internal, colour: live.chart.internal, dash: [] },
+    ]);
+    element("error-now").textContent = error(shown).toPrecision(3);
+    element("force-now").textContent = `${shown.internal.toPrecision(3)} of ${shown.desired_internal.toPrecision(3)}`;
+  }
+
+  function connect() {
+    const address = new URL("frames", location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => { element("status").textContent = "live"; };
+    socket.onmessage = (message) => show(new Uint8Array(message.data));
+    socket.onclose = () => {
+      element("status").textContent = "no connection: the run or its notebook has ended";
+      setTimeout(connect, 2000);
+    };
+  }
+
+  window.coopPin = {
+    viewer, node: stage.node, nodes: live.nodes,
+    get count() { return count; }, get shown() { return shown; }, get samples() { return samples; },
+  };
+  show(stage.bytes(live.frame));
+  if (live.still) { element("status").textContent = live.still; } else { connect(); }
+  requestAnimationFrame(redraw);
+})();

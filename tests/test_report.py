@@ -1,0 +1,169 @@
+"""The report: one page that holds everything, asks for nothing, and says of each number what the result says."""
+
+import base64
+import functools
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+
+import coop_pin as cp
+from coop_pin.cli import main
+from coop_pin.errors import DivergedError
+from coop_pin.report import internal_force_figure, report_html, save_report, singularity_figure
+
+SHORT = {"duration": 0.5, "events": ()}
+SECTIONS = ["judgements", "motion", "tracking", "internal", "torque", "exactness", "singular", "limits", "scenario"]
+
+
+class Page(HTMLParser):
+    """What stands in a page: ids, links, addresses that a browser would load, the frame's page, text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.ids, self.links, self.loaded, self.frames, self.images, self.text = [], [], [], [], [], []
+        self.open, self.void = [], {"meta", "img", "input", "br", "link"}
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag not in self.void:
+            self.open.append(tag)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given["href"]] if tag == "a" else []
+        self.frames += [given["srcdoc"]] if "srcdoc" in given else []
+        self.images += [given["src"]] if tag == "img" else []
+        self.loaded += [given[name] for name in ("src", "data", "poster") if name in given]
+        self.loaded += [given["href"]] if tag == "link" else []
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@functools.cache
+def result(name):
+    return cp.run(SCENARIOS[name]().replace(**SHORT))
+
+
+@functools.cache
+def page(name):
+    return Page(report_html(result(name)))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_page_is_well_formed_and_has_every_section_and_its_links_lead_to_them(name):
+    assert page(name).open == []
+    assert page(name).ids == SECTIONS
+    assert sorted(page(name).links) == sorted(f"#{section}" for section in SECTIONS)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_page_asks_for_nothing(name):
+    assert all(address.startswith("data:") for address in page(name).loaded)
+    (replay,) = page(name).frames
+    assert replay.startswith("<!DOCTYPE html>")
+    assert "coopPin" in replay
+    assert not re.search(r"<(?:script|img|link|iframe)[^>]*(?:src|href)=.https?:", replay)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_figures_are_images_of_vectors_without_addresses(name):
+    assert len(page(name).images) == 6
+    for address in page(name).images:
+        kind, _, content = address.partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        svg = base64.b64decode(content).decode()
+        assert "</svg>" in svg
+        assert not re.search(r"(?:href|src)=\"(?!#)", svg)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_judgement_stands_in_the_table(name):
+    text = "".join(page(name).text)
+    for metric in result(name).metrics():
+        assert metric in text or metric == "window_s"
+    peak = result(name).torque_peak()
+    assert f"{peak:.3g} N m" in text
+    assert "nan" not in text.split("Every field")[0].lower()
+
+
+def test_numbers_that_do_not_exist_are_said_in_words():
+    text = "".join(page("planar").text)
+    assert "never" in text  # half a second does not settle
+    assert "does not apply" in text  # nor reach the window of the rms values
+    assert "a window this run did not reach" in text
+
+
+def test_the_same_result_gives_the_same_bytes(tmp_path):
+    save_report(result("planar"), tmp_path / "a.html")
+    assert (tmp_path / "a.html").read_text(encoding="utf-8") == report_html(result("planar"))
+
+
+def test_words_of_a_scenario_stay_words():
+    nasty = cp.run(SCENARIOS["planar"]().replace(name="<b>&", summary="<script>alert(1)</script>", duration=0.05, events=()))
+    text = report_html(nasty)
+    assert "<script>alert" not in text
+    assert "<b>&" not in text
+    assert "&lt;b&gt;&amp;" in text
+
+
+def test_limits_that_were_exceeded_are_listed():
+    weak = cp.run("adept-paper", SHORT | {"cell.arms.left.torque_limits": 3.0})
+    assert weak.limit_violations()
+    text = "".join(Page(report_html(weak)).text)
+    for beyond in weak.limit_violations():
+        assert f"{beyond.worst:.4g}" in text
+    assert "went beyond its limits" not in text
+    assert "No joint and no drive went beyond its limits." in "".join(page("planar").text)
+
+
+def test_a_run_that_broke_off_is_told_as_such():
+    late = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 1.5, "beyond_bound": True, "events": []}
+    with pytest.raises(DivergedError) as caught:
+        cp.run("adept-paper", late)
+    assert "This run broke off at t =" in report_html(caught.value.result)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_curves_are_the_recorded_ones(name):
+    """Axial and shear of every arm are the two parts of its internal force; the condition numbers are those of the record."""
+    data = result(name).data
+    axes = internal_force_figure(result(name)).axes
+    arms = len(data.arm)
+    curves = np.array([panel.lines[0].get_ydata() for panel in axes]).reshape(3, arms, -1)
+    wrench = np.nan_to_num(data.internal_wrench.values)
+    np.testing.assert_allclose(np.hypot(curves[0], curves[1]), np.linalg.norm(wrench[..., :3], axis=2).T, atol=1e-9)
+    np.testing.assert_allclose(curves[2], np.linalg.norm(wrench[..., 3:], axis=2).T, atol=1e-12)
+    lines = singularity_figure(result(name)).axes[0].lines[:arms]
+    np.testing.assert_array_equal(np.array([line.get_ydata() for line in lines]).T, data.jacobian_condition.values)
+
+
+# ---------------------------------------------------------------- command line
+
+FAST = ["--duration", "0.1", "--events", "[]", "--quiet", "--no-replay", "--no-figures"]
+
+
+def test_report_is_written_from_a_folder_or_a_file(tmp_path, capsys):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST]) == 0
+    assert not (tmp_path / "report.html").exists()
+    assert main(["report", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.strip() == str((tmp_path / "report.html").resolve())
+    assert main(["report", str(tmp_path / "result.nc"), "--out", str(tmp_path / "again.html")]) == 0
+    assert (tmp_path / "again.html").read_bytes() == (tmp_path / "report.html").read_bytes()
+
+
+def test_run_writes_a_report_when_asked_and_leaves_no_old_one(tmp_path):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), "--report", *FAST]) == 0
+    assert "adept-paper" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST]) == 0
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_report_of_nothing_is_bad_input(tmp_path, capsys):
+    assert main(["report", str(tmp_path)]) == 2
+    assert "there is no result file" in capsys.readouterr().err
