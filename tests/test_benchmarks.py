@@ -47,3 +47,9 @@ def test_mujoco_agrees_on_motion_and_internal_wrench(benchmark_module):
     assert_allclose(theirs.angle, ours.angle, rtol=0, atol=1e-5)
     assert_allclose(theirs.internal_wrench, ours.internal_wrench, rtol=0, atol=0.05)
     assert abs(ours.internal_wrench[:, 0]).max() > 5.0
+
+
+def test_the_arms_benchmark_starts_both_engines_alike(benchmark_module, capsys):
+    pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
+    benchmark_module("bench_arms").main(["--arms", "2", "--blocks", "1", "--calls", "1"])
+    assert "2 arms: coop_pin" in capsys.readouterr().out

@@ -42,6 +42,20 @@ class Cluster(NamedTuple):
 
 
 @contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep dask's own reports of lost connections and workers from the terminal: they arrive as errors and as records."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.scheduler")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Cluster]:
     """Yield a scheduler with so many workers of one thread each. It listens on the loopback device only and serves no web page."""
     options = {"host": "127.0.0.1", "port": 0, "protocol": "tcp://", "dashboard": False}
@@ -49,6 +63,7 @@ def local_cluster(workers: int) -> Iterator[Cluster]:
         spec = {"cls": QuietScheduler, "options": options}
         scheduler = _SCHEDULER(scheduler=spec, workers={}, silence_logs=logging.CRITICAL)
     with (
+        _quiet(),
         scheduler,
         LocalWorkers(scheduler.scheduler_address, workers) as local,
         _CLIENT(scheduler, set_as_default=False) as client,
@@ -63,9 +78,10 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
     Raises:
         WorkersLostError: there is no scheduler at that address.
     """
-    try:
-        client = _CLIENT(address, set_as_default=False, timeout="5s")
-    except (OSError, TimeoutError) as error:
-        raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
-    with client:
-        yield Cluster(client, lambda: None)
+    with _quiet():
+        try:
+            client = _CLIENT(address, set_as_default=False, timeout="5s")
+        except (OSError, TimeoutError) as error:
+            raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
+        with client:
+            yield Cluster(client, lambda: None)

@@ -1,4 +1,4 @@
-"""Showing results: a 3-D replay with the forces drawn, and figures. Shows what was recorded, computes no physics.
+"""Showing runs: a 3-D replay or live view with the forces drawn, and figures. Shows what was recorded, computes no physics.
 
 Everything is loaded on first use: meshcat and matplotlib take their time.
 """
@@ -9,8 +9,11 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
+    "LiveView": "coop_pin.viz.viewer",
     "NotebookView": "coop_pin.viz.notebook",
+    "Viewer": "coop_pin.viz.viewer",
     "notebook_view": "coop_pin.viz.notebook",
+    "open_view": "coop_pin.viz.viewer",
     "replay_html": "coop_pin.viz.replay",
     "save_replay": "coop_pin.viz.replay",
 }

@@ -30,7 +30,7 @@ _GRID_M = 0.25
 _FLOOR_M = 3.0
 
 
-def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND) -> Scene:
+def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, arms: CellVisuals | None = None) -> Scene:
     """Return everything there is to see of a run.
 
     The keyframes are recorded samples at their recorded times: nothing is interpolated here.
@@ -38,10 +38,11 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND) 
     Args:
         result: the run.
         frames_per_second: of the keyframes; the recording's own rate where that is lower.
+        arms: what the arms look like; read here when omitted.
     """
     scenario, kept = result.scenario, replay_samples(result.data["time"].values, frames_per_second)
     data = result.data.isel(time=kept)
-    arms = CellVisuals(scenario.cell, scenario.plant.payload)
+    arms = CellVisuals(scenario.cell, scenario.plant.payload) if arms is None else arms
     poses = arms.poses(data["configuration"].values)
     path = data["payload_position"].values
     forces, scale = force_series(data), newtons_per_metre(result.data)

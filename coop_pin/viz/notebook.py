@@ -16,10 +16,18 @@ class NotebookView:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, for IPython."""
-        return (
-            f'<iframe srcdoc="{html.escape(self._page)}" style="width: 100%; height: {self._height}px; border: 0" '
-            'title="coop_pin replay"></iframe>'
-        )
+        return page_frame(self._page, self._height, "coop_pin replay")
+
+
+def page_frame(page: str, height: int, title: str) -> str:
+    """Return a whole page as a frame inside another.
+
+    Args:
+        page: the page's HTML.
+        height: pixels.
+        title: for those who hear pages read.
+    """
+    return f'<iframe srcdoc="{html.escape(page)}" style="width: 100%; height: {height}px; border: 0" title="{title}"></iframe>'
 
 
 def notebook_view(result: RunResult, height: int = 480) -> NotebookView:

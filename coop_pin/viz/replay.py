@@ -27,9 +27,8 @@ from coop_pin.viz.page_parts import (
     page_file,
     script_json,
 )
-from coop_pin.viz.tints import COLOURS, body_tints, tint_changes
-from coop_pin.viz.tints import SATURATED as SATURATED_CODE
-from coop_pin.viz.tints import SINGULAR as SINGULAR_CODE
+from coop_pin.viz.tints import COLOURS, IS_SATURATED, IS_SINGULAR, body_tints, tint_changes
+
 
 def replay_html(result: RunResult) -> str:
     """Return a page that replays a run in 3-D: meshcat's viewer, the scene, a clock, a slider and a legend.
@@ -40,7 +39,8 @@ def replay_html(result: RunResult) -> str:
     Args:
         result: the run.
     """
-    scenario, scene, warned = result.scenario, cell_scene(result), _tints(result)
+    scenario, arms = result.scenario, CellVisuals(result.scenario.cell, result.scenario.plant.payload)
+    scene, warned = cell_scene(result, arms=arms), _tints(result, arms)
     run = {
         **warned,
         "colours": COLOURS,
@@ -70,10 +70,9 @@ def save_replay(result: RunResult, path: str | Path) -> None:
     write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
 
 
-def _tints(result: RunResult) -> dict[str, Any]:
+def _tints(result: RunResult, arms: CellVisuals) -> dict[str, Any]:
     """Return the bodies whose colour can change and every change of it."""
-    data, arms = result.data, CellVisuals(result.scenario.cell, result.scenario.plant.payload)
-    names = [body.name for body in arms.bodies]
+    data, names = result.data, [body.name for body in arms.bodies]
     codes = body_tints(names, arms.joints, data["saturated"].values.astype(bool), data["jacobian_condition"].values)
     return {"bodies": [f"arms/{name}" for name in names], "tints": tint_changes(data["time"].values, codes)}
 
@@ -82,8 +81,8 @@ def _legend(result: RunResult, codes: set[float]) -> str:
     """Return the legend: what never shows is left out."""
     shown = (
         (bool(result.data["external_wrench"].values.any()), PUSH),
-        (SATURATED_CODE in codes, SATURATED),
-        (SINGULAR_CODE in codes, SINGULAR),
+        (IS_SATURATED in codes, SATURATED),
+        (IS_SINGULAR in codes, SINGULAR),
     )
     return legend((*LEGEND, *(entry for is_shown, entry in shown if is_shown)))
 

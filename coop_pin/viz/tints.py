@@ -13,7 +13,7 @@ from coop_pin.viz import palette
 NEAR_SINGULAR = 100.0
 """From this condition number of its payload Jacobian on an arm counts as near a singular pose; healthy arms have 5 to 20."""
 
-PLAIN, SINGULAR, SATURATED = 0, 1, 2
+IS_PLAIN, IS_SINGULAR, IS_SATURATED = 0, 1, 2
 
 COLOURS = (None, palette.rgb(palette.SINGULAR), palette.rgb(palette.SATURATED))
 """By code; None is the body's own colour."""
@@ -34,13 +34,13 @@ def body_tints(bodies: Sequence[str], joints: Mapping[str, Sequence[str]], satur
         Codes, shape (n, bodies).
     """
     arms = list(joints)
-    codes = np.full((len(condition), len(bodies)), PLAIN, dtype=np.int8)
+    codes = np.full((len(condition), len(bodies)), IS_PLAIN, dtype=np.int8)
     for index, body in enumerate(bodies):
         name, _, joint = body.partition("/")
         arm = arms.index(name)
-        codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR
+        codes[condition[:, arm] >= NEAR_SINGULAR, index] = IS_SINGULAR
         if joint in joints[name]:
-            codes[saturated[:, arm, joints[name].index(joint)], index] = SATURATED
+            codes[saturated[:, arm, joints[name].index(joint)], index] = IS_SATURATED
     return codes
 
 
@@ -51,5 +51,5 @@ def tint_changes(time: Array, codes: Codes) -> list[list[float]]:
         time: s, shape (n,).
         codes: shape (n, bodies).
     """
-    before = np.concatenate((np.full((1, codes.shape[1]), PLAIN, dtype=np.int8), codes[:-1]))
+    before = np.concatenate((np.full((1, codes.shape[1]), IS_PLAIN, dtype=np.int8), codes[:-1]))
     return [[float(time[sample]), int(body), int(codes[sample, body])] for sample, body in np.argwhere(codes != before)]
