@@ -31,6 +31,8 @@ BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 # - integrators need nothing above chain and stand there, so that simulation needs no Pinocchio;
 # - description (URDF origins), results and viz turn quaternions with scipy;
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
+# - viz runs: its panel holds a Simulation under the user's hand, and a view that opens before the run asks chain how the cell stands;
+#   nothing below viz imports it, simulate takes any observer;
 # - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - description reads meshes of payloads with trimesh, which yourdfpy brings;
@@ -50,7 +52,10 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "controllers": ({"control", "model_based", "description", "model"}, set()),
     "runs": (BELOW_RUNS | {"controllers"}, set()),
     "analysis": (BELOW_VIEWS, {"pinocchio", "scipy", "xarray"}),
-    "viz": ({"description", "model", "results"}, {"meshcat", "matplotlib", "umsgpack", "xarray", "scipy", "zmq"}),
+    "viz": (
+        {"description", "model", "chain", "controllers", "results", "simulation"},
+        {"ipywidgets", "meshcat", "matplotlib", "tornado", "umsgpack", "xarray", "scipy", "zmq"},
+    ),
     "sweep": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),
     "output": ({"description", "results", "viz"}, set()),
     "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
@@ -60,7 +65,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
 
 # Distributions by the names they are imported under.
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "example-robot-data": "example_robot_data", "h5netcdf": "h5netcdf"}
-COMES_WITH = {"pydantic_core": "pydantic", "umsgpack": "meshcat", "zmq": "meshcat"}
+COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
 
 FILES = sorted(PACKAGE.rglob("*.py"))
 

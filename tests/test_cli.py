@@ -183,6 +183,8 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
     for line in capsys.readouterr().out.splitlines():
         option, value, meaning = re.fullmatch(r"--(\S+) +(.+?)  +(\S.*)", line).groups()
         assert meaning
+        if value == "(omitted)":
+            continue
         fields[option] = [value] if value[0] in "[{" or option == "summary" else value.split()
     assert scenario.override(changes(fields, scenario.cell.arms)) == scenario
     assert {"controller.gains.sign-gain", "cell.arms.left.posture", "events.1.wrench", "beyond-bound"} <= set(fields)
@@ -431,3 +433,19 @@ def test_foreign_files_are_no_results(tmp_path):
     for name in ("text.nc", "foreign.nc", "broken.nc", "old.nc", "missing.nc"):
         with pytest.raises(cp.errors.ResultFileError, match=name):
             cp.RunResult.load(tmp_path / name)
+
+
+def test_show_prints_the_cell_as_a_tree(capsys):
+    assert main(["show", "adept-paper"]) == 0
+    printed = capsys.readouterr().out
+    assert "2 arms, 6 joints" in printed
+    assert "12 rows, rank 9 (3 redundant); 3 degrees of freedom left" in printed
+
+
+def test_check_ends_with_the_verdict(tmp_path, capsys):
+    assert main(["check", "adept-paper", "--poses", "21"]) == 0
+    assert "sigma_min" in capsys.readouterr().out
+    away = cp.Scenario.load("adept-paper", {"motion": {"kind": "line", "start": {}, "goal": {"xyz": (0.5, 2.0, 0.0)}, "duration": 5.0}})
+    away.save(tmp_path / "away.toml")
+    assert main(["check", str(tmp_path / "away.toml"), "--poses", "21"]) == 1
+    assert "left" in capsys.readouterr().out

@@ -48,7 +48,7 @@ def closing_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLi
 
     Two branches differ by more than whole turns; each is unwound to where it is nearest to the posture. The branches of a
     redundant arm are families: each is represented by its angles nearest to the posture. Whether all are found is not
-    certain: 96 seeds found the eight of a UR5 at each of a hundred poses.
+    certain: the search starts from 96 seeds.
 
     Args:
         name: the arm, for messages.

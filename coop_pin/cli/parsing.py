@@ -9,9 +9,11 @@ from typing import Annotated
 import tyro
 
 from coop_pin.cli.catalogue import Fields, List
+from coop_pin.cli.check import Check
 from coop_pin.cli.check_urdf import CheckUrdf
 from coop_pin.cli.report import Report
 from coop_pin.cli.run import Run
+from coop_pin.cli.show import Show
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.view import View
 
@@ -21,6 +23,8 @@ Command = (
     | Annotated[Fields, tyro.conf.subcommand("fields")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Show, tyro.conf.subcommand("show")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
@@ -28,14 +32,14 @@ Command = (
 _DESCRIPTION = "Two or more robot arms that hold one object: run scenarios, look at them, read their numbers."
 
 
-def parse(words: Sequence[str]) -> Run | List | Fields | View | Report | CheckUrdf | Sweep | SweepShow:
+def parse(words: Sequence[str]) -> Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow:
     """Return the command that the words after ``coop-pin`` name.
 
     Raises:
         SystemExit: help was asked for (0), or the words make no command (2).
     """
     own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
-    command: Run | List | Fields | View | Report | CheckUrdf | Sweep | SweepShow = tyro.cli(
+    command: Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow = tyro.cli(
         Command, prog="coop-pin", description=_DESCRIPTION, args=own
     )
     return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command

@@ -9,11 +9,11 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
-    "internal_force_figure": "coop_pin.report.internal_force_figure",
-    "motion_figure": "coop_pin.report.motion_figure",
+    "internal_force_figure": "coop_pin.report.internal_force",
+    "motion_figure": "coop_pin.report.motion",
     "report_html": "coop_pin.report.document",
     "save_report": "coop_pin.report.document",
-    "singularity_figure": "coop_pin.report.singularity_figure",
+    "singularity_figure": "coop_pin.report.singularity",
 }
 
 __all__ = sorted(_PUBLIC)

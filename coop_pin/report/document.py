@@ -13,11 +13,11 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
-from coop_pin.report.internal_force_figure import internal_force_figure
+from coop_pin.report.internal_force import internal_force_figure
 from coop_pin.report.judgements_table import Judgement, judgements
-from coop_pin.report.motion_figure import motion_figure
+from coop_pin.report.motion import motion_figure
 from coop_pin.report.scenario_table import scenario_facts
-from coop_pin.report.singularity_figure import singularity_figure
+from coop_pin.report.singularity import singularity_figure
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
 from coop_pin.viz.figures import error_figure, torque_figure, tracking_figure

@@ -7,10 +7,11 @@ Workers are started from here and not from the user's process: they would import
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 import signal
 import sys
+import threading
+import time
 from typing import Any
 
 from distributed import Nanny
@@ -21,16 +22,29 @@ _PRELOAD = "coop_pin.sweep.job"
 _GRACE_S = 2.0
 
 
-async def keep_workers(address: str, count: int) -> None:
+async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) -> None:
     """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced."""
     options: dict[str, Any] = {"nthreads": 1, "host": "127.0.0.1", "worker_class": QuietWorker, "preload": [_PRELOAD], "death_timeout": 60}
     nannies = [Nanny(address, **options) for _ in range(count)]
     await asyncio.gather(*nannies)
-    await asyncio.to_thread(sys.stdin.read)
-    with contextlib.suppress(TimeoutError):  # a parent that was killed has taken the scheduler with it: nobody answers
-        await asyncio.wait_for(asyncio.gather(*(nanny.close(timeout=1) for nanny in nannies), return_exceptions=True), _GRACE_S)
+    await parent_ended.wait()
+    await asyncio.gather(*(nanny.close(timeout=1) for nanny in nannies), return_exceptions=True)
     os.killpg(0, signal.SIGKILL)
 
 
+async def main(address: str, count: int) -> None:
+    """Keep workers, and end with the parent even where a scheduler that died with it leaves them waiting for answers."""
+    loop, parent_ended = asyncio.get_running_loop(), asyncio.Event()
+
+    def watch() -> None:
+        sys.stdin.read()
+        loop.call_soon_threadsafe(parent_ended.set)
+        time.sleep(_GRACE_S)
+        os.killpg(0, signal.SIGKILL)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
+    await keep_workers(address, count, parent_ended)
+
+
 if __name__ == "__main__":
-    asyncio.run(keep_workers(sys.argv[1], int(sys.argv[2])))
+    asyncio.run(main(sys.argv[1], int(sys.argv[2])))

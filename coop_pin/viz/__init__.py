@@ -10,7 +10,9 @@ from typing import Any
 
 _PUBLIC = {
     "LiveView": "coop_pin.viz.viewer",
+    "LiveRun": "coop_pin.viz.live_run",
     "NotebookView": "coop_pin.viz.notebook",
+    "Panel": "coop_pin.viz.panel",
     "Viewer": "coop_pin.viz.viewer",
     "notebook_view": "coop_pin.viz.notebook",
     "open_view": "coop_pin.viz.viewer",

@@ -40,7 +40,7 @@ class ViewServer:
             OSError: there is no process, port or temporary file to be had.
         """
         secret = secrets.token_urlsafe(16)
-        self._complaints = tempfile.TemporaryFile()
+        self._complaints = _nameless_file()
         with socket.create_server(("127.0.0.1", 0), backlog=64) as bound, tempfile.TemporaryFile() as file:
             file.write(page.encode())
             file.flush()
@@ -113,6 +113,11 @@ class ViewServer:
         self._complaints.seek(0)
         said = self._complaints.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
         return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
+
+
+def _nameless_file() -> IO[bytes]:
+    """Return a file that vanishes with its last owner."""
+    return tempfile.TemporaryFile()
 
 
 def _end(process: subprocess.Popen[bytes], pipe: IO[bytes], complaints: IO[bytes]) -> None:

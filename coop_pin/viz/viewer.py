@@ -87,7 +87,7 @@ class LiveView:
         """Show a moment, unless the last one was shown too short a time ago."""
         self._last, now = moment, time.monotonic()
         if now >= self._due:
-            self._due = max(self._due + self._period, now)
+            self._due = max(self._due, now - self._period) + self._period
             self.show(moment)
 
     def show(self, moment: Moment) -> None:

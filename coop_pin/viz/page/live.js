@@ -28,7 +28,7 @@
     told.tints.forEach((code, index) => {
       if (code !== tints[index]) { stage.tint(live.bodies[index], code); tints[index] = code; }
     });
-    if (shown !== null && told.time < shown.time) { samples = []; path = []; drawnPath = 0; trail.geometry.dispose(); trail.geometry = new three.BufferGeometry(); }
+    if (shown !== null && told.time < shown.time) { startAgain(); }
     samples.push(told);
     while (samples[0].time < told.time - WINDOW_S) { samples.shift(); }
     follow(stage.node("payload").position);
@@ -36,6 +36,14 @@
     count += 1;
     element("clock").textContent = `t = ${told.time.toFixed(2)} s`;
     viewer.set_dirty();
+  }
+
+  function startAgain() {
+    samples = [];
+    path = [];
+    drawnPath = 0;
+    trail.geometry.dispose();
+    trail.geometry = new three.BufferGeometry();
   }
 
   function follow(position) {
@@ -89,7 +97,7 @@
 
   function redraw(now) {
     requestAnimationFrame(redraw);
-    if (now - drawnAt < REDRAW_MS || shown === null) { return; }
+    if (now - drawnAt < REDRAW_MS || samples.length === 0) { return; }
     drawnAt = now;
     drawTrail();
     const error = (sample) => 1000 * sample.position_error;
@@ -120,6 +128,7 @@
     get count() { return count; }, get shown() { return shown; }, get samples() { return samples; },
   };
   show(stage.bytes(live.frame));
+  samples = []; // nothing has moved yet
   if (live.still) { element("status").textContent = live.still; } else { connect(); }
   requestAnimationFrame(redraw);
 })();

@@ -1,0 +1,173 @@
+"""A run under the user's hand: in a thread of its own, at a pace, while gains, payload and squeeze change."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from coop_pin.controllers import build_controller
+from coop_pin.description.event import PayloadChange, WrenchPulse
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.squeeze import SteadySqueeze
+from coop_pin.errors import CoopPinError, SqueezeError
+from coop_pin.results import Observer, RunResult
+from coop_pin.simulation import Pace, Simulation
+
+_JOIN_S = 5.0
+
+
+class LiveRun:
+    """A simulation that somebody starts, pauses, pushes and tunes. What changes acts at the next tick, and stays after a reset.
+
+    Attributes:
+        scenario: what the next reset starts from.
+        error: why the run broke off; None while it has not.
+    """
+
+    def __init__(self, scenario: Scenario, view: Observer | None = None, pace: float = 1.0) -> None:
+        """Stand at the start, paused.
+
+        Args:
+            scenario: what to run.
+            view: sees every tick.
+            pace: simulated seconds in one second of wall time.
+
+        Raises:
+            UnreachablePoseError: the start is out of an arm's reach.
+            NotPositiveError: the pace is not greater than zero.
+        """
+        self.scenario, self.error = scenario, None
+        self._view, self._pace = view, Pace(pace)
+        self._simulation = Simulation(scenario, build_controller(scenario))
+        self._lock, self._stop = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+        self._on_end: Callable[[], None] = lambda: None
+
+    error: CoopPinError | None
+
+    @property
+    def time(self) -> float:
+        """Time of the next tick, s."""
+        return self._simulation.time
+
+    @property
+    def is_running(self) -> bool:
+        """Whether time goes by."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the run has come to its end, or broke off."""
+        return self._simulation.is_finished or self.error is not None
+
+    @property
+    def pace(self) -> float:
+        """Simulated seconds in one second of wall time."""
+        return self._pace.rate
+
+    @pace.setter
+    def pace(self, rate: float) -> None:
+        self._pace = Pace(rate)
+
+    def when_it_ends(self, call: Callable[[], None]) -> None:
+        """Call this, from the run's thread, when the run comes to its end or breaks off."""
+        self._on_end = call
+
+    def start(self) -> None:
+        """Let time go by."""
+        if self.is_running or self.is_finished:
+            return
+        self._stop.clear()
+        self._pace = Pace(self._pace.rate)
+        self._thread = threading.Thread(target=self._run, name="coop_pin live run", daemon=True)
+        self._thread.start()
+
+    def pause(self) -> None:
+        """Hold time."""
+        self._stop.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(_JOIN_S)
+
+    def reset(self) -> None:
+        """Go back to the start and stand there, with the values as they are now."""
+        self.pause()
+        self._simulation, self.error = Simulation(self.scenario, build_controller(self.scenario)), None
+
+    def step(self) -> None:
+        """Do one tick now, whether running or not; a run that has ended stays as it is."""
+        with self._lock:
+            if not self.is_finished:
+                self._simulation.tick()
+                if self._view is not None:
+                    self._view(self._simulation.moment())
+
+    def result(self) -> RunResult:
+        """Return what was recorded since the last reset; at least one tick must have been done."""
+        with self._lock:
+            return self._simulation.result()
+
+    def change(self, fields: Mapping[str, Any]) -> None:
+        """Change fields of the controller, for example ``{"controller.gains.pose_gain": 3.0}``.
+
+        Raises:
+            ScenarioError: the value is not allowed; nothing has changed.
+        """
+        changed = self.scenario.override(fields)
+        controller = build_controller(changed)
+        with self._lock:
+            self.scenario = changed
+            self._simulation.replace_controller(controller)
+
+    def change_mass(self, mass: float) -> None:
+        """Give the payload another mass, kg.
+
+        Raises:
+            ScenarioError: it is not greater than zero; nothing has changed.
+        """
+        payload = self.scenario.cell.payload.with_mass(mass)
+        with self._lock:
+            self.scenario = self.scenario.replace(cell=self.scenario.cell.replace(payload=payload))
+            if not self._simulation.is_finished:
+                self._simulation.add_event(PayloadChange(time=self._simulation.time, mass=mass))
+
+    def change_squeeze(self, newtons: float) -> None:
+        """Scale the scenario's squeeze at t = 0 until its largest force on an arm is this, N.
+
+        Raises:
+            SqueezeError: the scenario has no squeeze to scale.
+        """
+        wrenches = self.scenario.squeeze_wrenches
+        present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
+        if not present > 0.0:
+            raise SqueezeError("is zero; there is no direction to squeeze in. Give the scenario a squeeze first", "squeeze")
+        table = {name: tuple(newtons / present * row) for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)}
+        squeeze = SteadySqueeze(wrenches=table)
+        with self._lock:
+            if newtons > 0.0:  # a zero squeeze would forget its direction
+                self.scenario = self.scenario.replace(squeeze=squeeze)
+            self._simulation.replace_squeeze(squeeze)
+
+    def push(self, wrench: tuple[float, ...], duration: float) -> None:
+        """Push the payload from the next tick on.
+
+        Args:
+            wrench: about P in world axes, N and N m, six numbers.
+            duration: s; cut at the end of the run.
+        """
+        with self._lock:
+            time, left = self._simulation.time, self._simulation.scenario.duration - self._simulation.time
+            if left > 0.0:
+                self._simulation.add_event(WrenchPulse(time=time, duration=min(duration, left), wrench=wrench))
+
+    def _run(self) -> None:
+        while not self._stop.is_set() and not self.is_finished:
+            self._pace.wait_until(self.time)
+            try:
+                self.step()
+            except CoopPinError as error:  # told by whoever looks at it: there is nobody above this thread
+                self.error = error
+        if self.is_finished:
+            self._on_end()

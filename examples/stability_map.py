@@ -1,0 +1,15 @@
+"""From one run to a stability map: how long a late force path may be trusted, and what its gain buys. Usage: stability_map.py [FOLDER]"""
+
+import sys
+
+import coop_pin as cp
+
+print(cp.run("adept-paper", {"duration": 8.0, "events": []}).internal_force())
+
+GAIN, RATE = "controller.gains.force_gain", "clock.rate_hz"
+late = {"duration": 8.0, "events": [], "beyond_bound": True, "controller.force_path.kind": "late"}
+result = cp.sweep("adept-paper", {RATE: [80, 160], GAIN: cp.linspace(0.0, 1.25, 6)}, changes=late, out=(sys.argv + ["out/stability"])[1])
+
+print(result.data["failure"].to_pandas())
+print(result.values("internal_axial_rms_error_N").to_pandas())
+print(result.stability_boundary(GAIN).to_dataframe())
