@@ -56,9 +56,8 @@ class Session:
 
     def __init__(self, drill: Drill, *options: str) -> None:
         self._drill = drill
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 closed in ``end``
         words = ["-m", "coop_pin", "sweep", str(drill.file), "--out", str(drill.folder), "--quiet", *options]
-        self.process = subprocess.Popen([sys.executable, *words], stderr=self._log, start_new_session=True)
+        self.process = subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True, start_new_session=True)
         self._start = drill.count()
 
     def progress(self, runs: int) -> None:
@@ -75,10 +74,8 @@ class Session:
         done = self.process.poll() is not None
         if sent is not None and not done:
             self.process.send_signal(sent)
-        code = self.process.wait(timeout=_PATIENCE_S)
-        self._log.seek(0)
-        said = self._log.read()
-        self._log.close()
+        said = self.process.communicate(timeout=_PATIENCE_S)[1]
+        code = self.process.returncode
         assert code in (*codes, OK), f"exit code {code}, expected {codes}: {said}"
         assert "Traceback" not in said, said
         return said if code != OK else ""
@@ -165,9 +162,7 @@ class Drill:
         return session
 
     def _kill(self) -> None:
-        session = self._here()
-        session.process.kill()
-        session.process.wait()
+        self._here().end(signal.SIGKILL, -signal.SIGKILL)
 
     def _interrupt(self) -> None:
         session = self._here()
@@ -247,8 +242,7 @@ class Drill:
         session = Session(self, "--workers", "2")
         time.sleep(self.random.uniform(0.0, 6.0))
         children = session.children("")
-        session.process.kill()
-        session.process.wait()
+        session.end(signal.SIGKILL, -signal.SIGKILL)
         assert psutil.wait_procs(children, timeout=60)[1] == [], "workers outlive a killed sweep"
 
     def _kill_scheduler(self) -> None:

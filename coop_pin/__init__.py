@@ -53,6 +53,8 @@ _PUBLIC = {
     "closing_angles": "coop_pin.chain",
     "closing_branches": "coop_pin.chain",
     "reachability": "coop_pin.analysis",
+    "cell_summary": "coop_pin.analysis",
+    "grasps_from_configuration": "coop_pin.description",
     "run": "coop_pin.runs",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",

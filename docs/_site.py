@@ -1,8 +1,28 @@
-"""What the reference leaves out: what pydantic and NamedTuple add to every class."""
+"""What the site makes of the package: a table of the public names, and what the reference leaves out."""
 
+import importlib
+import inspect
 from typing import Any
 
+import coop_pin
+
+_PLACEHOLDER = "PUBLIC-NAMES"
 _NOT_OURS = {"model_config", "model_post_init", "model_fields", "model_computed_fields"}
+
+
+def public_names() -> str:
+    """Return a table of everything in ``coop_pin.__all__``: a link to where it is told, and its first sentence."""
+    rows = []
+    for name in coop_pin.__all__:
+        room = coop_pin._PUBLIC[name]
+        first = (inspect.getdoc(getattr(importlib.import_module(room), name)) or "").split("\n\n")[0].replace("\n", " ")
+        rows.append(f"| [`cp.{name}`](#{room}.{name}) | {first} |")
+    return "\n".join(("| name | what it is |", "| --- | --- |", *rows))
+
+
+def _fill(app: Any, name: str, source: list[str]) -> None:
+    if name == "api/index":
+        source[0] = source[0].replace(_PLACEHOLDER, public_names())
 
 
 def _skip(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
@@ -11,5 +31,7 @@ def _skip(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) ->
 
 
 def setup(app: Any) -> dict[str, bool]:
+    """Join Sphinx."""
+    app.connect("source-read", _fill)
     app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True}

@@ -52,3 +52,10 @@ PROMISES = {"run_paper": metrics_and_files, "sweep_force_gain": static_factor_an
 
 def test_the_examples_with_promises_exist():
     assert set(PROMISES) <= {path.stem for path in EXAMPLES}
+
+
+def test_stability_map_finds_the_bound_of_a_late_force_path(tmp_path):
+    pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
+    boundary = run("stability_map.py", tmp_path).split("last_stable")[1].splitlines()[2:]
+    assert [line.split() for line in boundary] == [["80", "1.0", "1.25"], ["160", "1.0", "1.25"]]
+    assert (tmp_path / "out" / "stability" / "table.csv").is_file()

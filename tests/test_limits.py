@@ -187,9 +187,9 @@ def test_the_papers_torques_pass_untouched():
 def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
     cell, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
     with pytest.raises(ShapeError, match="torque of arm 'right'"):
-        run(cell, X_WP, lambda measurements: [np.zeros(7), np.zeros(7)])
+        run(cell, X_WP, lambda _: [np.zeros(7), np.zeros(7)])
     with pytest.raises(ShapeError, match="list of torques"):
-        run(cell, X_WP, lambda measurements: [np.zeros(7)])
+        run(cell, X_WP, lambda _: [np.zeros(7)])
 
 
 # ---------------------------------------------------------------- violations
@@ -198,7 +198,7 @@ def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
 def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_loading(tmp_path):
     """The oracle goes through the recorded arrays joint by joint."""
     cell, X_WP = SPATIAL_CELLS["panda-box"]()
-    result, _ = run(cell, X_WP, lambda measurements: [np.full(7, 200.0), np.zeros(7)], duration=0.3)
+    result, _ = run(cell, X_WP, lambda _: [np.full(7, 200.0), np.zeros(7)], duration=0.3)
     data, names = result.data, list(arm_alone(cell.arms["left"]).names)[1:]
     expected = set()
     for index, (arm, description) in enumerate(cell.arms.items()):

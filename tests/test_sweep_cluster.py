@@ -17,7 +17,8 @@ from coop_pin.sweep import SweepPlan, linspace, sweep
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
 from coop_pin.sweep import cluster, executors
-from coop_pin.sweep.job import Job, run_jobs_on_worker
+from coop_pin.sweep.job import Job
+from coop_pin.sweep.on_worker import run_jobs
 
 SHORT = {"duration": 0.25, "events": []}
 PLAN = SweepPlan(
@@ -98,24 +99,26 @@ def listening(process):
     return []
 
 
-def test_workers_load_no_viewer_and_nothing_listens_beyond_loopback_or_on_a_web_port():
+def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopback_or_on_a_web_port():
     me = psutil.Process()
     before = listening(me)
     with cluster.local_cluster(2) as local:
         local.client.wait_for_workers(2, timeout=60)
         jobs = [Job("key", cp.Scenario.load("adept-paper", SHORT).model_dump_json())]
-        (outcome,) = local.client.submit(run_jobs_on_worker, jobs, pure=False).result()
+        (outcome,) = local.client.submit(run_jobs, jobs, pure=False).result()
         modules = local.client.run(loaded_modules)
         threads = local.client.run(lambda: [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")])
+        seconds = local.client.run(lambda: sum(psutil.Process().cpu_times()[:2]))
         processes = [me, *me.children(recursive=True)]
         addresses = [address for process in processes for address in listening(process) if address not in before]
         workers = [process for process in processes if "multiprocessing.spawn" in " ".join(process.cmdline())]
     assert outcome.record.failure is None
     assert len(modules) == len(workers) == 2
     for names in modules.values():
-        assert {"coop_pin", "pinocchio", "coop_pin.sweep.job"} <= set(names)
+        assert {"coop_pin", "pinocchio", "coop_pin.sweep.on_worker"} <= set(names)
         assert set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
     assert set(map(tuple, threads.values())) == {("1", "1", "1")}
+    assert max(seconds.values()) < 3.0  # processor time, which the load of the machine does not stretch
     assert {address.ip for address in addresses} == {"127.0.0.1"}
     assert len(addresses) == 1 + 2 + 2  # the scheduler, and each worker with its keeper
     _, alive = psutil.wait_procs(processes[1:], timeout=10)

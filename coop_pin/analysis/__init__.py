@@ -1,16 +1,19 @@
 """What can be said about a scenario beyond running it."""
 
 from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, LimitApproach, NearlySingular, ReachLoss
+from coop_pin.analysis.cell_summary import CellSummary, cell_summary
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_damping import sampled_damping
 
 __all__ = [
     "ArmReach",
+    "CellSummary",
     "FastestJoint",
     "LimitApproach",
     "NearlySingular",
     "ReachLoss",
     "Reachability",
+    "cell_summary",
     "reachability",
     "sampled_damping",
 ]

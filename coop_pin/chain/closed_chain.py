@@ -16,7 +16,7 @@ from coop_pin.chain.closure import Closure
 from coop_pin.chain.closures import Closures, ClosureState, Gap
 from coop_pin.chain.mass_weighted import MassWeightedClosure
 from coop_pin.chain.named_joints import configuration_at, velocity_at
-from coop_pin.chain.projection import Projection
+from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal import ProximalSolver
 from coop_pin.chain.rank_cut import RankCutSolver
 from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
@@ -49,7 +49,7 @@ class ClosedChain:
         model: the tree; ``model.names`` has its joints in the order of v.
         closures: the closures, resolved.
         stabilisation: Baumgarte frequency and damping ratio.
-        solver: what solves the constrained dynamics.
+        solver: what solves the constrained dynamics of a state.
     """
 
     solver: ProximalSolver | RankCutSolver
@@ -68,7 +68,9 @@ class ClosedChain:
             closures: what closes it.
             stabilisation: Baumgarte's, with 10 rad/s and critical damping when omitted.
             formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows only), "rank-cut" (a KKT
-                system cut at its rank, any rows), or "auto": the first where it can express the rows, the second elsewhere.
+                system cut at its rank, any rows), or "auto": the first for the dynamics of one state where it can express the
+                rows, the second elsewhere and for motions. A motion leaves the closures a little within each step; the
+                proximal method then takes redundant rows of a spatial loop for independent ones and stops the mechanism.
 
         Raises:
             FrameNotFoundError: a frame does not exist.
@@ -81,6 +83,7 @@ class ClosedChain:
         self._data = model.createData()
         self._projection = Projection(model, self.closures)
         self.solver = self._new_solver(formulation)
+        self._mover = RankCutSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
 
     @classmethod
     def from_urdf(
@@ -191,9 +194,12 @@ class ClosedChain:
             ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of torque included.
         """
         start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)
-        propagator = Propagator(self.model, self.solver.acceleration, torque, self._after_step if project else ChainState)
+        propagator = Propagator(self.model, self._mover.acceleration, torque, self._after_step if project else None)
         self.require_closed(start.q, _START_ALLOWED)
-        return propagator.run(self._projection.state(*start, _CLOSED) if project else start, time)
+        if not project:
+            return propagator.run(start, None, time)
+        *closed, rank = self._projection.state(*start, _CLOSED)
+        return propagator.run(ChainState(*closed), rank, time)
 
     def assemble(self, q_guess: ArrayLike, v_guess: ArrayLike | None = None) -> ChainState:
         """Return a state on the closures: a configuration near a guess, and the velocity nearest to a guess in kinetic energy.
@@ -206,7 +212,8 @@ class ClosedChain:
             OpenClosureError: no closed configuration was found from the guess; with the gap that is left.
         """
         q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
-        return self._projection.state(self._projection.descend(q), v, _CLOSED)
+        projected = self._projection.state(self._projection.descend(q), v, _CLOSED)
+        return ChainState(projected.q, projected.v)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:
         """Return kinetic and potential energy, J."""
@@ -250,8 +257,8 @@ class ClosedChain:
             return ProximalSolver(self.model, self.closures.closures, self.stabilisation)
         return RankCutSolver(self.model, self.closures, self.stabilisation)
 
-    def _after_step(self, q: Array, v: Array) -> ChainState:
-        return self._projection.state(q, v, _STEP_ALLOWED)
+    def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
+        return self._projection.state(q, v, _STEP_ALLOWED, rank)
 
     def _stabilised(self, state: ClosureState, a: Array) -> Array:
         """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""

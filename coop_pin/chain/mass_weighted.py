@@ -36,6 +36,12 @@ class MassWeightedClosure(NamedTuple):
         """The number of independent rows."""
         return len(self.values)
 
+    def at_most(self, rank: int | None) -> MassWeightedClosure:
+        """Return the decomposition cut at a rank: a little off the closures, redundant rows look independent."""
+        if rank is None or rank >= self.rank:
+            return self
+        return MassWeightedClosure(self.factor, self.left[:, :rank], self.values[:rank], self.right[:, :rank], float(self.values[rank]))
+
     def weighted(self, x: Array) -> Array:
         """Return L^-1 x, shape (nv,)."""
         y: Array = dtrsv(self.factor, x, lower=1)
@@ -58,21 +64,21 @@ class MassWeightedClosure(NamedTuple):
     def _damped(self, damping: float) -> Array:
         return self.values if damping == 0.0 else self.values + damping * self.values[:1] ** 2 / self.values
 
-    def multipliers(self, target: Array) -> Array:
-        """Return the least lambda with J M^-1 J^T lambda = target (its part in the range), shape (r,)."""
-        return self.left.dot(self.left.T.dot(target) / self.values**2)
-
 
 def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
     """Decompose a closure Jacobian in the metric of the mass matrix.
+
+    Args:
+        mass_matrix: M, of which the upper triangle is read (that is what crba fills), shape (nv, nv).
+        jacobian: J, shape (r, nv).
 
     Raises:
         MassMatrixError: the mass matrix is not positive definite.
     """
     try:
-        factor = np.asarray(np.linalg.cholesky(mass_matrix), dtype=np.float64)
+        factor = np.asarray(np.linalg.cholesky(mass_matrix.T), dtype=np.float64)
     except np.linalg.LinAlgError:
-        raise MassMatrixError(float(np.linalg.eigvalsh(np.nan_to_num(mass_matrix)).min())) from None
+        raise MassMatrixError(float(np.linalg.eigvalsh(np.nan_to_num(mass_matrix), "U").min())) from None
     weighted = dtrsm(1.0, factor, jacobian.T, lower=1).T if len(jacobian) else jacobian
     left, values, right = np.linalg.svd(weighted, full_matrices=False)
     rank = int(np.count_nonzero(values > RANK_CUT * values[0])) if values.size else 0

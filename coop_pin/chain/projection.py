@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.chain_dynamics import ChainState
 from coop_pin.chain.closures import Closures, ClosureState
 from coop_pin.chain.mass_weighted import MassWeightedClosure, mass_weighted
 from coop_pin.errors import OpenClosureError
-from coop_pin.model.pinocchio_model import symmetric
 
 _STEPS = 60
 _AT_REST = 1e-13
@@ -18,6 +18,20 @@ _NEARLY_CLOSED = 1e-9
 _LONGEST_STEP = 0.5
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-14, 1e8
 _DESCENT_STEPS = 200
+
+
+class Projected(NamedTuple):
+    """A state on the closures.
+
+    Attributes:
+        q: configuration, shape (nq,).
+        v: velocity, shape (nv,).
+        rank: of the closure Jacobian there.
+    """
+
+    q: Array
+    v: Array
+    rank: int
 
 
 class Projection:
@@ -33,9 +47,9 @@ class Projection:
         Raises:
             MassMatrixError: the mass matrix is not positive definite.
         """
-        return mass_weighted(symmetric(pin.crba(self._model, self._data, q)), state.jacobian)
+        return mass_weighted(pin.crba(self._model, self._data, q), state.jacobian)
 
-    def state(self, q: Array, v: Array, allowed: float) -> ChainState:
+    def state(self, q: Array, v: Array, allowed: float, most_rank: int | None = None) -> Projected:
         """Return a nearby state on the closures.
 
         Newton's steps dq = -M^-1 J^T (J M^-1 J^T)^+ e go on until they no longer matter or rounding stops them: near a singular
@@ -46,6 +60,7 @@ class Projection:
             q: configuration, shape (nq,).
             v: velocity, shape (nv,).
             allowed: how far closures may stand open in the end, m and rad.
+            most_rank: the rank next to q on the closures, used for the first step.
 
         Raises:
             OpenClosureError: the closures cannot be closed from here.
@@ -53,17 +68,18 @@ class Projection:
         last = np.inf
         for _ in range(_STEPS):
             state = self._closures.state(q, v)
-            weighted = self.weighted(q, state)
+            found = self.weighted(q, state)
+            weighted, most_rank = found.at_most(most_rank), None
             dq = weighted.least_motion(-state.position)
             length = np.abs(dq).max(initial=0.0)
             if length > 0.5 * last and np.abs(state.position).max() < _NEARLY_CLOSED:
                 break
             q, last = pin.integrate(self._model, q, dq), length
-            if length < _AT_REST:
+            if length < _AT_REST and weighted is found:
                 break
         if not np.abs(state.position).max(initial=0.0) <= allowed:
             self.require_closed(q, allowed)
-        return ChainState(q, v - weighted.least_motion(state.velocity))
+        return Projected(q, v - weighted.least_motion(state.velocity), weighted.rank)
 
     def velocity(self, q: Array, v: Array) -> Array:
         """Return the nearest velocity, in kinetic energy, that keeps the closures, shape (nv,)."""

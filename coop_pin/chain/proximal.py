@@ -37,8 +37,8 @@ class ProximalSolver:
         """Say whether Pinocchio's rigid constraints express these rows."""
         return all(closure.mask in _TYPES for closure in closures)
 
-    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return a, shape (nv,)."""
+    def acceleration(self, q: Array, v: Array, tau: Array, most_rank: int | None = None) -> Array:
+        """Return a, shape (nv,); the proximal method needs no rank."""
         a: Array = pin.constraintDynamics(self._model, self._data, q, v, tau, self._constraints, self._constraint_data, self._settings)
         return a
 

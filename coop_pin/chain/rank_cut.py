@@ -6,10 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.closures import Closures
+from coop_pin.chain.closures import Closures, ClosureState
 from coop_pin.chain.mass_weighted import mass_weighted
 from coop_pin.description.clock import Stabilisation
-from coop_pin.model.pinocchio_model import symmetric
 
 
 class RankCutSolver:
@@ -17,30 +16,37 @@ class RankCutSolver:
 
     With M = L L^T, J L^-T = U s V^T and y = L^-1 (tau - h)::
 
-        b = -(gamma + 2 zeta omega e' + omega^2 e) - J M^-1 (tau - h),    a = L^-T (y + V s^-1 U^T b),    lambda = U s^-2 U^T b
+        b = s^-1 U^T [-(gamma + 2 zeta omega e' + omega^2 e) - J L^-T y],    a = L^-T (y + V b),    lambda = U s^-1 b
     """
 
     def __init__(self, model: pin.Model, closures: Closures, stabilisation: Stabilisation) -> None:
         self._model, self._data, self._closures = model, model.createData(), closures
         self._stabilisation = stabilisation
-        self._wrenches = np.zeros((len(closures.closures), 6))
+        self._solved: tuple[ClosureState, Array] | None = None
 
-    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+    def acceleration(self, q: Array, v: Array, tau: Array, most_rank: int | None = None) -> Array:
         """Return a, shape (nv,).
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force, shape (nv,).
+            most_rank: the rank on the closures, where the state may be a little off them.
 
         Raises:
             MassMatrixError: the mass matrix is not positive definite.
         """
-        M = symmetric(pin.crba(self._model, self._data, q))
-        h = pin.nonLinearEffects(self._model, self._data, q, v)
         state, gains = self._closures.state(q, v), self._stabilisation
-        weighted = mass_weighted(M, state.jacobian)
-        y = weighted.weighted(tau - h)
+        weighted = mass_weighted(pin.crba(self._model, self._data, q), state.jacobian).at_most(most_rank)
+        y = weighted.weighted(tau - pin.nonLinearEffects(self._model, self._data, q, v))
         wanted = -(state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position)
-        b = wanted - state.jacobian.dot(weighted.unweighted(y))
-        self._wrenches = state.wrench_map.dot(weighted.multipliers(b))
-        return weighted.unweighted(y + weighted.right.dot(weighted.left.T.dot(b) / weighted.values))
+        b = weighted.left.T.dot(wanted - state.jacobian.dot(weighted.unweighted(y))) / weighted.values
+        self._solved = state, weighted.left.dot(b / weighted.values)
+        return weighted.unweighted(y + weighted.right.dot(b))
 
     def wrenches(self) -> Array:
         """Return the wrench on body a of each closure at a, in axes a, of the last solve, shape (closures, 6)."""
-        return self._wrenches
+        if self._solved is None:
+            return np.zeros((len(self._closures.closures), 6))
+        state, multipliers = self._solved
+        return state.wrench_map.dot(multipliers)

@@ -13,10 +13,14 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import ChainState
 from coop_pin.chain.configuration_space import configuration_space
 from coop_pin.chain.integrators import INTEGRATORS, RUNGE_KUTTA_NODES
+from coop_pin.chain.projection import Projected
 from coop_pin.errors import ArgumentError, IntegrationError, MassMatrixError, NotPositiveError, OpenClosureError
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 """(t, q, v) -> generalised force tau, N m and N, shape (nv,)."""
+
+Acceleration = Callable[[Array, Array, Array, int | None], Array]
+Project = Callable[[Array, Array, int | None], Projected]
 
 _ROUNDING = 1e-9
 _NO_POWERS = np.zeros(0)
@@ -37,22 +41,20 @@ class Trajectory(NamedTuple):
 
 
 class Propagator:
-    """Carries a state along by Runge-Kutta 4."""
+    """Carries a state along by Runge-Kutta 4.
 
-    def __init__(
-        self,
-        model: pin.Model,
-        acceleration: Callable[[Array, Array, Array], Array],
-        torque: TorqueLaw | None,
-        project: Callable[[Array, Array], ChainState],
-    ) -> None:
+    The rank of the closures where a step begins holds for the step. Its stages stand a little off the closures, where redundant
+    rows of an over-constrained loop look independent and would hold the mechanism fast.
+    """
+
+    def __init__(self, model: pin.Model, acceleration: Acceleration, torque: TorqueLaw | None, project: Project | None) -> None:
         """Take the parts of a motion.
 
         Args:
             model: the tree.
-            acceleration: (q, v, tau) -> a.
-            torque: the generalised force; none when omitted.
-            project: what is done to (q, v) after every step.
+            acceleration: (q, v, tau, rank) -> a.
+            torque: the generalised force; none when None.
+            project: (q, v, rank) -> state on the closures, done after every step; nothing is done when None.
 
         Raises:
             ArgumentError: torque cannot be called.
@@ -63,8 +65,13 @@ class Propagator:
         self._integrator = INTEGRATORS["rk4"](configuration_space(model))
         self._nv, self._none = int(model.nv), np.zeros(model.nv)
 
-    def run(self, start: ChainState, time: Array) -> Trajectory:
+    def run(self, start: ChainState, rank: int | None, time: Array) -> Trajectory:
         """Return the motion from a state at the given times.
+
+        Args:
+            start: the state at the first time.
+            rank: of the closures there; unknown when None.
+            time: s, shape (n,).
 
         Raises:
             IntegrationError: a step left the range of finite, closed motion; with the motion up to then.
@@ -74,23 +81,25 @@ class Propagator:
         for k in range(len(time) - 1):
             t, h = float(time[k]), float(time[k + 1] - time[k])
             try:
-                q, v = self._step(t, h, q, v)
+                q, v = self._step(t, h, q, v, rank)
+                if self._project is not None:
+                    q, v, rank = self._project(q, v, rank)
             except (OpenClosureError, MassMatrixError, FloatingPointError, np.linalg.LinAlgError) as error:
                 raise IntegrationError(t, h, str(error), Trajectory(*(part[: k + 1] for part in motion))) from error
             motion.q[k + 1], motion.v[k + 1] = q, v
         return motion
 
-    def _step(self, t: float, h: float, q: Array, v: Array) -> ChainState:
+    def _step(self, t: float, h: float, q: Array, v: Array, rank: int | None) -> ChainState:
         nodes = iter(RUNGE_KUTTA_NODES)
 
         def rate(q: Array, v: Array) -> tuple[Array, Array]:
-            return self._acceleration(q, v, self._force(t + next(nodes) * h, q, v)), _NO_POWERS
+            return self._acceleration(q, v, self._force(t + next(nodes) * h, q, v), rank), _NO_POWERS
 
         with np.errstate(over="raise", invalid="raise"):
             moved = self._integrator.step(rate, q, v, h)
-            if not np.isfinite(moved.v).all():
-                raise FloatingPointError("the velocity is no longer finite")
-            return self._project(moved.q, moved.v)
+        if not np.isfinite(moved.v).all():
+            raise FloatingPointError("the velocity is no longer finite")
+        return ChainState(moved.q, moved.v)
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         if self._torque is None:

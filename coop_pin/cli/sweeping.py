@@ -11,8 +11,11 @@ from typing import Any
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.errors import StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
-from coop_pin.sweep import SweepPlan, SweepResult, estimate, sweep
 from coop_pin.sweep.engine import available_workers
+from coop_pin.sweep.estimates import estimate
+from coop_pin.sweep.plan import SweepPlan
+from coop_pin.sweep.result import SweepResult
+from coop_pin.sweep.sweeps import sweep
 
 
 def run_sweep(command: Sweep) -> int:

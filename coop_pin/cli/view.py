@@ -15,27 +15,62 @@ from coop_pin.cli.exit_codes import OK
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Open the 3-D replay of a run; it is made anew from result.nc if it is missing.
+    """Look at a run or at a cell in 3-D.
+
+    Of a run, its replay opens, a file that plays offline; it is made anew from the result if it is missing. Of a scenario, its cell opens
+    as it stands at the start, on an address of this machine alone, until Ctrl-C; with --run it moves.
 
     Attributes:
-        folder: the folder of a run.
-        open: whether to open a browser; without a screen only the file's path is printed.
+        what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML file.
+        open: whether to open a browser; without a screen only the address is printed.
+        run: whether to let the run of a scenario go by, over and over; nothing is written.
+        pace: simulated seconds in one second of wall time.
     """
 
-    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
+    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
     open: bool = True
+    run: bool = False
+    pace: float = 1.0
 
     def execute(self) -> int:
-        """Print the path of the replay and open it."""
-        from coop_pin.output import RunFolder
+        """Print the address and open it."""
+        from coop_pin.description import scenario_names
 
-        replay = RunFolder(self.folder).replay().resolve()
-        print(replay)
+        path = Path(self.what)
+        if self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
+            return self._live()
+        replay = _replay(path).resolve()
+        self._show(str(replay), replay.as_uri())
+        return OK
+
+    def _live(self) -> int:
+        from coop_pin.cli.viewing import view_until_interrupted
+        from coop_pin.description import Scenario
+
+        view_until_interrupted(Scenario.load(self.what), self.pace if self.run else None, lambda url: self._show(url, url))
+        return OK
+
+    def _show(self, text: str, address: str) -> None:
+        print(text, flush=True)
         if self.open and _has_screen():
             import webbrowser
 
-            webbrowser.open(replay.as_uri())
-        return OK
+            webbrowser.open(address)
+
+
+def _replay(path: Path) -> Path:
+    """Return the replay of a run's folder or result file; it is written where it is missing."""
+    from coop_pin.output import RunFolder
+
+    if not path.is_file() or path.name == RunFolder.RESULT:
+        return RunFolder(path.parent if path.is_file() else path).replay()
+    from coop_pin.results import RunResult
+    from coop_pin.viz import save_replay
+
+    replay = path.with_suffix(".html")
+    if not replay.is_file():
+        save_replay(RunResult.load(path), replay)
+    return replay
 
 
 def _has_screen() -> bool:

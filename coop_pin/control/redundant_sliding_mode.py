@@ -27,7 +27,7 @@ class RedundantSlidingModeController(ArmController):
     **What the proof loses.** For k > k_0, ``s_r = qdot - qdot_r = s_q + alpha sigma + (I - J^+ J) qdot``: eq. (21)'s second
     equality fails. J s_r is as in the paper, so that the internal-wrench terms V_2 and V_3 of Theorem 2 stay bounded; but
     s_q now differs from s_r - alpha sigma by the null-space motion, whose derivative is not bounded by the gains: the sliding
-    condition s_q^T s_q' <= -epsilon |s_q| is not proven. K_d damps the null space too. With ``inverse_damping`` > 0, J J^+ is not
+    condition ``s_q^T s_q' <= -epsilon |s_q|`` is not proven. K_d damps the null space too. With ``inverse_damping`` > 0, J J^+ is not
     the identity either, and x follows x_d only up to that damping: a run that asks for it carries the flag in its scenario.
 
     Attributes:

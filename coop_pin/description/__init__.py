@@ -8,6 +8,7 @@ from coop_pin.description.controller import PayloadSpace, RedundantSlidingMode, 
 from coop_pin.description.event import PayloadChange, WrenchPulse
 from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
+from coop_pin.description.grasps import grasps_from_configuration
 from coop_pin.description.joint_friction import JointFriction
 from coop_pin.description.motion import (
     CircleMotion,
@@ -65,5 +66,6 @@ __all__ = [
     "Waypoint",
     "WaypointsMotion",
     "WrenchPulse",
+    "grasps_from_configuration",
     "scenario_names",
 ]

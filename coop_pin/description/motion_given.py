@@ -80,7 +80,7 @@ class UserMotion(Description):
     """A function of time of the user's own.
 
     Attributes:
-        target: "module:function", called as function(time, **options) -> X_WP_d, shape (4, 4). In Python the function itself will do.
+        target: "module:function", called as ``function(time, **options)`` -> X_WP_d, shape (4, 4). In Python the function itself will do.
         twist: likewise -> V_WP_d, world axes, linear first, shape (6,); by central differences when omitted.
         acceleration: likewise -> A_WP_d, shape (6,).
         options: keyword arguments for all of them.

@@ -78,7 +78,7 @@ class UserSqueeze(Description):
     """A function of time of the user's own.
 
     Attributes:
-        target: "module:function", called as function(time, **options). It returns a table {arm: six numbers} or an array of shape
+        target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six numbers} or an array of shape
             (m, 6) in the order of the arms, payload axes, N and N m, that sums to zero. In Python the function itself will do.
         options: keyword arguments for it.
     """

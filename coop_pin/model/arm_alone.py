@@ -94,4 +94,3 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
         if not lower - _SLACK <= angle <= upper + _SLACK:
             raise LockedJointError(f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}")
         q[first] = angle
-

@@ -80,9 +80,14 @@ def samples_of(data: xr.Dataset, window: Window) -> Mask:
 
 
 def axial_directions(data: xr.Dataset) -> Array:
-    """Return for every sample and arm the unit vector from its tip to the middle of the other tips, shape (n, m, 3)."""
+    """Return for every sample and arm the unit vector from its tip to the middle of the other tips, shape (n, m, 3).
+
+    Not a number for a single arm.
+    """
     tips = data["tip_position"].values
-    others = (tips.sum(axis=1, keepdims=True) - tips) / max(tips.shape[1] - 1, 1)
+    if tips.shape[1] == 1:
+        return np.full_like(tips, np.nan)
+    others = (tips.sum(axis=1, keepdims=True) - tips) / (tips.shape[1] - 1)
     line = others - tips
     length = np.linalg.norm(line, axis=2, keepdims=True)
     return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)

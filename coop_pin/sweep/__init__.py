@@ -1,24 +1,35 @@
-"""Many runs: what varies, where it is computed, what is kept, what it says."""
+"""Many runs: what varies, where it is computed, what is kept, what it says.
 
-from coop_pin.sweep.answers import SobolIndices
-from coop_pin.sweep.axis import linspace, logspace
-from coop_pin.sweep.estimate import Estimate, estimate
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.result import PointFailure, PointResult, SweepResult
-from coop_pin.sweep.sample import Sample, Span
-from coop_pin.sweep.sweeps import sweep
+Loaded on first use: the process that keeps local workers lives in this room and needs none of it.
+"""
 
-__all__ = [
-    "Estimate",
-    "PointFailure",
-    "PointResult",
-    "Sample",
-    "SobolIndices",
-    "Span",
-    "SweepPlan",
-    "SweepResult",
-    "estimate",
-    "linspace",
-    "logspace",
-    "sweep",
-]
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PUBLIC = {
+    "Estimate": "estimates",
+    "PointFailure": "result",
+    "PointResult": "result",
+    "Sample": "sample",
+    "SobolIndices": "answers",
+    "Span": "sample",
+    "SweepPlan": "plan",
+    "SweepResult": "result",
+    "estimate": "estimates",
+    "linspace": "axis",
+    "logspace": "axis",
+    "sweep": "sweeps",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'coop_pin.sweep' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"coop_pin.sweep.{_PUBLIC[name]}"), name)
+    globals()[name] = value
+    return value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import queue
 import time
+import uuid
 from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -13,7 +14,8 @@ from distributed import CancelledError, KilledWorker
 
 from coop_pin.errors import RunTimeoutError, WorkerDiedError, WorkersLostError
 from coop_pin.sweep.cluster import Cluster
-from coop_pin.sweep.job import Job, Outcome, run_jobs_on_worker
+from coop_pin.sweep.job import Job, Outcome
+from coop_pin.sweep.on_worker import BEGUN, run_jobs, run_suspect
 from coop_pin.sweep.record import Failure, Record
 
 _TASK_S = 0.25
@@ -30,19 +32,20 @@ class _Task(NamedTuple):
     Attributes:
         jobs: the jobs.
         deaths: workers that died with the one job there is; several jobs are first taken apart.
-        submitted: when, s.
+        ticket: under which a suspect reports that it begins.
     """
 
     jobs: list[Job]
     deaths: int
-    submitted: float
+    ticket: str
 
 
 class ClusterExecutor:
     """Runs jobs on a dask cluster.
 
     Short runs travel in batches of about a quarter of a second. A batch whose worker dies is taken apart, and its jobs are tried one
-    by one; a job that ends three workers, or hangs until the guard ends its worker a second time, is recorded as failed.
+    by one; a job that ends three workers, or hangs until the guard ends its worker a second time, is recorded as failed. The beginning
+    of such suspects is reported, so that a slow start of the next worker is not taken for a hang.
     """
 
     def __init__(self, cluster: Cluster) -> None:
@@ -52,6 +55,7 @@ class ClusterExecutor:
         self._suspects: deque[tuple[Job, int]] = deque()
         self._mean_s = _TASK_S
         self._threads, self._looked = 1, 0.0
+        self._begun: dict[str, float] = {}
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """Yield the outcome of every job as it finishes.
@@ -59,6 +63,7 @@ class ClusterExecutor:
         Raises:
             WorkersLostError: the scheduler is gone, or local workers cannot be started.
         """
+        self._cluster.client.subscribe_topic(BEGUN, self._note_begun)
         while True:
             self._fill(jobs)
             if not self._under_way:
@@ -83,8 +88,12 @@ class ClusterExecutor:
         return max(1, min(_LARGEST_BATCH, round(_TASK_S / self._mean_s)))
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
-        future = self._cluster.client.submit(run_jobs_on_worker, jobs, pure=False)
-        self._under_way[future] = _Task(jobs, deaths, time.monotonic())
+        client, ticket = self._cluster.client, uuid.uuid4().hex
+        if deaths:
+            future = client.submit(run_suspect, jobs[0], ticket, pure=False)
+        else:
+            future = client.submit(run_jobs, jobs, pure=False)
+        self._under_way[future] = _Task(jobs, deaths, ticket)
         future.add_done_callback(self._done.put)
 
     def _look(self) -> None:
@@ -123,13 +132,20 @@ class ClusterExecutor:
             if lost_since is not None and time.monotonic() - lost_since > _PATIENCE_S:
                 raise WorkersLostError("the scheduler does not answer; start the same command again: finished runs are kept")
 
+    def _note_begun(self, event: tuple[float, str]) -> None:
+        """Note when a suspect begins, by our own clock."""
+        self._begun[event[1]] = time.monotonic()
+
     def _worker_died(self, task: _Task) -> Iterator[Outcome]:
         """Try the jobs of a dead worker alone, or give the only one up."""
-        deaths = task.deaths + 1
-        hung = deaths > 1 and time.monotonic() - task.submitted >= task.jobs[0].hard_limit_s
-        if len(task.jobs) == 1 and (hung or deaths >= _DEATHS):
-            job = task.jobs[0]
+        begun = self._begun.pop(task.ticket, None)
+        if task.deaths and begun is None:  # the worker died before the suspect began: this death is not on its account
+            self._suspects.append((task.jobs[0], task.deaths))
+            return
+        job, deaths = task.jobs[0], task.deaths + 1
+        hung = begun is not None and time.monotonic() - begun > 0.5 * (job.time_limit_s + job.hard_limit_s)
+        if hung or (len(task.jobs) == 1 and deaths >= _DEATHS):
             failure = Failure.of(RunTimeoutError(job.time_limit_s) if hung else WorkerDiedError(deaths))
             yield Outcome(Record(job.key, job.scenario, {}, failure, {"wall_s": 0.0, "cpu_s": 0.0}))
-            return
-        self._suspects += [(job, deaths if len(task.jobs) == 1 else 1) for job in task.jobs]
+        else:
+            self._suspects += [(job, deaths) for job in task.jobs]

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import faulthandler
-import functools
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import load_function
@@ -85,32 +81,6 @@ def run_job(job: Job) -> Outcome:
         failure = Failure.of(error)
     times = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     return Outcome(Record(job.key, job.scenario, metrics, failure, times), content)
-
-
-def run_jobs_on_worker(jobs: list[Job]) -> list[Outcome]:
-    """Run jobs one after the other in a worker's process, which is ended if one of them hangs.
-
-    The guard is a thread of the interpreter's own (faulthandler), which needs no lock that a hanging run could hold.
-    """
-    outcomes = []
-    for job in jobs:
-        with _guarded(job.hard_limit_s):
-            outcomes.append(run_job(job))
-    return outcomes
-
-
-@contextlib.contextmanager
-def _guarded(limit: float) -> Any:
-    faulthandler.dump_traceback_later(limit, exit=True, file=_nowhere())
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()
-
-
-@functools.cache
-def _nowhere() -> TextIO:
-    return Path(os.devnull).open("w", encoding="utf-8")
 
 
 def _judged(result: RunResult, users: tuple[str, ...]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from distributed import Nanny
 
 from coop_pin.sweep.quiet import QuietWorker
 
-_PRELOAD = "coop_pin.sweep.job"
+_PRELOAD = "coop_pin.sweep.on_worker"
 _GRACE_S = 2.0
 
 

@@ -39,21 +39,12 @@ class ViewServer:
         Raises:
             OSError: there is no process, port or temporary file to be had.
         """
-        secret = secrets.token_urlsafe(16)
         self._complaints = _nameless_file()
-        with socket.create_server(("127.0.0.1", 0), backlog=64) as bound, tempfile.TemporaryFile() as file:
-            file.write(page.encode())
-            file.flush()
-            self.url = f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/"
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno()), secret],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=self._complaints,
-                bufsize=0,
-                pass_fds=(bound.fileno(), file.fileno()),
-                start_new_session=True,  # Ctrl-C in the terminal is meant for the run, not for its view
-            )
+        try:
+            self.url, self._process = _start(page, self._complaints)
+        except OSError:
+            self._complaints.close()
+            raise
         assert self._process.stdin is not None
         self._pipe = self._process.stdin
         os.set_blocking(self._pipe.fileno(), False)
@@ -113,6 +104,24 @@ class ViewServer:
         self._complaints.seek(0)
         said = self._complaints.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
         return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
+
+
+def _start(page: str, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
+    """Return the page's address and the process that serves it."""
+    secret = secrets.token_urlsafe(16)
+    with socket.create_server(("127.0.0.1", 0), backlog=64) as bound, _nameless_file() as file:
+        file.write(page.encode())
+        file.flush()
+        process = subprocess.Popen(
+            [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno()), secret],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=complaints,
+            bufsize=0,
+            pass_fds=(bound.fileno(), file.fileno()),
+            start_new_session=True,  # Ctrl-C in the terminal is meant for the run, not for its view
+        )
+        return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
 
 
 def _nameless_file() -> IO[bytes]:

@@ -12,7 +12,7 @@ from coop_pin.errors import MissingExtraError, UrdfError
 
 
 def expanded(path: Path, arguments: Mapping[str, str], package_dirs: Sequence[Path]) -> bytes:
-    """Return the URDF that a xacro file describes, UTF-8.
+    """Return the URDF that a xacro file describes, UTF-8. xacro evaluates Python expressions: open only files that you trust.
 
     Args:
         path: the file, absolute.

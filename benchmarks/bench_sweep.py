@@ -1,0 +1,119 @@
+"""What a sweep costs: throughput of two workers against one, time per run beyond the run itself, start of workers, memory.
+
+    python benchmarks/bench_sweep.py [--runs 1000] [--duration 1.0] [--rounds 1]
+
+Printed, never asserted: on a machine with other work to do the second processor is not there to be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import threading
+import time
+from typing import NamedTuple
+
+import psutil
+
+import coop_pin as cp
+from coop_pin.sweep import SweepPlan, cluster, linspace, sweep
+from coop_pin.sweep.table import rows
+
+
+class Cost(NamedTuple):
+    """What one sweep took: per run, in the run, processor time of this process per run beyond it, memory of this process."""
+
+    wall_s: float
+    in_run_s: float
+    beyond_cpu_s: float
+    memory_mb: list[float]
+
+
+class Memory(threading.Thread):
+    """Samples the memory of this process until it is stopped."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self._stopped, self.samples = threading.Event(), []
+
+    def run(self) -> None:
+        process = psutil.Process()
+        while not self._stopped.wait(0.1):
+            self.samples.append(process.memory_info().rss / 2**20)
+
+    def stop(self) -> list[float]:
+        self._stopped.set()
+        self.join()
+        return [self.samples[min(len(self.samples) - 1, len(self.samples) * i // 4)] for i in range(1, 5)]
+
+
+def plan(runs: int, duration: float) -> SweepPlan:
+    return SweepPlan(
+        base="adept-paper", changes={"duration": duration, "events": []}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, runs)}
+    )
+
+
+def cost(made: SweepPlan, workers: int) -> Cost:
+    """Run a sweep; its wall time is that of all but the first runs, so that the start of workers stands apart."""
+    with tempfile.TemporaryDirectory() as folder:
+        first = made.replace(axes={"controller.gains.sign_gain": [0.5 + i / 100.0 for i in range(2 * max(workers, 1))]})
+        start = time.perf_counter()
+        sweep(first, out=folder, workers=workers, quiet=True)
+        few = time.perf_counter() - start
+        memory = Memory()
+        memory.start()
+        start, cpu = time.perf_counter(), time.process_time()
+        result = sweep(made, out=folder, workers=workers, quiet=True)
+        wall, cpu = time.perf_counter() - start - few, time.process_time() - cpu
+        samples = memory.stop()
+        times = [row.record.times for row in rows(made, result.store) if row.record]
+        in_run, in_run_cpu = (statistics.fmean(time[name] for time in times) for name in ("wall_s", "cpu_s"))
+        return Cost(wall / len(made), in_run, cpu / len(made) - (0.0 if workers else in_run_cpu), samples)
+
+
+def bare(made: SweepPlan, count: int) -> float:
+    """Return the time of one run with its metrics, in this process, s."""
+    scenarios = [made.scenario(i) for i in range(min(count, len(made)))]
+    cp.run(scenarios[0]).metrics()
+    start = time.perf_counter()
+    for scenario in scenarios:
+        cp.run(scenario).metrics()
+    return (time.perf_counter() - start) / len(scenarios)
+
+
+def worker_start() -> float:
+    """Return the time from nothing to a worker that has everything loaded, s."""
+    start = time.perf_counter()
+    with cluster.local_cluster(1) as local:
+        local.client.wait_for_workers(1, timeout=120)
+        return time.perf_counter() - start
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Time and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--duration", type=float, default=1.0, help="of each run, simulated s")
+    parser.add_argument("--rounds", type=int, default=1)
+    options = parser.parse_args(arguments)
+    made = plan(options.runs, options.duration)
+    print(f"{options.runs} runs of {options.duration:g} s, load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors")
+    print(f"a worker starts in {worker_start():.2f} s")
+    for _ in range(options.rounds):
+        alone = bare(made, 50)
+        here, one, two = (cost(made, workers) for workers in (0, 1, 2))
+        print(f"one run alone            {1e3 * alone:7.2f} ms")
+        for name, found in (("in this process", here), ("one worker", one), ("two workers", two)):
+            flat = " ".join(f"{sample:.0f}" for sample in found.memory_mb)
+            print(
+                f"{name:16s} per run {1e3 * found.wall_s:7.2f} ms, in the run {1e3 * found.in_run_s:7.2f} ms, memory by quarters {flat} MB"
+            )
+        print(
+            f"beyond the run: {1e3 * (here.wall_s - here.in_run_s):.2f} ms here, {1e3 * (one.wall_s - one.in_run_s):.2f} ms with one worker"
+        )
+        print(f"throughput of two workers / one: {one.wall_s / two.wall_s:.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""``coop-pin sweep`` and ``coop-pin sweep-show``: exit codes, tables, and what they say."""
+
+import pytest
+
+from coop_pin.cli import main
+from coop_pin.sweep.lock import FolderLock
+
+PLAN = """
+base = "adept-paper"
+changes = { duration = 0.1, events = [] }
+[axes]
+"controller.gains.sign_gain" = [0.1, -1.0, 0.2]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "gains.toml").write_text(PLAN)
+    return tmp_path
+
+
+def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
+    assert main(["sweep", "gains.toml", "--workers", "0"]) == 0
+    said = capsys.readouterr().out
+    assert "2 ok, 1 failed, 0 missing" in said
+    assert "torque_peak_Nm" in said
+    assert (folder / "out" / "gains" / "table.csv").read_text().count("\n") == 4
+    assert main(["sweep-show", "out/gains", "--best", "torque_peak_Nm", "--failures"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(said[: said.index("written to")])
+    assert "smallest torque_peak_Nm:" in shown
+    assert "run 1: controller.gains.sign_gain = -1.0" in shown
+
+
+def test_an_estimate_runs_nothing_and_writes_nothing(folder, capsys):
+    assert main(["sweep", "gains.toml", "--estimate", "--workers", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "3 runs" in said
+    assert "on 3 workers" in said
+    assert sorted(path.name for path in folder.iterdir()) == ["gains.toml"]
+
+
+@pytest.mark.usefixtures("folder")
+def test_quiet_is_quiet(capsys):
+    assert main(["sweep", "gains.toml", "--out", "here", "--workers", "0", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["sweep", "none.toml"], 2, "no sweep file 'none.toml'"),
+        (["sweep", "bad.toml"], 2, "did you mean 'sign_gain'"),
+        (["sweep", "gains.toml", "--workers", "-1"], 2, "workers: is -1"),
+        (["sweep", "gains.toml", "--scheduler", "tcp://127.0.0.1:9"], 1, "no dask scheduler"),
+        (["sweep-show", "."], 2, "holds no sweep"),
+    ],
+    ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
+)
+def test_mistakes_are_one_line_and_an_exit_code(folder, capsys, words, code, message):
+    (folder / "bad.toml").write_text('base = "adept-paper"\naxes = { "controller.gains.sing_gain" = [0.1] }\n')
+    assert main(words) == code
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.startswith("coop-pin: ")
+
+
+def test_a_folder_in_use_is_refused(folder, capsys):
+    with FolderLock(folder / "kept"):
+        assert main(["sweep", "gains.toml", "--out", "kept", "--workers", "0"]) == 1
+    assert "is in use by process" in capsys.readouterr().err

@@ -1,0 +1,155 @@
+"""What a sweep answers, against answers known beforehand: stores are filled with records of made-up metrics."""
+
+import os
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from coop_pin.errors import EntryNotFoundError, FieldError, UnfinishedSweepError
+from coop_pin.sweep import SweepPlan, SweepResult, linspace
+from coop_pin.sweep.answers import not_dominated
+from coop_pin.sweep.record import Failure, Record
+from coop_pin.sweep.store import SweepStore
+from coop_pin.sweep.table import key_of
+
+GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
+SPAN = {"low": -np.pi, "high": np.pi}
+
+
+def filled(folder, plan, metrics, fails=lambda _: False):
+    """A sweep whose metrics are a function of the parameters."""
+    store = SweepStore(folder)
+    store.write_plan(plan)
+    for point in plan.points():
+        key = key_of(plan, point.number)
+        failure = Failure("DivergedError", "gone", {"time": 0.5}) if fails(point.parameters) else None
+        store.write(Record(key, "", {} if failure else metrics(point.parameters), failure))
+    return SweepResult.load(folder)
+
+
+@pytest.fixture(autouse=True)
+def _quick_disk(monkeypatch):
+    """Thousands of made-up records need not outlive a power cut."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+
+
+@pytest.fixture
+def grid(tmp_path):
+    """f = (gain - 0.3)^2 + rate, g = gain; unstable where gain rate >= 60."""
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4, 0.6], RATE: [50.0, 100.0, 200.0, 400.0]})
+    metrics = lambda p: {"f": (p[GAIN] - 0.3) ** 2 + p[RATE], "g": p[GAIN]}  # noqa: E731
+    return filled(tmp_path, plan, metrics, lambda p: p[GAIN] * p[RATE] >= 60.0)
+
+
+def test_the_table_has_named_axes_and_each_run_in_its_place(grid):
+    assert grid.data.sizes == {GAIN: 4, RATE: 4}
+    assert float(grid.data["f"].sel({GAIN: 0.2, RATE: 100.0})) == pytest.approx(100.01)
+    failed = grid.data["status"].values == "failed"
+    assert_array_equal(failed, np.outer([0.0, 0.2, 0.4, 0.6], [50.0, 100.0, 200.0, 400.0]) >= 60.0)
+    assert np.isnan(grid.data["f"].values[failed]).all()
+    assert_array_equal(grid.data["failed_at_s"].values[failed], 0.5)
+    assert len(grid.failures) == failed.sum()
+
+
+def test_best_is_the_smallest_and_largest_the_largest(grid):
+    assert [place.parameters for place in grid.best("f", 2)] == [{GAIN: 0.2, RATE: 50.0}, {GAIN: 0.4, RATE: 50.0}]
+    assert grid.best("f", largest=True)[0].parameters == {GAIN: 0.0, RATE: 400.0}
+    assert len(grid.best("f", 99)) == grid.counts()["ok"]
+
+
+def test_marginals_average_what_finished(grid):
+    found = grid.marginal(GAIN, "f")
+    assert found.dims == (GAIN,)
+    assert_allclose(found.values[0], 0.09 + np.mean([50.0, 100.0, 200.0, 400.0]), rtol=1e-12)
+    assert_allclose(found.values[3], 0.09 + 50.0, rtol=1e-12)
+    assert_allclose(grid.marginal(RATE, "g", np.nanmax).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
+
+
+def test_the_stability_boundary_lies_between_the_last_stable_and_the_first_unstable_value(grid):
+    found = grid.stability_boundary(RATE)
+    assert_array_equal(found["last_stable"], [400.0, 200.0, 100.0, 50.0])
+    assert_array_equal(found["first_unstable"], [np.nan, 400.0, 200.0, 100.0])
+    assert_array_equal(found[GAIN], [0.0, 0.2, 0.4, 0.6])
+    by_metric = grid.stability_boundary(RATE, grid.values("f") < 150.0)
+    assert_array_equal(by_metric["last_stable"], [100.0, 100.0, 100.0, 50.0])
+
+
+def test_a_boundary_of_what_is_unstable_from_the_start_is_not_a_number(tmp_path):
+    plan = SweepPlan(base="adept-paper", axes={RATE: [50.0, 100.0]}, repeats=2)
+    result = filled(tmp_path, plan, lambda _: {"f": 1.0}, lambda p: p["repeat"] == 1)
+    found = result.stability_boundary(RATE)
+    assert_array_equal(found["last_stable"], [100.0, np.nan])
+    assert_array_equal(found["first_unstable"], [np.nan, 50.0])
+
+
+def test_the_pareto_front_is_what_nothing_beats(tmp_path):
+    random = np.random.default_rng(0)
+    a, b = random.random((2, 200))
+    a[5], b[6], a[7:9] = np.nan, np.inf, 0.5
+    front = not_dominated(a, b)
+    usable = [i for i in range(200) if np.isfinite(a[i]) and np.isfinite(b[i])]
+    wanted = {i for i in usable if not any((a[j] <= a[i]) & (b[j] <= b[i]) & ((a[j] < a[i]) | (b[j] < b[i])) for j in usable)}
+    assert set(front) == wanted
+    assert (np.diff(a[front]) > 0.0).all()
+    plan = SweepPlan(base="adept-paper", axes={GAIN: linspace(0.0, 1.0, 5)})
+    result = filled(tmp_path, plan, lambda p: {"up": p[GAIN], "down": abs(p[GAIN] - 0.5)})
+    assert [place.parameters[GAIN] for place in result.pareto("up", "down")] == [0.0, 0.25, 0.5]
+
+
+def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(tmp_path):
+    """f = sin x + 7 sin^2 y + 0.1 z^4 sin x: first 0.3139, 0.4424, 0; total 0.5576, 0.4424, 0.2437."""
+    fields = {"motion.constant.0": SPAN, "motion.constant.1": SPAN, "motion.constant.2": SPAN}
+    plan = SweepPlan(base="adept-paper", sample={"fields": fields, "count": 1024, "method": "saltelli"})
+
+    def ishigami(p):
+        x, y, z = (p[name] for name in fields)
+        return {"f": np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)}
+
+    found = filled(tmp_path, plan, ishigami).sobol_indices("f", resamples=100)
+    assert found.fields == tuple(fields)
+    assert_allclose(found.first, [0.3139, 0.4424, 0.0], rtol=0, atol=0.03)
+    assert_allclose(found.total, [0.5576, 0.4424, 0.2437], rtol=0, atol=0.03)
+    for low, value, high in ((found.first_low, found.first, found.first_high), (found.total_low, found.total, found.total_high)):
+        assert (low <= value).all()
+        assert (value <= high).all()
+        assert (high - low < 0.25).all()
+
+
+def test_samples_are_a_dimension_whose_fields_are_coordinates(tmp_path):
+    plan = SweepPlan(base="adept-paper", sample={"fields": {MASS: {"low": 1.0, "high": 2.0}}, "count": 8})
+    result = filled(tmp_path, plan, lambda p: {"f": p[MASS]})
+    assert result.data.sizes == {"sample": 8}
+    assert_array_equal(result.data["f"], result.data[MASS])
+
+
+def test_zipped_fields_stand_along_one_dimension(tmp_path):
+    plan = SweepPlan(
+        base="adept-paper", zipped=[{GAIN: [0.1, 0.2], RATE: [100.0, 200.0]}], cases={"payload": {"full": {}, "half": {MASS: 5.6}}}
+    )
+    result = filled(tmp_path, plan, lambda p: {"f": p[RATE] + (p["payload"] == "half")})
+    assert result.data.sizes == {"payload": 2, GAIN: 2}
+    assert_array_equal(result.data["f"].sel(payload="half"), [101.0, 201.0])
+    assert_array_equal(result.data[RATE], [100.0, 200.0])
+    assert_array_equal(result.marginal(RATE, "f"), [100.5, 200.5])
+
+
+def test_questions_without_an_answer_are_typed_errors(grid, tmp_path):
+    with pytest.raises(EntryNotFoundError, match="metric"):
+        grid.best("h")
+    with pytest.raises(EntryNotFoundError):
+        grid.marginal(MASS, "f")
+    with pytest.raises(EntryNotFoundError):
+        grid.stability_boundary(MASS)
+    with pytest.raises(FieldError, match="saltelli"):
+        grid.sobol_indices("f")
+    next((tmp_path / "runs").rglob("*.json")).unlink()
+    with pytest.raises(UnfinishedSweepError):
+        SweepResult.load(tmp_path).stability_boundary(GAIN)
+
+
+def test_a_summary_says_how_many_and_why(grid):
+    text = grid.summary()
+    failed = len(grid.failures)
+    assert f"{16 - failed} ok, {failed} failed, 0 missing" in text
+    assert f"{failed} DivergedError" in text
