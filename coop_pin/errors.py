@@ -521,6 +521,19 @@ class SingularArmError(SingularJacobianError):
         super().__init__(condition, time, limit, owner=f"arm {arm!r}")
 
 
+class UserCodeError(CoopPinError, RuntimeError):
+    """A controller, motion or squeeze of the user's own raised; its exception is the cause of this one.
+
+    Attributes:
+        time: time of the tick, s.
+        cause: type and message of the exception.
+    """
+
+    def __init__(self, time: float, error: Exception) -> None:
+        self.time, self.cause = time, f"{type(error).__name__}: {error}"
+        super().__init__(f"at t = {time:.6g} s a controller, motion or squeeze raised {self.cause}; the result up to then is kept")
+
+
 class DivergedError(CoopPinError, ArithmeticError):
     """A run left the range of finite, closed motion; what was computed up to then is kept.
 

@@ -52,8 +52,8 @@ for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), stric
 # %% [markdown]
 # ## A map
 # How much feedback of the internal force does the loop bear? The force passes a low-pass with pole p, and the law feeds it back
-# with K_f. In a rigid chain this loop is pure gain with a delay, so it should break at K_f = (1 + p) / (1 - p). The scenario would refuse such gains;
-# `beyond_bound` insists.
+# with K_f. In a rigid chain this loop is pure gain with a delay, so it should break at K_f = (1 + p) / (1 - p). The scenario would
+# refuse such gains; `beyond_bound` insists.
 
 # %%
 field, pole = "controller.gains.force_gain", "controller.force_path.pole"

@@ -10,6 +10,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellController, Command
 from coop_pin.controllers import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
+from coop_pin.errors import UserCodeError
 from coop_pin.simulation.drives import Drives
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial import internal_wrenches
@@ -169,3 +170,19 @@ def test_gravity_is_the_scenarios():
     """pinocchio.appendModel forgets it."""
     moon = SCENARIOS["spatial"]().cell.replace(gravity=(0.1, 0.2, -1.6))
     assert_allclose(CellChain(moon).tree.model.gravity.linear, [0.1, 0.2, -1.6])
+
+
+class Broken(Nothing):
+    """Raises after a tenth of a second."""
+
+    def step(self, measurements, references, state):
+        if measurements[0].time > 0.1:
+            raise ZeroDivisionError("my own mistake")
+        return super().step(measurements, references, state)
+
+
+def test_nothing_is_lost_when_a_users_controller_raises():
+    with pytest.raises(UserCodeError, match="ZeroDivisionError: my own mistake") as caught:
+        cp.simulate(cp.Scenario.load("adept-paper").replace(events=(), duration=0.5), Broken())
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert caught.value.result.end == pytest.approx(0.1)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from coop_pin.control.contract import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, RunInterruptedError
+from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation.pace import Pace
 from coop_pin.simulation.simulation import Simulation
@@ -36,6 +36,7 @@ def simulate(
         UnreachablePoseError: the start is out of an arm's reach.
         SingularArmError: an arm became singular.
         DivergedError: the motion left the range of finite, closed motion.
+        UserCodeError: the controller, motion or squeeze raised something else.
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
@@ -52,6 +53,10 @@ def simulate(
     except CoopPinError as error:
         error.result = run.result() if run.ticks_done else None
         raise
+    except Exception as error:  # a user's controller, motion or squeeze may raise anything; nothing computed is lost
+        broken = UserCodeError(run.time, error)
+        broken.result = run.result() if run.ticks_done else None
+        raise broken from error
     except KeyboardInterrupt:
         kept = run.result() if run.ticks_done else None
         raise RunInterruptedError(kept.end if kept else math.nan, kept) from None

@@ -89,10 +89,8 @@ class ClusterExecutor:
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
         client, ticket = self._cluster.client, uuid.uuid4().hex
-        if deaths:
-            future = client.submit(run_suspect, jobs[0], ticket, pure=False)
-        else:
-            future = client.submit(run_jobs, jobs, pure=False)
+        call: tuple[Any, ...] = (run_suspect, jobs[0], ticket) if deaths else (run_jobs, jobs)
+        future = client.submit(*call, pure=False)
         self._under_way[future] = _Task(jobs, deaths, ticket)
         future.add_done_callback(self._done.put)
 
@@ -139,9 +137,6 @@ class ClusterExecutor:
     def _worker_died(self, task: _Task) -> Iterator[Outcome]:
         """Try the jobs of a dead worker alone, or give the only one up."""
         begun = self._begun.pop(task.ticket, None)
-        if task.deaths and begun is None:  # the worker died before the suspect began: this death is not on its account
-            self._suspects.append((task.jobs[0], task.deaths))
-            return
         job, deaths = task.jobs[0], task.deaths + 1
         hung = begun is not None and time.monotonic() - begun > 0.5 * (job.time_limit_s + job.hard_limit_s)
         if hung or (len(task.jobs) == 1 and deaths >= _DEATHS):

@@ -17,7 +17,7 @@ from coop_pin.sweep.job import Job, Outcome, run_job
 
 BEGUN = "coop-pin-begun"
 """The topic under which the start of a suspect is reported."""
-_SENDING_S = 0.05
+_SENDING_S = 0.1
 
 
 def run_jobs(jobs: list[Job]) -> list[Outcome]:

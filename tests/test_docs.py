@@ -1,0 +1,278 @@
+"""What is written agrees with what is there: docstrings with signatures, the site with the package, links with their targets."""
+
+import ast
+import functools
+import importlib
+import importlib.util
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import pytest
+
+import coop_pin
+from coop_pin.cli.parsing import parse
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGE, DOCS = Path(coop_pin.__file__).parent, REPOSITORY / "docs"
+FILES = sorted(PACKAGE.rglob("*.py"))
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "notebooks" not in path.relative_to(DOCS).parts)
+
+# ---------------------------------------------------------------- docstrings
+
+SECTIONS = r"(?:Args|Attributes|Raises|Returns|Yields|Note|Example)s?:"
+
+
+def section(docstring, name):
+    """The names that a section tells, in order; None without the section."""
+    found = re.search(rf"^{name}:\n((?:(?!{SECTIONS}$).*\n?)*)", inspect.cleandoc(docstring), re.MULTILINE)
+    return None if found is None else [given.lstrip("*") for given in re.findall(r"^ {4}(\*{0,2}\w+):", found[1], re.MULTILINE)]
+
+
+def functions_of(file):
+    """Every function and method, with the class that it stands in."""
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef):
+            yield None, node
+        if isinstance(node, ast.ClassDef):
+            yield from ((node, entry) for entry in node.body if isinstance(entry, ast.FunctionDef))
+
+
+def arguments_of(node, inside_class):
+    given = node.args
+    names = [argument.arg for argument in (*given.posonlyargs, *given.args, *([given.vararg] if given.vararg else []), *given.kwonlyargs)]
+    names += [given.kwarg.arg] if given.kwarg else []
+    static = any(isinstance(mark, ast.Name) and mark.id == "staticmethod" for mark in node.decorator_list)
+    return names[1:] if inside_class and not static else names
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_a_docstring_names_the_arguments_of_its_signature_in_their_order(file):
+    for owner, node in functions_of(file):
+        told = section(ast.get_docstring(node) or "", "Args")
+        if told is not None:
+            assert told == arguments_of(node, owner is not None), f"{owner.name + '.' if owner else ''}{node.name}"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_a_docstring_of_a_value_names_all_its_fields_and_no_other(file):
+    """Descriptions, dataclasses and NamedTuples: a class whose body declares fields tells each of them, in their order."""
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
+            continue
+        told = section(ast.get_docstring(node) or "", "Attributes")
+        declared = [
+            entry.target.id
+            for entry in node.body
+            if isinstance(entry, ast.AnnAssign) and isinstance(entry.target, ast.Name) and not entry.target.id.startswith("_")
+        ]
+        fields = [name for name in declared if name != "kind"]
+        makes_fields = any(isinstance(base, ast.Name) and base.id in ("NamedTuple", "Description") for base in node.bases)
+        if makes_fields and fields:
+            assert told is not None, node.name
+            assert [name for name in told if name != "kind"] == fields, node.name
+
+
+def rooms():
+    return sorted(
+        {coop_pin._PUBLIC[name] for name in coop_pin.__all__} | {f"coop_pin.{path.parent.name}" for path in PACKAGE.glob("*/__init__.py")}
+    )
+
+
+@functools.cache
+def public():
+    """Every public thing of the package and of its rooms, by full name."""
+    found = {f"{coop_pin._PUBLIC[name]}.{name}": getattr(coop_pin, name) for name in coop_pin.__all__}
+    for room in rooms():
+        module = importlib.import_module(room)
+        found |= {f"{room}.{name}": getattr(module, name) for name in getattr(module, "__all__", ())}
+    return found
+
+
+def test_everything_public_has_a_docstring():
+    for name, thing in public().items():
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            assert inspect.getdoc(thing), name
+        for method_name, method in vars(thing).items() if inspect.isclass(thing) else ():
+            if inspect.isfunction(method) and not method_name.startswith("_") and (method.__module__ or "").startswith("coop_pin"):
+                assert method.__doc__, f"{name}.{method_name}"
+
+
+# ---------------------------------------------------------------- the API reference
+
+
+def documented_modules():
+    return set(
+        re.findall(r"^\.\. automodule:: ([\w.]+)$", "\n".join(page.read_text() for page in (DOCS / "api").glob("*.md")), re.MULTILINE)
+    )
+
+
+def test_every_room_with_public_names_is_in_the_reference():
+    with_names = {room for room in rooms() if getattr(importlib.import_module(room), "__all__", ()) or room in coop_pin._PUBLIC.values()}
+    assert with_names - documented_modules() == set()
+    for module in documented_modules():
+        assert importlib.import_module(module).__doc__, module
+
+
+def test_every_public_name_is_in_the_reference():
+    """Each stands in the table of names, and in the module that its link leads to."""
+    spec = importlib.util.spec_from_file_location("_site", DOCS / "_site.py")
+    site = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(site)
+    table = site.public_names()
+    for name in coop_pin.__all__:
+        room = coop_pin._PUBLIC[name]
+        module = importlib.import_module(room)
+        (row,) = [line for line in table.splitlines() if line.startswith(f"| [`cp.{name}`](#{room}.{name}) | ")]
+        assert len(row.split(" | ")[1]) > 10
+        assert room in documented_modules()
+        assert name in getattr(module, "__all__", vars(module))
+
+
+def test_every_page_of_the_reference_is_in_its_table_of_contents():
+    index = (DOCS / "api" / "index.md").read_text()
+    assert {page.stem for page in (DOCS / "api").glob("*.md")} - {"index"} == set(
+        re.findall(r"^(\w+)$", index.split("{toctree}")[1], re.MULTILINE)
+    )
+
+
+# ---------------------------------------------------------------- pages
+
+
+def anchor(heading):
+    """The anchor that a heading gets."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", [REPOSITORY / "README.md", *PAGES], ids=lambda page: str(page.relative_to(REPOSITORY)))
+def test_links_and_pictures_of_a_page_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    for target in re.findall(r"(?<!`)\]\(([^)\s]+)\)", text):
+        if urlparse(target).scheme:
+            continue
+        path, _, heading = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        if "docs/notebooks/" in str(file):
+            file = REPOSITORY / "notebooks" / file.name  # copied there when the site is built
+        assert file.exists(), target
+        if heading and file.suffix == ".md":
+            assert heading in {anchor(line.lstrip("# ")) for line in file.read_text().splitlines() if line.startswith("#")}, target
+
+
+def test_every_page_is_in_a_table_of_contents():
+    listed = set(
+        re.findall(
+            r"^([\w/]+)$", "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)), re.MULTILINE
+        )
+    )
+    pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES if page.parent != DOCS / "api"} | {"api/index"}
+    assert pages - {"index"} == listed
+
+
+def blocks(page, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_python_on_a_page_compiles_and_uses_names_that_exist(page):
+    for block in blocks(page, "python"):
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "cp":
+                assert node.attr in coop_pin.__all__, node.attr
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("coop_pin"):
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, alias.name) for alias in node.names)
+    for block in blocks(page, "toml"):
+        tomllib.loads(block)
+
+
+def words_of(command):
+    """The words of a command line without its comment."""
+    import shlex
+
+    return shlex.split(command, comments=True)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_commands_on_a_page_are_understood(page):
+    for line in "\n".join(blocks(page, "sh")).splitlines():
+        if words_of(line)[:1] == ["coop-pin"]:
+            assert parse(words_of(line)[1:])
+    for name in re.findall(r"python (examples/\w+\.py|benchmarks/\w+\.py)", page.read_text()):
+        assert (REPOSITORY / name).is_file(), name
+
+
+RUNNABLE = {"howto/arm.md", "howto/scenario.md", "howto/mechanism.md", "quickstart.md"}
+
+
+@pytest.mark.parametrize("name", sorted(RUNNABLE))
+def test_python_on_a_page_runs(name, tmp_path):
+    """One block after the other, as somebody who pastes them."""
+    code = "\n".join(blocks(DOCS / name, "python"))
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_tests_named_on_a_page_exist():
+    tests = {
+        name for file in (REPOSITORY / "tests").glob("test_*.py") for name in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)
+    }
+    for page in PAGES:
+        assert set(re.findall(r"`(test_\w+)`", page.read_text())) - tests == set(), page
+
+
+# ---------------------------------------------------------------- the site
+
+
+class Links(HTMLParser):
+    """What a built page refers to, what it makes a browser load, and its anchors."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.loaded, self.ids = [], [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        elif tag == "link" and given.get("rel") != "canonical" and "href" in given:
+            self.loaded.append(given["href"])
+        self.loaded += [given["src"]] if given.get("src") else []
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_warnings_and_opens_offline(tmp_path):
+    pytest.importorskip("sphinx")
+    options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-D", "nb_execution_mode=off", "-d", str(tmp_path / "trees")]
+    command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(tmp_path / "site")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    pages = {
+        path.resolve(): Links(path.read_text(encoding="utf-8"))
+        for path in (tmp_path / "site").rglob("*.html")
+        if "_static" not in path.parts
+    }
+    assert len(pages) > 30
+    for page, found in pages.items():
+        for target in found.loaded:
+            assert urlparse(target).scheme in ("", "data"), (page, target)
+            assert target.startswith("data:") or (page.parent / unquote(urlparse(target).path)).exists(), (page, target)
+        for target in found.links:
+            given = urlparse(target)
+            if given.scheme:
+                continue
+            file = (page.parent / unquote(given.path)).resolve() if given.path else page
+            assert file.exists(), (page, target)
+            assert not given.fragment or file not in pages or unquote(given.fragment) in pages[file].ids, (page, target)
+    for style in (tmp_path / "site" / "_static").rglob("*.css"):
+        assert not re.search(r"@import[^;]*https?:|url\(['\"]?https?:", style.read_text(encoding="utf-8")), style
+    for name in coop_pin.__all__:
+        assert any(f"{coop_pin._PUBLIC[name]}.{name}" in found.ids for found in pages.values()), name
