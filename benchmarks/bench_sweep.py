@@ -17,8 +17,8 @@ from typing import NamedTuple
 import psutil
 
 import coop_pin as cp
-from coop_pin.sweep import SweepPlan, cluster, linspace, sweep
-from coop_pin.sweep.table import rows
+from coop_pin.sweeps import SweepPlan, cluster, linspace, sweep
+from coop_pin.sweeps.table import rows
 
 
 class Cost(NamedTuple):

@@ -28,9 +28,9 @@ from pathlib import Path
 import psutil
 
 from coop_pin.errors import SweepStoreError
-from coop_pin.sweep import SweepPlan, sweep
-from coop_pin.sweep.record import Record
-from coop_pin.sweep.store import SweepStore
+from coop_pin.sweeps import SweepPlan, sweep
+from coop_pin.sweeps.record import Record
+from coop_pin.sweeps.store import SweepStore
 
 HERE = ("kill", "interrupt", "second", "file-size", "flip-bits", "foreign")
 """Faults of a sweep in one process, which starts faster."""
@@ -232,7 +232,7 @@ class Drill:
     def _kill_keeper(self) -> None:
         session = Session(self, "--workers", "2")
         session.progress(self.random.randint(1, 12))
-        for keeper in session.children("coop_pin.sweep.worker_host"):
+        for keeper in session.children("coop_pin.sweeps.worker_host"):
             keeper.kill()
         session.progress(1)
         session.end(signal.SIGINT, INTERRUPTED)

@@ -30,8 +30,15 @@ def _skip(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) ->
     return True if name in _NOT_OURS or doc.startswith("Alias for field number") else None
 
 
+def _signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returned: str) -> tuple[str, None] | None:
+    """Descriptions show the names of their fields: their types stand below, and those of their validators are nobody's business."""
+    fields = getattr(obj, "model_fields", None) if what == "class" else None
+    return None if fields is None else (f"(*, {', '.join(fields)})", None)
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Join Sphinx."""
     app.connect("source-read", _fill)
     app.connect("autodoc-skip-member", _skip)
+    app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True}

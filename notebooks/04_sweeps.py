@@ -29,7 +29,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from coop_pin.control import force_gain_bound
-from coop_pin.sweep import linspace, logspace, sweep
+from coop_pin.sweeps import linspace, logspace, sweep
 from coop_pin.viz import notebook_view
 
 # %% [markdown]

@@ -27,7 +27,7 @@ BELOW_RUNS = {"description", "model", "chain", "control", "reference", "results"
 BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 
 # DESIGN.md, section 2: room -> (rooms it may import besides EVERYWHERE, third parties besides numpy). Where the plan says otherwise:
-# - runs is the plan's run (a function has that name); output writes what a run leaves behind, for cli and notebooks alike;
+# - runs and sweeps are the plan's run and sweep (functions have those names); output writes what a run leaves, for cli and notebooks;
 # - integrators need nothing above chain and stand there, so that simulation needs no Pinocchio;
 # - description (URDF origins), results and viz turn quaternions with scipy;
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
@@ -56,10 +56,10 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
         {"description", "model", "chain", "controllers", "results", "simulation"},
         {"ipywidgets", "meshcat", "matplotlib", "tornado", "umsgpack", "xarray", "scipy", "zmq"},
     ),
-    "sweep": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),
+    "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),
     "output": ({"description", "results", "viz"}, set()),
     "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
-    "cli": (BELOW_VIEWS | {"analysis", "viz", "sweep", "report", "output"}, {"tyro", "tqdm", "pydantic"}),
+    "cli": (BELOW_VIEWS | {"analysis", "viz", "sweeps", "report", "output"}, {"tyro", "tqdm", "pydantic"}),
     "__main__": ({"cli"}, set()),
 }
 

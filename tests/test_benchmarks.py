@@ -25,6 +25,15 @@ def test_the_tick_benchmark_prints_its_ratios(benchmark_module, capsys):
     assert "whole run: 4 ticks" in printed
 
 
+def test_the_live_benchmark_prints_cost_and_rate(benchmark_module, capsys, monkeypatch):
+    live = benchmark_module("bench_live")
+    monkeypatch.setattr(live.shutil, "which", lambda _: None)  # the browser has tests of its own
+    live.main(["--blocks", "1", "--duration", "0.2"])
+    printed = capsys.readouterr().out
+    assert "a frame costs the run" in printed
+    assert "frames a second sent, 0 dropped" in printed
+
+
 def test_the_mujoco_benchmark_prints_its_table(benchmark_module, capsys):
     pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
     benchmark_module("bench_mujoco").main(["--rounds", "1", "--duration", "0.05", "--solref", "2"])

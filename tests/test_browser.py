@@ -166,6 +166,13 @@ def lab(tmp_path):
     server.stderr.close()
 
 
+def run_as_far_as_the_panel(page) -> None:
+    """It stays in sight; JupyterLab draws nothing that is not."""
+    page.locator(".jp-NotebookPanel .jp-Cell").first.click()
+    for _ in range(4):
+        page.keyboard.press("Shift+Enter")
+
+
 def live_frame(page):
     """The frame of the live view inside the notebook."""
     element = page.wait_for_selector('iframe[title="coop_pin live"]')
@@ -177,10 +184,8 @@ def live_frame(page):
 def test_the_live_notebook_answers_to_its_sliders(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
-        page.locator(".jp-NotebookPanel .jp-Cell").first.click()
         page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
-        for _ in range(4):  # as far as the panel, which stays in sight
-            page.keyboard.press("Shift+Enter")
+        run_as_far_as_the_panel(page)
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
         paused = frame.evaluate(SHOWN)
@@ -201,3 +206,16 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         page.locator(".jupyter-button", has_text="Pause").click()
         if folder := os.environ.get("COOP_PIN_PICTURES"):  # for people who want to look
             page.screenshot(path=Path(folder) / "lab.png")
+
+        old = frame.url
+        page.get_by_role("button", name="Restart the kernel", exact=True).click()
+        page.locator(".jp-Dialog .jp-mod-accept").click()
+        frame.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
+        page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
+        page.locator(".jp-NotebookPanel-notebook").evaluate("notebook => notebook.scrollTo(0, 0)")
+        run_as_far_as_the_panel(page)
+        page.wait_for_function(f"""() => {{ const frame = document.querySelector('iframe[title="coop_pin live"]');
+            return frame && frame.src !== {old!r}; }}""")
+        frame = live_frame(page)
+        page.locator(".jupyter-button", has_text="Start").click()
+        frame.wait_for_function("coopPin.shown.time > 0.5")  # a new kernel, a new view

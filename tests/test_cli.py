@@ -2,8 +2,11 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -314,6 +317,27 @@ def test_view_opens_a_browser_where_there_is_a_screen(tmp_path, monkeypatch, wor
     (tmp_path / "replay.html").write_text("a replay")
     assert main(["view", str(tmp_path), *words]) == 0
     assert asked == ([(tmp_path / "replay.html").resolve().as_uri()] if opened else [])
+
+
+def test_view_of_a_result_file_writes_a_replay_beside_it(tmp_path, capsys):
+    cp.run("adept-paper", {"duration": 0.5, "events": []}).save(tmp_path / "mine.nc")
+    assert main(["view", str(tmp_path / "mine.nc"), "--no-open"]) == 0
+    assert capsys.readouterr().out.strip() == str((tmp_path / "mine.html").resolve())
+
+
+@pytest.mark.parametrize("words", [[], ["--run", "--pace", "5"]])
+def test_view_of_a_scenario_is_live_until_ctrl_c(words):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "coop_pin", "view", "adept-paper", "--no-open", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    url = process.stdout.readline().decode().strip()
+    with urllib.request.urlopen(url, timeout=30) as page:
+        assert b"coopPinStage" in page.read()
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=30) == (b"", b"")
+    assert process.returncode == 0
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(url, timeout=5)
 
 
 def test_check_urdf_ends_with_the_verdict(tmp_path, capsys):

@@ -61,21 +61,20 @@ def test_a_docstring_names_the_arguments_of_its_signature_in_their_order(file):
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_a_docstring_of_a_value_names_all_its_fields_and_no_other(file):
-    """Descriptions, dataclasses and NamedTuples: a class whose body declares fields tells each of them, in their order."""
+    """Descriptions and NamedTuples tell each field in their docstring, in order, or in a docstring of the field's own."""
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
             continue
-        told = section(ast.get_docstring(node) or "", "Attributes")
-        declared = [
-            entry.target.id
-            for entry in node.body
-            if isinstance(entry, ast.AnnAssign) and isinstance(entry.target, ast.Name) and not entry.target.id.startswith("_")
-        ]
-        fields = [name for name in declared if name != "kind"]
-        makes_fields = any(isinstance(base, ast.Name) and base.id in ("NamedTuple", "Description") for base in node.bases)
-        if makes_fields and fields:
-            assert told is not None, node.name
-            assert [name for name in told if name != "kind"] == fields, node.name
+        if not any(isinstance(base, ast.Name) and base.id in ("NamedTuple", "Description") for base in node.bases):
+            continue
+        fields, below = [], []
+        for entry, following in zip(node.body, [*node.body[1:], None], strict=True):
+            if isinstance(entry, ast.AnnAssign) and not entry.target.id.startswith("_") and entry.target.id != "kind":
+                fields.append(entry.target.id)
+                if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+                    below.append(entry.target.id)
+        told = [name for name in section(ast.get_docstring(node) or "", "Attributes") or [] if name != "kind"]
+        assert fields in (told, below), node.name
 
 
 def rooms():
@@ -167,7 +166,7 @@ def test_links_and_pictures_of_a_page_lead_somewhere(page):
 def test_every_page_is_in_a_table_of_contents():
     listed = set(
         re.findall(
-            r"^([\w/]+)$", "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)), re.MULTILINE
+            r"^([\w/-]+)$", "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)), re.MULTILINE
         )
     )
     pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES if page.parent != DOCS / "api"} | {"api/index"}

@@ -1,6 +1,7 @@
 """Every example runs as a user runs it, in a folder of its own, and shows what it promises."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -47,7 +48,48 @@ def tracking_and_squeeze(out, _folder):
     assert 0.0 < force < 0.5
 
 
-PROMISES = {"run_paper": metrics_and_files, "sweep_force_gain": static_factor_and_bound, "own_controller": tracking_and_squeeze}
+def repaired_beats_printed(out, _folder):
+    """At the same alpha; where the numbers stand in the rows."""
+    printed, _, repaired = ([float(word) for word in line.rsplit(None, 3)[1:]] for line in out.splitlines()[1:])
+    assert repaired[1] < 0.6 * printed[1]
+    assert repaired[0] < 0.5
+
+
+def squeezed_without_motion(out, _folder):
+    before, after = ([float(word) for word in re.findall(r"-?\d+\.\d*", line)] for line in out.splitlines())
+    assert after[:3] + after[6:] == pytest.approx(before[:3] + before[6:], abs=2e-6)
+    assert [a - b for a, b in zip(after[3:6], before[3:6], strict=True)] == pytest.approx([-10.0, 0.0, 0.0], abs=2e-6)
+
+
+def eight_branches(out, _folder):
+    gaps = [float(line.split("gap")[1]) for line in out.splitlines()]
+    assert len(gaps) == 8
+    assert max(gaps) < 1e-8
+
+
+def followed_and_pressed(out, _folder):
+    first, *rest = out.splitlines()
+    assert float(first.split()[2]) < 0.5
+    for line in rest:
+        found, desired = (float(word) for word in re.findall(r"(\d+\.\d+)(?: N)", line))
+        assert found == pytest.approx(desired, abs=1.5)
+
+
+def all_the_same(out, folder):
+    assert [line.split()[-1] for line in out.splitlines()] == ["True"] * 3
+    assert sorted(path.name for path in (folder / "out" / "save_and_load").iterdir()) == ["report.html", "result.nc", "scenario.toml"]
+
+
+PROMISES = {
+    "run_paper": metrics_and_files,
+    "sweep_force_gain": static_factor_and_bound,
+    "own_controller": tracking_and_squeeze,
+    "compare_laws": repaired_beats_printed,
+    "internal_force_split": squeezed_without_motion,
+    "closing_branches": eight_branches,
+    "own_reference": followed_and_pressed,
+    "save_and_load": all_the_same,
+}
 
 
 def test_the_examples_with_promises_exist():

@@ -12,13 +12,13 @@ import pytest
 from faulty import law
 
 import coop_pin as cp
-from coop_pin.sweep import SweepPlan, linspace, sweep
+from coop_pin.sweeps import SweepPlan, linspace, sweep
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
-from coop_pin.sweep import cluster, executors
-from coop_pin.sweep.job import Job
-from coop_pin.sweep.on_worker import run_jobs
+from coop_pin.sweeps import cluster, executors
+from coop_pin.sweeps.job import Job
+from coop_pin.sweeps.on_worker import run_jobs
 
 SHORT = {"duration": 0.25, "events": []}
 PLAN = SweepPlan(
@@ -74,7 +74,7 @@ def test_a_scheduler_elsewhere_gives_the_bits_of_a_single_process(tmp_path, in_p
     assert tables(tmp_path / "out") == table
 
 
-KINDS = {"exit": "WorkerDiedError", "crash": "WorkerDiedError", "hang": "RunTimeoutError", "raise": "ValueError", "none": None}
+KINDS = {"exit": "WorkerDiedError", "crash": "WorkerDiedError", "hang": "RunTimeoutError", "raise": "UserCodeError", "none": None}
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopbac
     assert outcome.record.failure is None
     assert len(modules) == len(workers) == 2
     for names in modules.values():
-        assert {"coop_pin", "pinocchio", "coop_pin.sweep.on_worker"} <= set(names)
+        assert {"coop_pin", "pinocchio", "coop_pin.sweeps.on_worker"} <= set(names)
         assert set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
     assert set(map(tuple, threads.values())) == {("1", "1", "1")}
     assert max(seconds.values()) < 3.0  # processor time, which the load of the machine does not stretch
@@ -127,7 +127,7 @@ def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopbac
 
 UP = """
 import time
-from coop_pin.sweep import cluster
+from coop_pin.sweeps import cluster
 with cluster.local_cluster(1) as local:
     local.client.wait_for_workers(1)
     print("up", flush=True)

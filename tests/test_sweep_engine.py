@@ -1,6 +1,8 @@
 """A sweep in one process: every point is recorded once, resumed, and recomputed only when its file or the plan changed."""
 
 import csv
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,10 +10,10 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-import coop_pin.sweep.engine as engine
+import coop_pin.sweeps.engine as engine
 from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
-from coop_pin.sweep import SweepPlan, SweepResult, sweep
-from coop_pin.sweep.job import Job, run_job
+from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps.job import Job, run_job
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
 SHORT = {"duration": 0.1, "events": []}
@@ -123,7 +125,7 @@ def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(t
     result = small(tmp_path, {"seed": [0]}, cases=cases)
     assert {f.parameters["law"]: f.kind for f in result.failures} == {
         "wild": "DivergedError",
-        "broken": "ValueError",
+        "broken": "UserCodeError",
         "nowhere": "EntryNotFoundError",
     }
     assert [f.number for f in result.failures] == [0, 1, 3]
@@ -154,7 +156,7 @@ def test_a_run_beyond_its_time_limit_is_given_up_and_tried_again_on_request(tmp_
 
 
 def test_a_job_answers_whatever_its_run_raises():
-    for mode, kind in (("raise", "ValueError"), ("none", None)):
+    for mode, kind in (("raise", "UserCodeError"), ("none", None)):
         scenario = cp.Scenario.load("adept-paper", SHORT | law(mode))
         failure = run_job(Job("key", scenario.model_dump_json())).record.failure
         assert (failure.kind if failure else None) == kind
@@ -178,7 +180,7 @@ def test_kept_runs_are_read_and_others_computed_with_the_same_numbers(tmp_path, 
     assert len(list((tmp_path / "results").rglob("*.nc"))) == 1
     fresh = cp.run("adept-paper", SHORT | {GAIN: 0.2}).data
     assert result.open(2).data.equals(fresh)
-    monkeypatch.setattr("coop_pin.sweep.result.run", None)
+    monkeypatch.setattr("coop_pin.sweeps.result.run", None)
     assert result.open(1).scenario == result.plan.scenario(1)
     assert result.open(1).torque_peak() == result.values("torque_peak_Nm").values[1]
 
@@ -226,3 +228,22 @@ def test_nothing_but_files_of_the_sweep_is_in_its_folder(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"lock", "plan.json", "runs", "table.csv", "table.nc", "times.csv"}
     assert (tmp_path / "lock").read_text() == ""
     assert not np.any([path.name.startswith(".") for path in tmp_path.rglob("*")])
+
+
+WITHOUT_DASK = """
+import sys
+sys.modules["distributed"] = None  # importing it raises from here on
+from coop_pin.errors import MissingExtraError
+from coop_pin.sweeps import sweep
+short = {"duration": 0.1, "events": []}
+assert sweep("adept-paper", out="here", workers=0, quiet=True, changes=short).counts()["ok"] == 1
+try:
+    sweep("adept-paper", {"seed": [1]}, out="here", workers=1, quiet=True, changes=short)
+except MissingExtraError as error:
+    print(error)
+"""
+
+
+def test_without_dask_one_process_works_and_several_say_what_to_install(tmp_path):
+    done = subprocess.run([sys.executable, "-c", WITHOUT_DASK], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    assert "pip install 'coop-pin[sweep]'" in done.stdout

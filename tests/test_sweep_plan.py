@@ -11,8 +11,8 @@ from scipy.stats import qmc
 import coop_pin as cp
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import EntryNotFoundError, FieldError, ScenarioFileError, UnknownFieldError
-from coop_pin.sweep import Sample, SweepPlan, estimate, linspace, logspace
-from coop_pin.sweep.key import run_key
+from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
+from coop_pin.sweeps.key import run_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SHORT = {"duration": 0.25, "events": []}
@@ -133,6 +133,7 @@ def test_spacings_are_those_of_numpy():
         {"cases": {"law": {}}},
         {"cases": {"sample": {"a": {}}}},
         {"keep": "some"},
+        {"keep": [1]},
         {"repeats": 0},
         {"base": []},
         {"base": ["adept-paper", "adept-paper"]},

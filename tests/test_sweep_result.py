@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import EntryNotFoundError, FieldError, UnfinishedSweepError
-from coop_pin.sweep import SweepPlan, SweepResult, linspace
-from coop_pin.sweep.answers import not_dominated
-from coop_pin.sweep.record import Failure, Record
-from coop_pin.sweep.store import SweepStore
-from coop_pin.sweep.table import key_of
+from coop_pin.sweeps import SweepPlan, SweepResult, linspace
+from coop_pin.sweeps.answers import not_dominated
+from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.table import key_of
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SPAN = {"low": -np.pi, "high": np.pi}
@@ -58,11 +58,12 @@ def test_best_is_the_smallest_and_largest_the_largest(grid):
     assert len(grid.best("f", 99)) == grid.counts()["ok"]
 
 
-def test_marginals_average_what_finished(grid):
+def test_marginals_average_what_finished(grid, tmp_path):
     found = grid.marginal(GAIN, "f")
     assert found.dims == (GAIN,)
     assert_allclose(found.values[0], 0.09 + np.mean([50.0, 100.0, 200.0, 400.0]), rtol=1e-12)
     assert_allclose(found.values[3], 0.09 + 50.0, rtol=1e-12)
+    assert np.isnan(filled(tmp_path / "none", grid.plan, lambda _: {"f": np.inf}).marginal(GAIN, "f")).all()
     assert_allclose(grid.marginal(RATE, "g", np.nanmax).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
 
 
@@ -71,7 +72,7 @@ def test_the_stability_boundary_lies_between_the_last_stable_and_the_first_unsta
     assert_array_equal(found["last_stable"], [400.0, 200.0, 100.0, 50.0])
     assert_array_equal(found["first_unstable"], [np.nan, 400.0, 200.0, 100.0])
     assert_array_equal(found[GAIN], [0.0, 0.2, 0.4, 0.6])
-    by_metric = grid.stability_boundary(RATE, grid.values("f") < 150.0)
+    by_metric = grid.stability_boundary(RATE, stable=grid.values("f") < 150.0)
     assert_array_equal(by_metric["last_stable"], [100.0, 100.0, 100.0, 50.0])
 
 
@@ -81,6 +82,7 @@ def test_a_boundary_of_what_is_unstable_from_the_start_is_not_a_number(tmp_path)
     found = result.stability_boundary(RATE)
     assert_array_equal(found["last_stable"], [100.0, np.nan])
     assert_array_equal(found["first_unstable"], [np.nan, 50.0])
+    assert float(result.stability_boundary(RATE, by=[])["first_unstable"]) == 50.0
 
 
 def test_the_pareto_front_is_what_nothing_beats(tmp_path):

@@ -1,4 +1,4 @@
-# Sourced by the other tools: puts coop_pin into .venv of this repository. Defines setup_environment; needs no stdin.
+# Sourced by the other tools: puts coop_pin into .venv of this repository. Defines setup_environment and setup_browser; needs no stdin.
 
 # Print the first interpreter that coop_pin supports; PYTHON overrides the search.
 find_python() {
@@ -42,4 +42,17 @@ setup_environment() {
     "$VENV_PYTHON" -m pip install -qq --no-input --disable-pip-version-check -e ".${extra:+[$extra]}" -c constraints.txt </dev/null
     echo "$wanted" >"$stamp"
     echo "$wanted" >.venv/coop_pin-core.stamp # an extra brings the core with it
+}
+
+# setup_browser: install Debian's Chromium for the browser tests where there is none and we may; elsewhere those tests skip and say so.
+setup_browser() {
+    if [ -n "${CHROMIUM:-}" ] || command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null; then
+        return
+    fi
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        echo "== set-up: installing chromium"
+        apt-get update -qq </dev/null && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends chromium </dev/null >/dev/null
+    else
+        echo "== set-up: there is no Chromium and no right to install it; the browser tests will skip" >&2
+    fi
 }

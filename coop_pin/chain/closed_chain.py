@@ -212,7 +212,9 @@ class ClosedChain:
             OpenClosureError: no closed configuration was found from the guess; with the gap that is left.
         """
         q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
-        projected = self._projection.state(self._projection.descend(q), v, _CLOSED)
+        near = self._projection.descend(q)
+        self.require_closed(near, _STEP_ALLOWED)
+        projected = self._projection.state(near, v, _CLOSED)
         return ChainState(projected.q, projected.v)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:

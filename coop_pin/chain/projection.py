@@ -74,9 +74,11 @@ class Projection:
             length = np.abs(dq).max(initial=0.0)
             if length > 0.5 * last and np.abs(state.position).max() < _NEARLY_CLOSED:
                 break
-            q, last = pin.integrate(self._model, q, dq), length
-            if length < _AT_REST and weighted is found:
-                break
+            q = pin.integrate(self._model, q, dq)
+            if weighted is found:  # a step cut at a lower rank says nothing about the next one
+                last = length
+                if length < _AT_REST:
+                    break
         if not np.abs(state.position).max(initial=0.0) <= allowed:
             self.require_closed(q, allowed)
         return Projected(q, v - weighted.least_motion(state.velocity), weighted.rank)

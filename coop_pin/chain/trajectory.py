@@ -64,6 +64,7 @@ class Propagator:
         self._acceleration, self._torque, self._project = acceleration, torque, project
         self._integrator = INTEGRATORS["rk4"](configuration_space(model))
         self._nv, self._none = int(model.nv), np.zeros(model.nv)
+        self._errors = np.geterr()  # the caller's, in which the caller's torque runs
 
     def run(self, start: ChainState, rank: int | None, time: Array) -> Trajectory:
         """Return the motion from a state at the given times.
@@ -81,30 +82,29 @@ class Propagator:
         for k in range(len(time) - 1):
             t, h = float(time[k]), float(time[k + 1] - time[k])
             try:
-                q, v = self._step(t, h, q, v, rank)
-                if self._project is not None:
-                    q, v, rank = self._project(q, v, rank)
+                with np.errstate(over="raise", invalid="raise"):
+                    q, v, rank = self._step(t, h, q, v, rank)
             except (OpenClosureError, MassMatrixError, FloatingPointError, np.linalg.LinAlgError) as error:
                 raise IntegrationError(t, h, str(error), Trajectory(*(part[: k + 1] for part in motion))) from error
             motion.q[k + 1], motion.v[k + 1] = q, v
         return motion
 
-    def _step(self, t: float, h: float, q: Array, v: Array, rank: int | None) -> ChainState:
+    def _step(self, t: float, h: float, q: Array, v: Array, rank: int | None) -> tuple[Array, Array, int | None]:
         nodes = iter(RUNGE_KUTTA_NODES)
 
         def rate(q: Array, v: Array) -> tuple[Array, Array]:
             return self._acceleration(q, v, self._force(t + next(nodes) * h, q, v), rank), _NO_POWERS
 
-        with np.errstate(over="raise", invalid="raise"):
-            moved = self._integrator.step(rate, q, v, h)
+        moved = self._integrator.step(rate, q, v, h)
         if not np.isfinite(moved.v).all():
             raise FloatingPointError("the velocity is no longer finite")
-        return ChainState(moved.q, moved.v)
+        return (moved.q, moved.v, rank) if self._project is None else self._project(moved.q, moved.v, rank)
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         if self._torque is None:
             return self._none
-        return as_array("torque(t, q, v)", self._torque(t, q.copy(), v.copy()), self._nv)
+        with np.errstate(**self._errors):
+            return as_array("torque(t, q, v)", self._torque(t, q.copy(), v.copy()), self._nv)
 
 
 def time_grid(duration: float, step: float) -> Array:

@@ -11,11 +11,11 @@ from typing import Any
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.errors import StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
-from coop_pin.sweep.engine import available_workers
-from coop_pin.sweep.estimates import estimate
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.result import SweepResult
-from coop_pin.sweep.sweeps import sweep
+from coop_pin.sweeps.engine import available_workers
+from coop_pin.sweeps.estimates import estimate
+from coop_pin.sweeps.one_call import sweep
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 
 
 def run_sweep(command: Sweep) -> int:

@@ -12,11 +12,12 @@ from coop_pin.controllers import build_controller
 from coop_pin.description.event import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import SteadySqueeze
-from coop_pin.errors import CoopPinError, SqueezeError
+from coop_pin.errors import CoopPinError, SqueezeError, UserCodeError
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import Pace, Simulation
 
 _JOIN_S = 5.0
+_ROUNDED_DOWN = 1.0 - 1e-12
 
 
 class LiveRun:
@@ -158,7 +159,7 @@ class LiveRun:
             duration: s; cut at the end of the run.
         """
         with self._lock:
-            time, left = self._simulation.time, self._simulation.scenario.duration - self._simulation.time
+            time, left = self._simulation.time, (self._simulation.scenario.duration - self._simulation.time) * _ROUNDED_DOWN
             if left > 0.0:
                 self._simulation.add_event(WrenchPulse(time=time, duration=min(duration, left), wrench=wrench))
 
@@ -167,7 +168,10 @@ class LiveRun:
             self._pace.wait_until(self.time)
             try:
                 self.step()
-            except CoopPinError as error:  # told by whoever looks at it: there is nobody above this thread
+            except CoopPinError as error:  # whoever looks at it tells it: there is nobody above this thread
                 self.error = error
+            except Exception as error:  # a user's controller may raise anything
+                self.error = UserCodeError(self.time, error)
+                self.error.__cause__ = error
         if self.is_finished:
             self._on_end()

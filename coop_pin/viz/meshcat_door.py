@@ -47,7 +47,13 @@ class MemoryWindow:
 
 
 class ObjectProperty(NamedTuple):
-    """A property of a node's own object; meshcat's SetProperty would write "castshadow"."""
+    """A property of a node's own object; meshcat's SetProperty would write "castshadow".
+
+    Attributes:
+        path: of the node.
+        name: of the property.
+        value: what it becomes.
+    """
 
     path: Any
     name: str

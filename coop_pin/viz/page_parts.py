@@ -20,7 +20,7 @@ LEGEND = (
     (palette.LOAD, "", "load-carrying force on each arm"),
 )
 PUSH = (palette.EXTERNAL, "", "push on the payload")
-SATURATED = (palette.SATURATED, "box", "its drive is at the torque limit")
+SATURATED = (palette.SATURATED, "box", "link whose drive is at its torque limit")
 SINGULAR = (palette.SINGULAR, "box", f"arm near a singular pose (condition over {NEAR_SINGULAR:g})")
 
 

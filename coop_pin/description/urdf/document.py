@@ -68,7 +68,12 @@ class Node(NamedTuple):
 
 
 class Document(NamedTuple):
-    """What was read: the <robot> element, or None and the finding that says why not."""
+    """What was read.
+
+    Attributes:
+        robot: the <robot> element, or None where the document has none that can be used.
+        findings: what is wrong; they say why there is none.
+    """
 
     robot: Node | None
     findings: tuple[UrdfFinding, ...]

@@ -13,7 +13,7 @@ from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.runs import run
-from coop_pin.sweep.record import Failure, Record, flat
+from coop_pin.sweeps.record import Failure, Record, flat
 
 
 class Job(NamedTuple):
@@ -68,18 +68,22 @@ class Deadline:
 
 
 def run_job(job: Job) -> Outcome:
-    """Run a job; whatever it raises becomes part of the record."""
+    """Run a job; whatever the run raises becomes part of the record.
+
+    Raises:
+        OSError: the full result was asked for and the temporary folder is full.
+    """
     wall, cpu = time.perf_counter(), time.process_time()
     metrics: dict[str, float] = {}
-    content: bytes | None = None
+    result: RunResult | None = None
     failure: Failure | None = None
     try:
         result = run(Scenario.model_validate_json(job.scenario), progress=Deadline(job.time_limit_s))
         metrics = _judged(result, job.metrics)
-        content = _content(result) if job.keep else None
     except Exception as error:  # the run's own code may raise anything; it is reported in the record
         failure = Failure.of(error)
     times = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+    content = _content(result) if job.keep and result is not None and failure is None else None
     return Outcome(Record(job.key, job.scenario, metrics, failure, times), content)
 
 

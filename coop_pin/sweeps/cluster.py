@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from coop_pin.errors import MissingExtraError, WorkersLostError
-from coop_pin.sweep.workers import LocalWorkers
+from coop_pin.sweeps.workers import LocalWorkers
 
 try:
     import dask
@@ -16,7 +16,7 @@ try:
 except ImportError:
     raise MissingExtraError("distributed", "sweep", "to run a sweep on several processes") from None
 
-from coop_pin.sweep.quiet import QuietScheduler
+from coop_pin.sweeps.quiet import QuietScheduler
 
 # Dask's own names carry no types.
 _SCHEDULER: Any = distributed.SpecCluster

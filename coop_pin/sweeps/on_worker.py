@@ -13,7 +13,7 @@ from typing import TextIO
 
 from distributed import get_worker
 
-from coop_pin.sweep.job import Job, Outcome, run_job
+from coop_pin.sweeps.job import Job, Outcome, run_job
 
 BEGUN = "coop-pin-begun"
 """The topic under which the start of a suspect is reported."""

@@ -20,7 +20,7 @@ _PUBLIC = {
     "estimate": "estimates",
     "linspace": "axis",
     "logspace": "axis",
-    "sweep": "sweeps",
+    "sweep": "one_call",
 }
 
 __all__ = sorted(_PUBLIC)
@@ -29,7 +29,7 @@ __all__ = sorted(_PUBLIC)
 def __getattr__(name: str) -> Any:
     """Load a public name on first use."""
     if name not in _PUBLIC:
-        raise AttributeError(f"module 'coop_pin.sweep' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"coop_pin.sweep.{_PUBLIC[name]}"), name)
+        raise AttributeError(f"module 'coop_pin.sweeps' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"coop_pin.sweeps.{_PUBLIC[name]}"), name)
     globals()[name] = value
     return value

@@ -11,11 +11,11 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.errors import ScenarioError, SweepStoreError
-from coop_pin.sweep.dimension import Dimension
-from coop_pin.sweep.key import run_key, unresolved_key
-from coop_pin.sweep.plan import Point, SweepPlan
-from coop_pin.sweep.record import Record
-from coop_pin.sweep.store import SweepStore
+from coop_pin.sweeps.dimension import Dimension
+from coop_pin.sweeps.key import run_key, unresolved_key
+from coop_pin.sweeps.plan import Point, SweepPlan
+from coop_pin.sweeps.record import Record
+from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"
 _TIMES = ("wall_s", "cpu_s")

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from distributed import CancelledError, KilledWorker
 
 from coop_pin.errors import RunTimeoutError, WorkerDiedError, WorkersLostError
-from coop_pin.sweep.cluster import Cluster
-from coop_pin.sweep.job import Job, Outcome
-from coop_pin.sweep.on_worker import BEGUN, run_jobs, run_suspect
-from coop_pin.sweep.record import Failure, Record
+from coop_pin.sweeps.cluster import Cluster
+from coop_pin.sweeps.job import Job, Outcome
+from coop_pin.sweeps.on_worker import BEGUN, run_jobs, run_suspect
+from coop_pin.sweeps.record import Failure, Record
 
 _TASK_S = 0.25
 _LARGEST_BATCH = 64
@@ -112,6 +112,9 @@ class ClusterExecutor:
             return
         except CancelledError:
             raise WorkersLostError("the scheduler is gone; start the same command again: finished runs are kept") from None
+        except Exception as error:  # not of the run, whose errors are in its record: of the worker itself
+            said = f"a worker cannot work ({type(error).__name__}: {error})"
+            raise WorkersLostError(f"{said}; it needs the coop_pin that is here, and room in its temporary folder") from error
         for outcome in outcomes:
             self._mean_s += 0.2 * (outcome.record.times["wall_s"] - self._mean_s)
             yield outcome

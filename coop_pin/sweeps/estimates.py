@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from coop_pin.errors import CoopPinError
 from coop_pin.runs import run
-from coop_pin.sweep.plan import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 
 _SAMPLE_S = 1.0
 

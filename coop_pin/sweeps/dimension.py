@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from coop_pin.sweep.axis import label
-from coop_pin.sweep.sample import Sample
+from coop_pin.sweeps.axis import label
+from coop_pin.sweeps.sample import Sample
 
 
 class FieldsDimension(NamedTuple):

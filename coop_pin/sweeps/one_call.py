@@ -8,10 +8,10 @@ from typing import Any
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError
-from coop_pin.sweep.engine import Where, available_workers, run_plan
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.result import SweepResult
-from coop_pin.sweep.store import SweepStore
+from coop_pin.sweeps.engine import Where, available_workers, run_plan
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.store import SweepStore
 
 Base = str | Path | Scenario | Sequence[str | Path | Scenario] | Mapping[str, str | Path | Scenario]
 

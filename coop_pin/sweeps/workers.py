@@ -25,7 +25,7 @@ class LocalWorkers:
     """
 
     def __init__(self, address: str, count: int) -> None:
-        self._command = [sys.executable, "-m", "coop_pin.sweep.worker_host", address, str(count)]
+        self._command = [sys.executable, "-m", "coop_pin.sweeps.worker_host", address, str(count)]
         self._closing = threading.Event()
         self._process = self._start()
         self._keeper = threading.Thread(target=self._keep, name="coop-pin-workers", daemon=True)

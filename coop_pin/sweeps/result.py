@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -13,11 +14,11 @@ import xarray as xr
 from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
 from coop_pin.results import RunResult
 from coop_pin.runs import run
-from coop_pin.sweep import answers
-from coop_pin.sweep.answers import SobolIndices
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.store import SweepStore
-from coop_pin.sweep.table import MISSING, OK, dataset, key_of, rows, write_csv, write_times
+from coop_pin.sweeps import answers
+from coop_pin.sweeps.answers import SobolIndices
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.table import MISSING, OK, dataset, key_of, rows, write_csv, write_times
 
 _NOT_METRICS = ("status", "failure", "failed_at_s")
 
@@ -134,34 +135,38 @@ class SweepResult:
         """
         values = self.values(metric).where(np.isfinite(self.values(metric)))
         self._require_coordinate(field)
-        return (
-            values.groupby(field).reduce(average, ...)
-            if field not in values.dims
-            else values.reduce(average, [dim for dim in values.dims if dim != field])
-        )
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")  # where all runs failed
+            if field in values.dims:
+                return values.reduce(average, [dim for dim in values.dims if dim != field])
+            return values.groupby(field).reduce(average, ...)
 
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
         """Return the runs that no other run beats in one metric without losing in the other; smaller is better."""
         a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
         return [self.point(int(index)) for index in answers.not_dominated(a, b)]
 
-    def stability_boundary(self, field: str, stable: xr.DataArray | None = None) -> xr.Dataset:
-        """Return, along all other dimensions, the last stable and the first unstable value of a field.
+    def stability_boundary(self, field: str, by: Sequence[str] | None = None, stable: xr.DataArray | None = None) -> xr.Dataset:
+        """Return, along other dimensions, the last stable and the first unstable value of a field.
 
         Args:
             field: a dimension with numbers.
+            by: the dimensions to keep, all when omitted; along those left out all runs must be stable.
             stable: which runs are stable; those that finished when omitted. For example
                 ``result.values("position_rms_m") < 0.01``.
 
         Raises:
             UnfinishedSweepError: runs are missing.
+            EntryNotFoundError: the field is no dimension.
         """
         missing = self.counts()[MISSING]
         if missing:
             raise UnfinishedSweepError("a stability boundary", missing, len(self.plan))
         if field not in self.data.dims:
             raise EntryNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
-        return answers.boundary(self.data["status"] == OK if stable is None else stable, field)
+        stable = self.data["status"] == OK if stable is None else stable
+        kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
+        return answers.boundary(stable.all([dim for dim in stable.dims if dim not in kept]), field)
 
     def sobol_indices(self, metric: str, confidence: float = 0.95, resamples: int = 999) -> SobolIndices:
         """Return how much of a metric's variance each sampled field explains.

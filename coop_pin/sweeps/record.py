@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 from coop_pin.errors import CoopPinError, SweepStoreError
-from coop_pin.sweep.envelope import seal, unseal
+from coop_pin.sweeps.envelope import seal, unseal
 
 _FORMAT = 1
 
@@ -20,7 +20,7 @@ class Failure(NamedTuple):
         kind: name of the error's class.
         message: what it said.
         numbers: what it carried, by name.
-        trace: where it was raised, for errors that are not coop_pin's own.
+        trace: where an error that is not coop_pin's own was raised.
     """
 
     kind: str
@@ -32,7 +32,8 @@ class Failure(NamedTuple):
     def of(cls, error: Exception) -> Self:
         """Return what is kept of an error: text and numbers, never the result up to then, which may be large."""
         carried = {name: value for name, value in error.__dict__.items() if isinstance(value, int | float)}
-        trace = "" if isinstance(error, CoopPinError) else "".join(traceback.format_exception(error)[-4:])
+        foreign = error.__cause__ if isinstance(error, CoopPinError) else error
+        trace = "" if foreign is None else "".join(traceback.format_exception(foreign)[-4:])
         return cls(type(error).__name__, str(error) or type(error).__name__, carried, trace)
 
 

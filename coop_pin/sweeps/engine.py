@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
-from coop_pin.sweep.job import Job, Outcome, run_job
-from coop_pin.sweep.key import run_key, unresolved_key
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.progress import SweepBar
-from coop_pin.sweep.record import Failure, Record
-from coop_pin.sweep.store import SweepStore
-from coop_pin.sweep.writer import OutcomeWriter
+from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin.sweeps.key import run_key, unresolved_key
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.progress import SweepBar
+from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.writer import OutcomeWriter
 
-_LOG = logging.getLogger("coop_pin.sweep")
+_LOG = logging.getLogger("coop_pin.sweeps")
 _OF_THE_MACHINE = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that another try may not repeat."""
 
@@ -97,8 +97,8 @@ class _Sweep:
         first = next(jobs, None)
         if first is None:  # nothing to do: no need to wait for workers
             return
-        from coop_pin.sweep.cluster import local_cluster, remote_cluster  # dask is an extra, and slow to load
-        from coop_pin.sweep.executors import ClusterExecutor
+        from coop_pin.sweeps.cluster import local_cluster, remote_cluster  # dask is an extra, and slow to load
+        from coop_pin.sweeps.executors import ClusterExecutor
 
         with remote_cluster(where.scheduler) if where.scheduler else local_cluster(where.workers) as cluster:
             yield from ClusterExecutor(cluster).outcomes(itertools.chain([first], jobs))

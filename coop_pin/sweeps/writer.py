@@ -7,9 +7,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Self
 
-from coop_pin.sweep.job import Outcome
-from coop_pin.sweep.record import Record
-from coop_pin.sweep.store import SweepStore
+from coop_pin.sweeps.job import Outcome
+from coop_pin.sweeps.record import Record
+from coop_pin.sweeps.store import SweepStore
 
 _THREADS, _WAITING = 4, 32
 

@@ -1,4 +1,4 @@
-"""The process that keeps local workers: ``python -m coop_pin.sweep.worker_host ADDRESS COUNT``, in a session of its own.
+"""The process that keeps local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in a session of its own.
 
 Workers are started from here and not from the user's process: they would import the user's script once more, and a script without an
 ``if __name__ == "__main__"`` would start its sweep in every worker. It ends with its parent: when its standard input closes.
@@ -16,9 +16,9 @@ from typing import Any
 
 from distributed import Nanny
 
-from coop_pin.sweep.quiet import QuietWorker
+from coop_pin.sweeps.quiet import QuietWorker
 
-_PRELOAD = "coop_pin.sweep.on_worker"
+_PRELOAD = "coop_pin.sweeps.on_worker"
 _GRACE_S = 2.0
 
 

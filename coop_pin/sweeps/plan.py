@@ -16,10 +16,10 @@ from coop_pin.description.base import Description
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import EntryNotFoundError, FieldError, FieldShapeError, ScenarioError, ScenarioFileError, UnknownFieldError, one_or_all
-from coop_pin.sweep.axis import Values
-from coop_pin.sweep.bases import Bases, anchored
-from coop_pin.sweep.dimension import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
-from coop_pin.sweep.sample import Sample
+from coop_pin.sweeps.axis import Values
+from coop_pin.sweeps.bases import Bases, anchored
+from coop_pin.sweeps.dimension import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
+from coop_pin.sweeps.sample import Sample
 
 
 class Point(NamedTuple):
@@ -102,6 +102,9 @@ class SweepPlan(Description):
         twice = [field for field, count in Counter([*fields, *self.cases]).items() if count > 1]
         if twice:
             raise FieldError(f"varies {twice[0]!r} twice; let every field vary in one place only")
+        beyond = [place for place in self.keep if not isinstance(place, str) and not -len(self) <= place < len(self)]
+        if beyond:
+            raise FieldError(f"names run {beyond[0]}; the plan has {len(self)} runs, counted from 0", "keep")
         self._require_known_fields()
         return self
 

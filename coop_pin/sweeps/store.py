@@ -13,12 +13,12 @@ from pathlib import Path
 from coop_pin.errors import ScenarioError, StoreWriteError, SweepStoreError
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
-from coop_pin.sweep.envelope import seal, unseal
-from coop_pin.sweep.lock import FolderLock
-from coop_pin.sweep.plan import SweepPlan
-from coop_pin.sweep.record import Record
+from coop_pin.sweeps.envelope import seal, unseal
+from coop_pin.sweeps.lock import FolderLock
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.record import Record
 
-_LOG = logging.getLogger("coop_pin.sweep")
+_LOG = logging.getLogger("coop_pin.sweeps")
 _RECORD = re.compile(r"[0-9a-f]{64}\.json")
 _RESULT = re.compile(r"[0-9a-f]{64}\.nc")
 _PART = re.compile(r"\.[0-9a-f]{64}\.[0-9a-f]{32}\.(json|nc)")
@@ -73,7 +73,7 @@ class SweepStore:
         """
         try:
             record = self.read(key)
-        except (SweepStoreError, OSError) as error:
+        except (SweepStoreError, IsADirectoryError) as error:
             self._set_aside(self.record_path(key))
             _LOG.warning("a run is computed again: %s; its file was moved to set-aside", error)
             return None
@@ -137,6 +137,8 @@ class SweepStore:
             write_atomically(path, write)
         except OSError as error:
             raise StoreWriteError(str(path), _reason(error)) from None
+        except RuntimeError as error:  # as HDF5 says it when it closes a file on a full disk
+            raise StoreWriteError(str(path), str(error)) from None
 
     def _write(self, path: Path, data: bytes) -> None:
         self.write_with(str(path.relative_to(self.folder)), lambda part: part.write_bytes(data))
@@ -153,7 +155,7 @@ class SweepStore:
         for file, known in self._files():
             if _PART.fullmatch(file.name):
                 file.unlink()
-            elif not known.fullmatch(file.name) or file.name[:2] != file.parent.name or file.is_dir():
+            elif not known.fullmatch(file.name) or file.name[:2] != file.parent.name:
                 aside += self._set_aside(file)
         return aside
 

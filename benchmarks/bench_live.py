@@ -1,0 +1,114 @@
+"""What a live view costs a run, and how many frames a second come through.
+
+    python benchmarks/bench_live.py [--duration 5] [--blocks 5]
+
+The slowdown is processor time of a run as fast as possible with a view against the same run alone, interleaved. Frames a second are
+counted at wall-clock pace: those handed to the server process, those that reached a reader, and, where playwright and a Chromium are
+there, those that a browser drew. Printed, never asserted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import importlib.util
+import math
+import shutil
+import threading
+import time
+
+import common
+import numpy as np
+from tornado.websocket import websocket_connect
+
+import coop_pin as cp
+from coop_pin.viz import LiveView, open_view
+
+CHROMIUM_ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-quic", "--disable-sync"]
+
+
+def slowdown(scenario: cp.Scenario, blocks: int) -> None:
+    """Print what a view costs a run."""
+    view, every = open_view(scenario), open_view(scenario)
+    tasks = {
+        "alone": lambda: cp.run(scenario),
+        "with a view, 30 frames in a second of wall time": lambda: cp.run(scenario, view=view, pace=math.inf),
+        "with a view that is sent every tick": lambda: cp.run(scenario, view=every.show, pace=math.inf),
+    }
+    seconds = common.interleaved(tasks, blocks, 1)
+    view.close()
+    every.close()
+    ticks = scenario.duration * scenario.clock.rate_hz
+    print(f"processor time of {scenario.duration:g} s of {scenario.name} as fast as possible; median (min .. max) of alone")
+    for name, values in seconds.items():
+        print(f"  {name:50s} {common.ratio(values, seconds['alone'])}   {1e6 * np.median(values) / ticks:6.0f} us a tick")
+    share = (np.median(seconds["with a view that is sent every tick"]) - np.median(seconds["alone"])) / ticks
+    print(f"  a frame costs the run {1e6 * share:.0f} us; thirty a second take {100 * 30 * share:.1f} % of one core")
+
+
+def frames(scenario: cp.Scenario) -> None:
+    """Print how many frames a second come through at wall-clock pace."""
+    view = open_view(scenario)
+    counted, ready = [0], threading.Event()
+    reader = threading.Thread(target=lambda: asyncio.run(count(view, counted, ready)), daemon=True)
+    reader.start()
+    ready.wait(10.0)
+    start = time.monotonic()
+    result = cp.run(scenario, view=view)
+    wall = time.monotonic() - start
+    print(f"{result.end:g} s at wall-clock pace took {wall:.2f} s: {view.sent / wall:.1f} frames a second sent, {view.dropped} dropped,")
+    print(f"  {counted[0] / wall:.1f} reached a reader", end="")
+    view.close()
+    drawn = in_browser(scenario)
+    print(f", {drawn:.1f} a second were drawn by Chromium without a graphics card" if drawn else "; no browser here")
+
+
+async def count(view: LiveView, counted: list[int], ready: threading.Event) -> None:
+    """Count the frames that reach a reader."""
+    connection = await websocket_connect(view.url.replace("http", "ws") + "frames")
+    ready.set()
+    while await connection.read_message() is not None:
+        counted[0] += 1
+
+
+def in_browser(scenario: cp.Scenario) -> float:
+    """Return the frames a second that a browser shows; 0 where there is none."""
+    chromium = shutil.which("chromium")
+    if chromium is None or importlib.util.find_spec("playwright") is None:
+        return 0.0
+    from playwright.sync_api import sync_playwright
+
+    view = open_view(scenario)
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=CHROMIUM_ARGUMENTS)
+        page = browser.new_page(viewport={"width": 1200, "height": 720})
+        page.goto(view.url)
+        page.wait_for_function("window.coopPin !== undefined")
+        page.evaluate(
+            "() => { const viewer = coopPin.viewer, draw = viewer.render.bind(viewer); window.drawn = 0;"
+            " viewer.render = () => { window.drawn += 1; draw(); }; }"
+        )
+        start = time.monotonic()
+        run = threading.Thread(target=cp.run, args=(scenario,), kwargs={"view": view})
+        run.start()
+        while run.is_alive():
+            page.wait_for_timeout(100)
+        drawn = page.evaluate("window.drawn") / (time.monotonic() - start)
+        browser.close()
+    view.close()
+    return float(drawn)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--blocks", type=int, default=5)
+    parser.add_argument("--duration", type=float, default=5.0, help="of each run, s; shorter ones have no events")
+    options = parser.parse_args(arguments)
+    scenario = common.shortened(cp.Scenario.load("adept-paper"), options.duration)
+    slowdown(scenario, options.blocks)
+    frames(scenario)
+
+
+if __name__ == "__main__":
+    main()
