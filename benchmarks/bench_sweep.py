@@ -106,9 +106,8 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"one run alone            {1e3 * alone:7.2f} ms")
         for name, found in (("in this process", here), ("one worker", one), ("two workers", two)):
             flat = " ".join(f"{sample:.0f}" for sample in found.memory_mb)
-            print(
-                f"{name:16s} per run {1e3 * found.wall_s:7.2f} ms, in the run {1e3 * found.in_run_s:7.2f} ms, memory by quarters {flat} MB"
-            )
+            times = f"per run {1e3 * found.wall_s:7.2f} ms, in the run {1e3 * found.in_run_s:7.2f} ms"
+            print(f"{name:16s} {times}, processor beyond it {1e3 * found.beyond_cpu_s:.2f} ms here, memory by quarters {flat} MB")
         print(
             f"beyond the run: {1e3 * (here.wall_s - here.in_run_s):.2f} ms here, {1e3 * (one.wall_s - one.in_run_s):.2f} ms with one worker"
         )

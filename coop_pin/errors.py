@@ -656,6 +656,20 @@ class UnfinishedSweepError(CoopPinError, ValueError):
         super().__init__(f"{question} needs all {total} runs, but {unfinished} of them failed or are missing; look at result.failures")
 
 
+class NothingFeasibleError(CoopPinError, ValueError):
+    """Tuning found no run within all bounds.
+
+    Attributes:
+        tried: number of runs.
+        failed: how many of them failed.
+    """
+
+    def __init__(self, tried: int, failed: int, bounds: Sequence[str]) -> None:
+        self.tried, self.failed = tried, failed
+        wanted = ", ".join(bounds) or "a finite metric"
+        super().__init__(f"none of {tried} runs ({failed} failed) keeps {wanted}; widen the ranges, loosen the bounds or search longer")
+
+
 class SweepInterruptedError(KeyboardInterrupt):
     """Ctrl-C during a sweep; every finished run is kept. A KeyboardInterrupt, so that ``except Exception`` lets it pass.
 

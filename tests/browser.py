@@ -16,7 +16,7 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
 )
-PATIENCE_MS = 120_000
+PATIENCE_MS = 90_000
 
 
 def chromium() -> str:

@@ -33,6 +33,7 @@ BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
 # - viz runs: its panel holds a Simulation under the user's hand, and a view that opens before the run asks chain how the cell stands;
 #   nothing below viz imports it, simulate takes any observer;
+# - viz draws sweeps as it draws runs; sweeps never import viz, nor do their workers;
 # - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - description reads meshes of payloads with trimesh, which yourdfpy brings;
@@ -53,7 +54,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "runs": (BELOW_RUNS | {"controllers"}, set()),
     "analysis": (BELOW_VIEWS, {"pinocchio", "scipy", "xarray"}),
     "viz": (
-        {"description", "model", "chain", "controllers", "results", "simulation"},
+        {"description", "model", "chain", "controllers", "results", "simulation", "sweeps"},
         {"ipywidgets", "meshcat", "matplotlib", "tornado", "umsgpack", "xarray", "scipy", "zmq"},
     ),
     "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),

@@ -169,6 +169,7 @@ def lab(tmp_path):
 def run_as_far_as_the_panel(page) -> None:
     """It stays in sight; JupyterLab draws nothing that is not."""
     page.locator(".jp-NotebookPanel .jp-Cell").first.click()
+    page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
     for _ in range(4):
         page.keyboard.press("Shift+Enter")
 
@@ -184,7 +185,6 @@ def live_frame(page):
 def test_the_live_notebook_answers_to_its_sliders(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
-        page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
         run_as_far_as_the_panel(page)
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
@@ -211,7 +211,6 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         page.get_by_role("button", name="Restart the kernel", exact=True).click()
         page.locator(".jp-Dialog .jp-mod-accept").click()
         frame.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
-        page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
         page.locator(".jp-NotebookPanel-notebook").evaluate("notebook => notebook.scrollTo(0, 0)")
         run_as_far_as_the_panel(page)
         page.wait_for_function(f"""() => {{ const frame = document.querySelector('iframe[title="coop_pin live"]');

@@ -6,5 +6,5 @@ source tools/setup.sh
 
 export MPLBACKEND=Agg OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
 setup_environment docs
-"$VENV_PYTHON" -m sphinx -b html -W --keep-going -n -q -d out/docs-doctrees "$@" docs out/docs </dev/null
+"$VENV_PYTHON" -m sphinx -E -b html -W --keep-going -n -q -d out/docs-doctrees "$@" docs out/docs </dev/null
 echo "== written to out/docs/index.html"

@@ -15,6 +15,7 @@ stage() {
 }
 
 setup_environment test
+setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy

@@ -15,6 +15,7 @@ from coop_pin.cli.report import Report
 from coop_pin.cli.run import Run
 from coop_pin.cli.show import Show
 from coop_pin.cli.sweep import Sweep, SweepShow
+from coop_pin.cli.tune import Tune
 from coop_pin.cli.view import View
 
 Command = (
@@ -28,18 +29,19 @@ Command = (
     | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
+    | Annotated[Tune, tyro.conf.subcommand("tune")]
 )
 _DESCRIPTION = "Two or more robot arms that hold one object: run scenarios, look at them, read their numbers."
 
 
-def parse(words: Sequence[str]) -> Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow:
+def parse(words: Sequence[str]) -> Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow | Tune:
     """Return the command that the words after ``coop-pin`` name.
 
     Raises:
         SystemExit: help was asked for (0), or the words make no command (2).
     """
     own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
-    command: Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow = tyro.cli(
+    command: Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow | Tune = tyro.cli(
         Command, prog="coop-pin", description=_DESCRIPTION, args=own
     )
     return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command

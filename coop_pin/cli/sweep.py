@@ -47,12 +47,20 @@ class SweepShow:
         best: name of a metric; the runs with its smallest values are listed.
         count: how many.
         failures: list the runs that failed, and why.
+        figure: draw the metric over what varies; written as PNG and as SVG.
+        metric: what the figure shows.
+        over: a field to draw lines along, where a map or the longest field is not wanted.
+        against: a second metric: draw all runs by the two, with the front of the best.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
     best: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 5
     failures: bool = False
+    figure: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = "internal_axial_rms_error_N"
+    over: Annotated[str | None, tyro.conf.arg(metavar="FIELD")] = None
+    against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
 
     def execute(self) -> int:
         """Print; return the exit code."""

@@ -64,7 +64,20 @@ def show_sweep(command: SweepShow) -> int:
         print("failed:")
         for failure in result.failures:
             print(f"  run {failure.number}: {_written(failure.parameters)}: {failure.kind}: {failure.message}")
+    if command.figure is not None:
+        _draw(result, command, command.figure)
     return OK
+
+
+def _draw(result: SweepResult, command: SweepShow, file: Path) -> None:
+    from coop_pin.viz.figures import pareto_figure, save_figure, sweep_figure  # matplotlib is slow to load
+
+    if command.against is not None:
+        figure = pareto_figure(result, command.against, command.metric)
+    else:
+        figure = sweep_figure(result, command.metric, command.over)
+    stem = file.with_suffix("") if file.suffix in (".png", ".svg") else file
+    print("written to " + " and ".join(map(str, save_figure(figure, stem))))
 
 
 def _written(parameters: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ def motion_figure(result: RunResult) -> Figure:
     """
     views = [(0, 1)] if result.scenario.cell.rows == "planar" else [(0, 1), (0, 2)]
     with styled():
-        figure = Figure(figsize=(3.6 * len(views) + 0.6, 3.4), layout="constrained")
+        figure = Figure(figsize=(7.8, 3.4 if len(views) > 1 else 3.0), layout="constrained")
         for panel, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
             _draw(panel, result, view)
     return figure

@@ -21,6 +21,8 @@ _PUBLIC = {
     "linspace": "axis",
     "logspace": "axis",
     "sweep": "one_call",
+    "TuneResult": "tune",
+    "tune": "tune",
 }
 
 __all__ = sorted(_PUBLIC)

@@ -3,6 +3,7 @@
 from coop_pin.viz.figures.accuracy import error_figure
 from coop_pin.viz.figures.saving import save_figure
 from coop_pin.viz.figures.study import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
+from coop_pin.viz.figures.sweep import pareto_figure, sweep_figure
 from coop_pin.viz.figures.torque import torque_figure
 from coop_pin.viz.figures.tracking import tracking_figure
 
@@ -13,7 +14,9 @@ __all__ = [
     "SignGainRun",
     "error_figure",
     "internal_force_study_figure",
+    "pareto_figure",
     "save_figure",
+    "sweep_figure",
     "torque_figure",
     "tracking_figure",
 ]
