@@ -1,3 +1,4 @@
+# ruff: noqa: ARG001  (Sphinx fixes the arguments of its callbacks)
 """What the site makes of the package: a table of the public names, and what the reference leaves out."""
 
 import importlib

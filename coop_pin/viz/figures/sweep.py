@@ -113,7 +113,7 @@ def _lines(table: _Table, metric: str, field: str) -> Figure:
     if len(series) > len(palette.SERIES):
         raise FieldError(f"would need {len(series)} lines; a figure tells {len(palette.SERIES)} apart. Let fewer fields vary", field)
     with styled():
-        figure = Figure(figsize=(5.8, 3.8), layout="constrained")
+        figure = Figure(figsize=(7.6, 4.0), layout="constrained")
         panel = figure.subplots()
         for place, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
             chosen = dict(zip(others, place, strict=True))
