@@ -10,7 +10,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellController, Command
 from coop_pin.controllers import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
-from coop_pin.errors import UserCodeError
+from coop_pin.errors import OpenClosureError, UserCodeError
 from coop_pin.simulation.drives import Drives
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial import internal_wrenches
@@ -186,3 +186,29 @@ def test_nothing_is_lost_when_a_users_controller_raises():
         cp.simulate(cp.Scenario.load("adept-paper").replace(events=(), duration=0.5), Broken())
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
     assert caught.value.result.end == pytest.approx(0.1)
+
+
+def open_start(scenario, by):
+    """Starting angles that hold the payload, but for the last arm, whose target is moved along y."""
+    chain = CellChain(scenario.cell)
+    q = chain.configuration(scenario.start.matrix)
+    moved = scenario.start.matrix.copy()
+    moved[1, 3] += by
+    apart = chain.configuration(moved)
+    first, last = chain.tree.arms[0], chain.tree.arms[-1]
+    return {first.name: q[first.q].tolist(), last.name: apart[last.q].tolist()}
+
+
+@pytest.mark.parametrize("payload", ["rooted", "free"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload):
+    scenario = SCENARIOS[cell]().replace(duration=0.1, events=()).override({"plant.payload": payload, "controller.gains.sign_gain": 0.0})
+    apart = scenario.replace(start_angles=open_start(scenario, 0.1))
+    with pytest.raises(OpenClosureError, match="right") as caught:
+        cp.run(apart)
+    assert caught.value.gap_m == pytest.approx(0.1, abs=1e-9)
+    closed = cp.run(apart.replace(project_start=True))
+    assert max(closed.closure_error_max()) < 1e-8
+    assert np.linalg.norm(closed.data.payload_position.values[0] - scenario.start.xyz) < 0.11
+    held = cp.run(scenario.replace(start_angles=open_start(scenario, 0.0)))
+    assert_allclose(held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from coop_pin.chain.closures import Gap
 from coop_pin.description.cell import Cell
 from coop_pin.description.clock import PlantOptions
 from coop_pin.description.payload import Payload
+from coop_pin.errors import OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CELL_MODELS
 from coop_pin.model.pinocchio_model import frame_id
@@ -90,6 +92,31 @@ class CellChain:
             model = ArmModel(arm, self.cell.grasps[name].matrix)
             configurations.append(closing_angles(name, model, X, arm.posture))
         return self.chain.project_configuration(self.tree.configuration(configurations, X))
+
+    def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
+        """Return the configuration with every arm at stated joint angles, wherever that leaves its grasp.
+
+        Args:
+            angles: of every arm, rad, shape (k,) each.
+            X_WP: payload pose; a payload rooted at the first arm stands where that arm holds it instead.
+        """
+        stated = [
+            arm.angles.configuration(as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))) for arm in self.tree.arms
+        ]
+        return self.tree.configuration(stated, as_array("X_WP", X_WP, 4, 4))
+
+    def require_held(self, q: Array, X_WP: Array, allowed: float) -> None:
+        """Refuse a configuration in which an arm's tip stands off its grasp on a payload at X_WP by more than allowed, m or rad.
+
+        Raises:
+            OpenClosureError: naming the arm, with its gap.
+        """
+        frames = self._at(q)
+        for arm in self.tree.arms:
+            X_EG = frames[arm.tip].actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
+            gap = Gap(float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation))))
+            if not max(gap) <= allowed:
+                raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 
     def payload_pose(self, q: ArrayLike) -> Array:
         """Return X_WP, shape (4, 4)."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from coop_pin.errors import MissingFieldError
 
-_FLAGS = {"beyond_bound"}
+_FLAGS = {"beyond_bound", "project_start"}
 
 
 def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[str, Any]:

@@ -13,9 +13,9 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Positive
+from coop_pin.description.base import Description, Positive, Vector
 from coop_pin.description.catalogue import scenario_names, scenario_path
-from coop_pin.description.cell import Cell
+from coop_pin.description.cell import Cell, check_arm_names
 from coop_pin.description.clock import Clock, PlantOptions
 from coop_pin.description.controller import Controller
 from coop_pin.description.event import Event, WrenchPulse
@@ -44,6 +44,8 @@ class Scenario(Description):
         squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm, a ramp, or a function;
             zero when omitted.
         start: payload pose at t = 0, at rest.
+        start_angles: joint angles of every arm at t = 0, in place of those that are found for ``start``; they must hold the payload there.
+        project_start: move open starting angles onto the grasps instead of refusing them; the payload then stands where they meet.
         events: what happens to the payload.
         clock: control rate and plant steps.
         plant: how the plant is solved.
@@ -59,11 +61,20 @@ class Scenario(Description):
     motion: Motion
     squeeze: Squeeze = SteadySqueeze()
     start: Pose
+    start_angles: dict[str, Vector] = Field(default_factory=dict)
+    project_start: bool = False
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
 
     # Each check asks only for the fields that it needs, so that a mistake elsewhere hides none here.
+
+    @field_validator("start_angles")
+    @classmethod
+    def _angles_for_every_arm(cls, angles: dict[str, tuple[float, ...]], earlier: ValidationInfo) -> dict[str, tuple[float, ...]]:
+        if angles and "cell" in earlier.data:
+            check_arm_names(angles, earlier.data["cell"].arms)
+        return angles
 
     @field_validator("controller")
     @classmethod

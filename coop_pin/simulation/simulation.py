@@ -30,6 +30,20 @@ _GAP_LIMIT = 1e-2
 _TORQUE_LIMIT = 1e7
 
 
+_OPEN_START = 1e-6
+
+
+def _start(chain: CellChain, scenario: Scenario) -> Array:
+    """Return the configuration at t = 0: found for the starting pose, or as stated, on the closures or projected onto them."""
+    X_WP = scenario.start.matrix
+    if not scenario.start_angles:
+        return chain.configuration(X_WP)
+    q = chain.posed_configuration(scenario.start_angles, X_WP)
+    if not scenario.project_start:
+        chain.require_held(q, X_WP, _OPEN_START)
+    return chain.chain.project_configuration(q)
+
+
 class Simulation:
     """A run under way. What is replaced between two ticks acts from the next tick on.
 
@@ -44,12 +58,13 @@ class Simulation:
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
+            OpenClosureError: the stated starting angles leave a grasp open, with the gap.
         """
         self.scenario, self.controller = scenario, controller
         self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
         self.chain = CellChain(scenario.cell, scenario.plant)
         self.payload: Payload = scenario.cell.payload
-        self.plant = Plant(self.chain, scenario.plant, self.chain.configuration(scenario.start.matrix))
+        self.plant = Plant(self.chain, scenario.plant, _start(self.chain, scenario))
         self.limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario.cell, self.limits)
         self.saturated = self.actuation.idle

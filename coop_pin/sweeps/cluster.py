@@ -22,7 +22,12 @@ from coop_pin.sweeps.quiet import QuietScheduler
 _SCHEDULER: Any = distributed.SpecCluster
 _CLIENT: Any = distributed.Client
 # One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then beyond doubt.
-_SETTINGS = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}
+# Its self-observation every 20 ms would cost 2 % of a processor in each process.
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.admin.tick.interval": "1s",
+}
 
 
 class Cluster(NamedTuple):

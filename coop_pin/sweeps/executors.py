@@ -21,9 +21,9 @@ from coop_pin.sweeps.record import Failure, Record
 _TASK_S = 0.25
 _LARGEST_BATCH = 64
 _DEATHS = 3
-_POLL_S = 0.5
+_POLL_S, _LOOK_S = 0.5, 2.0
 _PATIENCE_S = 30.0
-"""What a task should take, s; jobs in a task; deaths after which a job is given up; how often the cluster is looked at, s."""
+"""What a task should take, s; jobs in a task; deaths after which a job is given up; how often answers and the cluster are looked at, s."""
 
 
 class _Task(NamedTuple):
@@ -96,7 +96,7 @@ class ClusterExecutor:
 
     def _look(self) -> None:
         """Count threads now and then: workers come and go."""
-        if time.monotonic() - self._looked > _POLL_S:
+        if time.monotonic() - self._looked > _LOOK_S:
             self._threads, self._looked = self._cluster.threads(), time.monotonic()
 
     # ------------------------------------------------------------ in

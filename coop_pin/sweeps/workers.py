@@ -57,6 +57,8 @@ class LocalWorkers:
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),  # noqa: PTH109 the user's own modules are found
             "DASK_LOGGING__DISTRIBUTED": "critical",  # workers that die are reported in records
+            "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # workers need not watch themselves
+            "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
         }
         return subprocess.Popen(self._command, stdin=subprocess.PIPE, start_new_session=True, env=environment)
 
