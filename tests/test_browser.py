@@ -182,6 +182,7 @@ def live_frame(page):
     return frame
 
 
+@pytest.mark.slow
 def test_the_live_notebook_answers_to_its_sliders(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))

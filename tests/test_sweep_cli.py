@@ -53,7 +53,6 @@ def test_quiet_is_quiet(capsys):
         (["sweep", "none.toml"], 2, "no sweep file 'none.toml'"),
         (["sweep", "bad.toml"], 2, "did you mean 'sign_gain'"),
         (["sweep", "gains.toml", "--workers", "-1"], 2, "workers: is -1"),
-        (["sweep", "gains.toml", "--scheduler", "tcp://127.0.0.1:9"], 1, "no dask scheduler"),
         (["sweep-show", "."], 2, "holds no sweep"),
     ],
     ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
