@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
@@ -23,7 +25,7 @@ def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.D
     """
     internal = internal_wrenches(samples.interaction_wrench, scenario.cell.shares)
     desired_internal = rotate_vector6(samples.payload_pose[:, None, :3, :3], samples.desired_squeeze)
-    data = xr.Dataset(coords=_coordinates(scenario, samples), attrs={"title": scenario.summary or scenario.name})
+    variables: dict[str, tuple[Any, ...]] = {}  # gathered first: every later assignment would align the whole dataset anew
     for name, dims, values, unit, text in (
         ("configuration", "q", samples.configuration, "rad or m", "configuration of the Pinocchio tree"),
         ("velocity", "v", samples.velocity, "rad/s or m/s", "velocity of the Pinocchio tree"),
@@ -55,19 +57,20 @@ def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.D
         ("work_external", "", samples.work[:, 2], "J", "done by external wrenches since the start"),
         ("work_payload_change", "", samples.work[:, 3], "J", "energy brought or taken by payload changes"),
     ):
-        data[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
+        variables[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
     for name, values, unit in (
         ("position_lower", limits.position_lower, "rad or m"),
         ("position_upper", limits.position_upper, "rad or m"),
         ("velocity_limit", limits.velocity_limit, "rad/s or m/s"),
         ("torque_limit", limits.torque_limit, "N m"),
     ):
-        data[name] = (("arm", "joint"), values, {"units": unit, "long_name": "NaN where there is none"})
-    names = [(*joints, *[""] * (len(data["joint"]) - len(joints))) for joints in limits.joints]
-    data["joint_name"] = (("arm", "joint"), np.array(names), {"long_name": "empty beyond an arm's joints"})
+        variables[name] = (("arm", "joint"), values, {"units": unit, "long_name": "NaN where there is none"})
+    names = [(*joints, *[""] * (samples.torque.shape[2] - len(joints))) for joints in limits.joints]
+    variables["joint_name"] = (("arm", "joint"), np.array(names), {"long_name": "empty beyond an arm's joints"})
     determined = np.isfinite(samples.interaction_wrench).all(axis=(0, 1))
-    data["wrench_is_determined"] = ("axis", determined, {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"})
-    return data
+    variables["wrench_is_determined"] = ("axis", determined, {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"})
+    attributes = {"title": scenario.summary or scenario.name}
+    return xr.Dataset(variables, coords=_coordinates(scenario, samples), attrs=attributes)
 
 
 def _coordinates(scenario: Scenario, samples: RunSamples) -> dict[str, object]:
