@@ -135,7 +135,7 @@ def test_every_mistake_has_its_type_its_path_and_its_numbers(changes, kind, path
     ],
 )
 def test_below_the_bound_or_insisting_is_accepted(changes):
-    read(changes)
+    assert read(changes).beyond_bound == ("beyond_bound" in changes)
 
 
 def test_insisting_does_not_excuse_what_is_wrong_anyway():

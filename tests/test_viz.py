@@ -309,7 +309,7 @@ def test_building_the_page_starts_no_process_and_opens_no_port(spatial: Replay, 
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
     monkeypatch.setattr(zmq.Context, "socket", refuse)
-    replay_html(spatial.result)
+    assert replay_html(spatial.result) == spatial.page
 
 
 def test_names_are_text_and_not_markup(spatial: Replay) -> None:

@@ -44,13 +44,15 @@ class Bound(NamedTuple):
         Raises:
             FieldError: the text does not say that.
         """
+        mistake = FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER", "subject_to")
         form = _FORM.fullmatch(text)
+        if form is None:
+            raise mistake
         try:
-            if form is not None:
-                return cls(form["metric"], 1 if form["sign"] == "<" else -1, float(form["bound"]))
-        except ValueError:  # the bound is no number: the same mistake as a wrong form
-            pass
-        raise FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER", "subject_to")
+            bound = float(form["bound"])
+        except ValueError:
+            raise mistake from None
+        return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
 
     def excess(self, value: float) -> float:
         """Return by how much a value is outside, as a share of the bound where that is above 1; inf where it is not a number."""
