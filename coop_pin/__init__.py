@@ -5,8 +5,9 @@ Everything public is listed here and loaded on first use, so that importing ``co
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
+
+from coop_pin.lazy import load_public
 
 _PUBLIC = {
     "Arm": "coop_pin.description",
@@ -81,11 +82,7 @@ __version__ = "0.1.0"
 
 def __getattr__(name: str) -> Any:
     """Load a public name on first use."""
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'coop_pin' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_PUBLIC[name]), name)
-    globals()[name] = value
-    return value
+    return load_public(__name__, _PUBLIC, name)
 
 
 def __dir__() -> list[str]:

@@ -5,24 +5,25 @@ Loaded on first use: the process that keeps local workers lives in this room and
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
+from coop_pin.lazy import load_public
+
 _PUBLIC = {
-    "Estimate": "estimates",
-    "PointFailure": "result",
-    "PointResult": "result",
-    "Sample": "sample",
-    "SobolIndices": "answers",
-    "Span": "sample",
-    "SweepPlan": "plan",
-    "SweepResult": "result",
-    "estimate": "estimates",
-    "linspace": "axis",
-    "logspace": "axis",
-    "sweep": "one_call",
-    "TuneResult": "tune",
-    "tune": "tune",
+    "Estimate": "coop_pin.sweeps.estimates",
+    "PointFailure": "coop_pin.sweeps.result",
+    "PointResult": "coop_pin.sweeps.result",
+    "Sample": "coop_pin.sweeps.sample",
+    "SobolIndices": "coop_pin.sweeps.answers",
+    "Span": "coop_pin.sweeps.sample",
+    "SweepPlan": "coop_pin.sweeps.plan",
+    "SweepResult": "coop_pin.sweeps.result",
+    "estimate": "coop_pin.sweeps.estimates",
+    "linspace": "coop_pin.sweeps.axis",
+    "logspace": "coop_pin.sweeps.axis",
+    "sweep": "coop_pin.sweeps.one_call",
+    "TuneResult": "coop_pin.sweeps.tune",
+    "tune": "coop_pin.sweeps.tune",
 }
 
 __all__ = sorted(_PUBLIC)
@@ -30,8 +31,9 @@ __all__ = sorted(_PUBLIC)
 
 def __getattr__(name: str) -> Any:
     """Load a public name on first use."""
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'coop_pin.sweeps' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"coop_pin.sweeps.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
+    return load_public(__name__, _PUBLIC, name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return list(__all__)

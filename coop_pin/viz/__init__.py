@@ -5,8 +5,9 @@ Everything is loaded on first use: meshcat and matplotlib take their time.
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
+
+from coop_pin.lazy import load_public
 
 _PUBLIC = {
     "LiveView": "coop_pin.viz.viewer",
@@ -25,11 +26,7 @@ __all__ = sorted(_PUBLIC)
 
 def __getattr__(name: str) -> Any:
     """Load a public name on first use."""
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'coop_pin.viz' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_PUBLIC[name]), name)
-    globals()[name] = value
-    return value
+    return load_public(__name__, _PUBLIC, name)
 
 
 def __dir__() -> list[str]:
