@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cells import SCENARIOS
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.control import (
@@ -154,3 +155,27 @@ def test_repair_carries_gravity():
     assert result.position_rms() < 0.5e-3
     assert max(result.closure_error_max()) < 1e-8
     assert result.energy_balance_max() < 1e-5
+
+
+def biased_run(name, controller, bias):
+    """The left arm's kinematics are off by a constant; the payload goes to rest or stays there."""
+    scenario = SCENARIOS[name]().replace(events=(), duration=10.0)
+    still = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}}
+    return cp.run(scenario, {"controller": controller, "cell.arms.left.calibration_error.xyz": bias, **still})
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_a_constant_rate(name):
+    """Two arms at rest: the mean of their errors stays zero, each integral grows with its own: f' = c_1 c_2 K_x alpha gamma b / width."""
+    gains = GAINS if name == "planar" else {"pose_gain": 5, "sliding_gain": [600] * 3 + [20] * 3, "sign_gain": 0.5, "transient_rate": 5}
+    bias, width = [1e-4, 0.0 if name == "planar" else 0.5e-4, 0.0], 0.05
+    controller = {"kind": "payload-space", "gains": gains, "switching": {"kind": "saturation", "width": width}}
+    result = biased_run(name, controller, bias)
+    late = result.data.sel(time=slice(7.0, None))
+    force = late.internal_wrench.sel(arm="left").values[:, :3]
+    rate = np.polyfit(late.time.values, np.nan_to_num(force), 1)[0]
+    R_WE = Rotation.from_quat(late.payload_quaternion.values[-1]).as_matrix() @ result.scenario.cell.grasps["left"].matrix[:3, :3]
+    per_metre = gains["sliding_gain"][0] * gains["sign_gain"] * gains["pose_gain"] / width
+    expected = np.prod(result.scenario.cell.shares) * per_metre * (R_WE @ bias)
+    assert np.linalg.norm(expected) > 0.1
+    assert_allclose(rate, expected, atol=0.01 * np.linalg.norm(expected))
