@@ -65,10 +65,10 @@ def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> 
         )
     common["sign_gain"] = gain_matrix(gains.sign_gain, model.nv, f"{path}.sign_gain")
     common["damping_gain"] = gain_matrix(chosen.gains_of(arm).damping_gain, model.nv, f"{path}.damping_gain")
+    printed = SlidingModeController(**common)
     if isinstance(chosen, choice.RedundantSlidingMode):
-        posture = _posture(scenario, chosen.posture, arm, model)
-        return RedundantSlidingModeController(posture=posture, inverse_damping=chosen.inverse_damping, **common)
-    return SlidingModeController(**common)
+        return RedundantSlidingModeController(printed, _posture(scenario, chosen.posture, arm, model), chosen.inverse_damping)
+    return printed
 
 
 def _require_joints(chosen: choice.Prescribed, arm: str, joints: int, rows: int) -> None:

@@ -112,7 +112,7 @@ def test_redundant_variant_is_the_printed_law_for_square_jacobians(name):
     k = rows.size
     gains = (np.eye(k), 0.2 * np.eye(k), 3.0 * np.eye(k), 0.5, 5.0, Sign())
     printed = SlidingModeController(rows, 0.01, *gains)
-    variant = RedundantSlidingModeController(rows, 0.01, *gains, posture=Posture(np.zeros(k), np.zeros(k), np.zeros(k)))
+    variant = RedundantSlidingModeController(printed, Posture(np.zeros(k), np.zeros(k), np.zeros(k)))
     (m, r), (m1, r1) = inputs(rows, k), inputs(rows, k, seed=3, time=0.2)
     one, other = printed.step(m1, r1, printed.init(m, r)), variant.step(m1, r1, variant.init(m, r))
     assert_allclose(other.torque, one.torque, atol=1e-9)
@@ -125,7 +125,8 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
     m, r = inputs(rows, 5)
     r, m = r._replace(internal_wrench=np.zeros(3)), m._replace(internal_wrench=None)
     no_spring = Posture(np.zeros(5), np.zeros(5), np.zeros(5))
-    variant = RedundantSlidingModeController(rows, 0.01, np.eye(3), 0.2 * np.eye(5), np.eye(5), 0.0, 5.0, Sign(), no_spring)
+    printed = SlidingModeController(rows, 0.01, np.eye(3), 0.2 * np.eye(5), np.eye(5), 0.0, 5.0, Sign())
+    variant = RedundantSlidingModeController(printed, no_spring)
     state = variant.init(m, r)._replace(sign_integral=np.linspace(-1, 1, 5))
     s_r = -variant.step(m, r, state).torque
     J, xtilde = m.payload_jacobian, rows.pose_error(m.payload_pose, r.pose)

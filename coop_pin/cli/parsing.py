@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import tyro
 
@@ -17,6 +17,14 @@ from coop_pin.cli.show import Show
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
 from coop_pin.cli.view import View
+
+
+class Executable(Protocol):
+    """What every command can do."""
+
+    def execute(self) -> int:
+        """Do it, and return the exit code."""
+
 
 Command = (
     Annotated[Run, tyro.conf.subcommand("run")]
@@ -34,16 +42,14 @@ Command = (
 _DESCRIPTION = "Two or more robot arms that hold one object: run scenarios, look at them, read their numbers."
 
 
-def parse(words: Sequence[str]) -> Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow | Tune:
+def parse(words: Sequence[str]) -> Executable:
     """Return the command that the words after ``coop-pin`` name.
 
     Raises:
         SystemExit: help was asked for (0), or the words make no command (2).
     """
     own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
-    command: Run | List | Fields | View | Report | Show | Check | CheckUrdf | Sweep | SweepShow | Tune = tyro.cli(
-        Command, prog="coop-pin", description=_DESCRIPTION, args=own
-    )
+    command: Executable = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
     return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command
 
 

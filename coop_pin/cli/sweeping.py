@@ -11,11 +11,11 @@ from typing import Any
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.errors import StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
-from coop_pin.sweeps.engine import available_workers
 from coop_pin.sweeps.estimates import estimate
 from coop_pin.sweeps.one_call import sweep
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.where import Where
 
 
 def run_sweep(command: Sweep) -> int:
@@ -26,14 +26,13 @@ def run_sweep(command: Sweep) -> int:
     """
     sys.path.append(str(Path.cwd()))  # users' own controllers and metrics are found as python -m finds them
     plan = SweepPlan.load(command.plan)
-    workers = available_workers() if command.workers is None else command.workers
     if command.estimate:
-        print(plan, estimate(plan, workers), sep="\n")
+        print(plan, estimate(plan, Where.of(command.workers, None).workers), sep="\n")
         return OK
     folder = command.out or Path("out") / command.plan.stem
     options: dict[str, Any] = {"scheduler": command.scheduler, "retry_failed": command.retry_failed, "quiet": command.quiet}
     try:
-        result = sweep(plan, out=folder, workers=workers, **options)
+        result = sweep(plan, out=folder, workers=command.workers, **options)
     except (StoreLockedError, StoreWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED

@@ -69,11 +69,12 @@ class SlidingModeController(ArmController):
     switching: Switching
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
-        """Return the state at t_0: the surface there, and sigma = 0."""
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
-        xtildedot = measurement.payload_twist - reference.twist
-        s = jacobian_inverse(measurement.payload_jacobian, measurement.time).dot(xtildedot + self.pose_gain.dot(xtilde))
-        return SlidingModeState(measurement.time, s, np.zeros_like(s))
+        """Return the state at t_0: the surface there, and sigma = 0.
+
+        Raises:
+            SingularJacobianError: the payload Jacobian is singular.
+        """
+        return self.init_through(_inverse(measurement), measurement, reference)
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
         """Return the drive torque of this tick and the state of the next.
@@ -81,15 +82,29 @@ class SlidingModeController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian is singular.
         """
+        return self.step_through(_inverse(measurement), measurement, reference, state)
+
+    def init_through(self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
+        """Return the state at t_0 for a stated inverse of the payload Jacobian, shape (k, k_0)."""
+        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtildedot = measurement.payload_twist - reference.twist
+        s = J_plus.dot(xtildedot + self.pose_gain.dot(xtilde))
+        return SlidingModeState(measurement.time, s, np.zeros_like(s))
+
+    def step_through(self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
+        """Return the command for a stated inverse of the payload Jacobian, shape (k, k_0)."""
         # dot, not @: for a 3x3 matrix it costs a third.
         t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
-        J_inverse = jacobian_inverse(J, t)
         gamma_xtilde = self.pose_gain.dot(self.rows.pose_error(measurement.payload_pose, reference.pose))
-        s = J_inverse.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
+        s = J_plus.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
         s_d = state.start_surface * math.exp(-self.transient_rate * (t - state.start_time))
         s_q = s - s_d
-        qdot_r = J_inverse.dot(reference.twist - gamma_xtilde) + s_d - self.sign_gain.dot(state.sign_integral)
+        qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - self.sign_gain.dot(state.sign_integral)
         s_r = v - qdot_r
         tau = -self.damping_gain.dot(s_r) - J.T.dot(force_term(self.rows, self.force_gain, measurement, reference))
         sigma = state.sign_integral + self.period * (self.switching(s_q) * ~measurement.saturated)
         return Command(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
+
+
+def _inverse(measurement: ArmMeasurement) -> Array:
+    return jacobian_inverse(measurement.payload_jacobian, measurement.time)

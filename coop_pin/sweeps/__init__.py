@@ -22,8 +22,8 @@ _PUBLIC = {
     "linspace": "coop_pin.sweeps.axis",
     "logspace": "coop_pin.sweeps.axis",
     "sweep": "coop_pin.sweeps.one_call",
-    "TuneResult": "coop_pin.sweeps.tune",
-    "tune": "coop_pin.sweeps.tune",
+    "TuneResult": "coop_pin.sweeps.tuning.tuner",
+    "tune": "coop_pin.sweeps.tuning.tuner",
 }
 
 __all__ = sorted(_PUBLIC)

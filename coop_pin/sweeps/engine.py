@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import logging
-import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
-from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin.sweeps.job import Job, Outcome
 from coop_pin.sweeps.key import run_key, unresolved_key
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.progress import SweepBar
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.where import ThisProcess, Where, Workers
 from coop_pin.sweeps.writer import OutcomeWriter
 
 _LOG = logging.getLogger("coop_pin.sweeps")
@@ -24,25 +22,65 @@ _OF_THE_MACHINE = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that another try may not repeat."""
 
 
-class Where(NamedTuple):
-    """Where runs are computed.
+class Session:
+    """A folder that is ours, and somebody who computes: for one plan after the other.
 
     Attributes:
-        workers: number of local workers; 0 for this process, where a run that hangs or crashes takes the sweep with it.
-        scheduler: address of a dask scheduler to use instead.
+        store: the folder.
+        bar: how far it is.
     """
 
-    workers: int
-    scheduler: str | None = None
+    def __init__(self, store: SweepStore, computer: ThisProcess | Workers, bar: SweepBar) -> None:
+        self.store, self.bar, self._computer = store, bar, computer
+
+    def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
+        """Compute every run of a plan that the folder does not hold yet.
+
+        Args:
+            plan: what to run.
+            retry_failed: run again what failed for want of time or of a worker.
+
+        Raises:
+            FieldError: it names code that workers cannot import.
+            StoreWriteError: a file cannot be written.
+            WorkersLostError: no worker is left.
+        """
+        if isinstance(self._computer, Workers):
+            _require_importable(plan)
+        _Pass(plan, self.store, self.bar, retry_failed).run(self._computer)
 
 
-def available_workers() -> int:
-    """Return the number of processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+@contextlib.contextmanager
+def open_session(folder: str | Path, where: Where, total: int, *, quiet: bool = False) -> Iterator[Session]:
+    """Yield a session while it has the folder to itself.
+
+    Args:
+        folder: where runs are kept.
+        where: where they are computed.
+        total: number of runs that the progress bar counts to.
+        quiet: no progress bar.
+
+    Raises:
+        StoreLockedError: another process works on the folder.
+        SweepInterruptedError: Ctrl-C.
+    """
+    store = SweepStore(folder)
+    with store.lock as lock:
+        if lock.left_by:
+            _LOG.warning("the last sweep in %s (%s) ended without leaving; its finished runs are kept", folder, lock.left_by)
+        aside = store.tidy()
+        if aside:
+            _LOG.warning("%d files in %s that no sweep wrote were moved to set-aside", aside, folder)
+        with SweepBar(total, quiet) as bar:
+            try:
+                with where.open() as computer:
+                    yield Session(store, computer, bar)
+            except KeyboardInterrupt:
+                raise SweepInterruptedError(str(folder), bar.finished, total) from None
 
 
 def run_plan(plan: SweepPlan, folder: str | Path, where: Where, *, retry_failed: bool = False, quiet: bool = False) -> None:
-    """Compute every run of a plan that the folder does not hold yet.
+    """Compute every run of a plan that the folder does not hold yet, in a session of its own.
 
     Args:
         plan: what to run.
@@ -52,56 +90,30 @@ def run_plan(plan: SweepPlan, folder: str | Path, where: Where, *, retry_failed:
         quiet: no progress bar.
 
     Raises:
-        StoreLockedError: another process works on the folder.
-        StoreWriteError: a file cannot be written.
-        WorkersLostError: no worker is left.
-        SweepInterruptedError: Ctrl-C.
+        CoopPinError: whatever ``open_session`` and ``Session.compute`` raise.
     """
-    if where.workers or where.scheduler:
-        _require_importable(plan)
-    store = SweepStore(folder)
-    with store.lock as lock:
-        if lock.left_by:
-            _LOG.warning("the last sweep in %s (%s) ended without leaving; its finished runs are kept", folder, lock.left_by)
-        aside = store.tidy()
-        if aside:
-            _LOG.warning("%d files in %s that no sweep wrote were moved to set-aside", aside, folder)
-        store.write_plan(plan)
-        with SweepBar(len(plan), quiet) as bar:
-            try:
-                _Sweep(plan, store, bar, retry_failed).run(where)
-            except KeyboardInterrupt:
-                raise SweepInterruptedError(str(folder), bar.finished, len(plan)) from None
+    with open_session(folder, where, len(plan), quiet=quiet) as session:
+        session.store.write_plan(plan)
+        session.compute(plan, retry_failed=retry_failed)
 
 
-class _Sweep:
-    """One session of a sweep."""
+class _Pass:
+    """One pass through a plan."""
 
     def __init__(self, plan: SweepPlan, store: SweepStore, bar: SweepBar, retry_failed: bool) -> None:
         self._plan, self._store, self._bar, self._retry_failed = plan, store, bar, retry_failed
         self._under_way: dict[str, int] = {}
 
-    def run(self, where: Where) -> None:
+    def run(self, computer: ThisProcess | Workers) -> None:
         """Compute, write and count."""
-        with OutcomeWriter(self._store) as writer, contextlib.closing(self._outcomes(where, writer)) as outcomes:
+        with OutcomeWriter(self._store) as writer, contextlib.closing(self._outcomes(computer, writer)) as outcomes:
             for outcome in outcomes:
                 writer.write(outcome)
                 for _ in range(self._under_way.pop(outcome.record.key)):
                     self._bar.count(outcome.record.failure is not None)
 
-    def _outcomes(self, where: Where, writer: OutcomeWriter) -> Generator[Outcome]:
-        jobs = self._jobs(writer)
-        if not (where.workers or where.scheduler):
-            yield from map(run_job, jobs)
-            return
-        first = next(jobs, None)
-        if first is None:  # nothing to do: no need to wait for workers
-            return
-        from coop_pin.sweeps.cluster import local_cluster, remote_cluster  # dask is an extra, and slow to load
-        from coop_pin.sweeps.executors import ClusterExecutor
-
-        with remote_cluster(where.scheduler) if where.scheduler else local_cluster(where.workers) as cluster:
-            yield from ClusterExecutor(cluster).outcomes(itertools.chain([first], jobs))
+    def _outcomes(self, computer: ThisProcess | Workers, writer: OutcomeWriter) -> Generator[Outcome]:
+        yield from computer.outcomes(self._jobs(writer))
 
     def _jobs(self, writer: OutcomeWriter) -> Iterator[Job]:
         """Yield what is still to be done; what cannot be done is written down at once."""

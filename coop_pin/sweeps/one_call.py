@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError
-from coop_pin.sweeps.engine import Where, available_workers, run_plan
+from coop_pin.sweeps.engine import run_plan
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.where import Where
 
 Base = str | Path | Scenario | Sequence[str | Path | Scenario] | Mapping[str, str | Path | Scenario]
 
@@ -50,7 +50,7 @@ def sweep(
         SweepInterruptedError: Ctrl-C; every finished run is kept.
     """
     chosen = _plan(base, axes, plan)
-    run_plan(chosen, out, Where(_workers(workers), scheduler), retry_failed=retry_failed, quiet=quiet)
+    run_plan(chosen, out, Where.of(workers, scheduler), retry_failed=retry_failed, quiet=quiet)
     result = SweepResult(chosen, SweepStore(out))
     result.write_tables()
     return result
@@ -62,9 +62,3 @@ def _plan(base: SweepPlan | Base, axes: Mapping[str, Any] | None, fields: Mappin
     if isinstance(base, SweepPlan):
         return base.replace(**fields)
     return SweepPlan(base=base, **fields)
-
-
-def _workers(given: int | None) -> int:
-    if given is not None and given < 0:
-        raise FieldError(f"is {given}; it must be 0 (this process) or the number of processes", "workers")
-    return available_workers() if given is None else given

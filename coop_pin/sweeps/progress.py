@@ -30,6 +30,10 @@ class SweepBar:
         self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
         self._bar.update(1)
 
+    def say(self, text: str) -> None:
+        """Show a text before the bar."""
+        self._bar.set_description_str(text, refresh=False)
+
     def __enter__(self) -> Self:
         return self
 
