@@ -75,3 +75,13 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
     """A test cell and the payload pose X_WP it starts from."""
     scenario = SCENARIOS[name]()
     return scenario.cell, scenario.start.matrix
+
+
+CATALOGUE_CELLS = ["two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair"]
+"""In space, with gravity: redundant, mixed, three-armed and with continuous joints."""
+
+
+def catalogue_cell(name: str) -> tuple[Cell, np.ndarray]:
+    """A cell of the catalogue, and the payload pose X_WP that it starts from."""
+    scenario = Scenario.load(name)
+    return scenario.cell, scenario.start.matrix

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from cells import CATALOGUE_CELLS, catalogue_cell
 from numpy.testing import assert_allclose
-from spatial_cells import SPATIAL_CELLS
 
 import coop_pin as cp
 from coop_pin.analysis.cell_summary import cell_summary
@@ -328,9 +328,9 @@ def test_mistakes_in_a_file_are_named_at_their_fields():
 # ---------------------------------------------------------------- grasps
 
 
-@pytest.mark.parametrize("name", SPATIAL_CELLS)
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
 def test_grasps_as_they_stand_are_the_grasps_that_closed_the_chain(name):
-    cell, X_WP = SPATIAL_CELLS[name]()
+    cell, X_WP = catalogue_cell(name)
     chain = CellChain(cell)
     q = chain.configuration(X_WP)
     angles = {place.name: place.angles.of(q[place.q]) for place in chain.tree.arms}
@@ -359,9 +359,9 @@ def moving_state(chain, X_WP, seed):
     return q, v, tau
 
 
-@pytest.mark.parametrize("name", SPATIAL_CELLS)
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
 def test_a_cell_closes_on_full_rows_and_both_trees_are_one_mechanism(name):
-    cell, X_WP = SPATIAL_CELLS[name]()
+    cell, X_WP = catalogue_cell(name)
     found = {}
     for payload in ("rooted", "free"):
         chain = CellChain(cell, PlantOptions(payload=payload))
@@ -375,10 +375,10 @@ def test_a_cell_closes_on_full_rows_and_both_trees_are_one_mechanism(name):
         assert_allclose(rooted, free, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", SPATIAL_CELLS)
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
 @pytest.mark.parametrize("payload", ["rooted", "free"])
 def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
-    cell, X_WP = SPATIAL_CELLS[name]()
+    cell, X_WP = catalogue_cell(name)
     options = PlantOptions(payload=payload)
     chain = CellChain(cell, options)
     plant = Plant(chain, options, chain.configuration(X_WP))
@@ -390,10 +390,10 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     assert chain.chain.energy(plant.q, plant.v).total - plant.work.sum() == pytest.approx(start, rel=0, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", SPATIAL_CELLS)
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
 def test_a_cell_has_room_to_move(name):
     """sigma_min > 0.1 and 0.4 rad from every limit at the start, and 10 cm from it in any direction."""
-    cell, X_WP = SPATIAL_CELLS[name]()
+    cell, X_WP = catalogue_cell(name)
     chain = CellChain(cell)
     shifts = np.vstack((np.zeros(3), 0.1 * np.eye(3), -0.1 * np.eye(3)))
     for shift in shifts:
@@ -438,7 +438,7 @@ def scenario_of(cell, X_WP, **fields):
 @pytest.mark.parametrize("payload", ["rooted", "free"])
 def test_a_single_arm_is_an_ordinary_arm_with_a_load(payload):
     """Without closures (rooted) or with one (free): forward dynamics are those of the arm with the payload in its last body."""
-    two, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
+    two, X_WP = catalogue_cell("panda-ur5-bar")
     cell = Cell(arms={"one": two.arms["right"]}, payload=two.payload, grasps={"one": two.grasps["right"]})
     chain = CellChain(cell, PlantOptions(payload=payload))
     q, v, tau = moving_state(chain, X_WP, seed=2)
@@ -471,7 +471,7 @@ class Constant(Still):
 
 def test_continuous_joints_are_measured_and_recorded_as_angles_that_never_jump():
     """A Kinova swings a load about its continuous joints: angles integrate the rates, whatever cosines and sines q holds."""
-    pair, X_WP = SPATIAL_CELLS["kinova-pair"]()
+    pair, X_WP = catalogue_cell("kinova-pair")
     cell = Cell(arms={"one": pair.arms["left"]}, payload=pair.payload, grasps={"one": pair.grasps["left"]}, gravity=(0.0, 0.0, 0.0))
     controller = Constant((3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     result = cp.simulate(scenario_of(cell, X_WP, duration=0.8), controller)
@@ -486,7 +486,7 @@ def test_continuous_joints_are_measured_and_recorded_as_angles_that_never_jump()
 
 
 def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buffer():
-    cell, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
+    cell, X_WP = catalogue_cell("panda-ur5-bar")
     chain = CellChain(cell)
     q, v, tau = moving_state(chain, X_WP, seed=1)
     arm = ArmModel(cell.arms["left"], cell.grasps["left"].matrix)
@@ -521,9 +521,9 @@ def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buff
         assert_allclose(part, kept, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("name", SPATIAL_CELLS)
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
 def test_the_summary_counts_what_the_tree_holds(name):
-    cell, X_WP = SPATIAL_CELLS[name]()
+    cell, X_WP = catalogue_cell(name)
     summary = cell_summary(cell, X_WP)
     joints = sum(len(arm.joints) for arm in summary.arms)
     assert summary.freedom == joints + 6 - summary.rank

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from cells import planar_scenario
+from cells import catalogue_cell, planar_scenario
 from numpy.testing import assert_allclose
-from spatial_cells import SPATIAL_CELLS
 
 import coop_pin as cp
 from coop_pin.chain import CellChain
@@ -90,7 +89,7 @@ def test_no_friction_is_none():
 
 
 def test_the_work_of_the_urdfs_friction_closes_the_energy_balance():
-    cell, X_WP = SPATIAL_CELLS["panda-box"]()  # 0.003 N m s/rad at every joint
+    cell, X_WP = catalogue_cell("two-pandas-box")  # 0.003 N m s/rad at every joint
     rough = cell.replace(arms={name: arm.replace(friction=JointFriction(viscous=0.5)) for name, arm in cell.arms.items()})
     for each in (cell, rough):
         result, _ = run(each, X_WP, nothing)
@@ -136,7 +135,7 @@ def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
 
 
 def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
-    cell, _ = SPATIAL_CELLS["panda-ur5-bar"]()
+    cell, _ = catalogue_cell("panda-ur5-bar")
     free = np.full(6, np.inf)
     limits = [joint_limits(cell.arms["left"]), JointLimits(-free, free, free, free)]
     motors, rng = Actuation(cell, limits), np.random.default_rng(0)
@@ -152,7 +151,7 @@ def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
 
 
 def test_saturation_is_applied_recorded_and_told_at_the_next_tick():
-    cell, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
+    cell, X_WP = catalogue_cell("panda-ur5-bar")
 
     def swing(measurements):
         wave = np.sin(400.0 * measurements[0].time + np.arange(7.0))
@@ -185,7 +184,7 @@ def test_the_papers_torques_pass_untouched():
 
 
 def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
-    cell, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
+    cell, X_WP = catalogue_cell("panda-ur5-bar")
     with pytest.raises(ShapeError, match="torque of arm 'right'"):
         run(cell, X_WP, lambda _: [np.zeros(7), np.zeros(7)])
     with pytest.raises(ShapeError, match="list of torques"):
@@ -197,7 +196,7 @@ def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
 
 def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_loading(tmp_path):
     """The oracle goes through the recorded arrays joint by joint."""
-    cell, X_WP = SPATIAL_CELLS["panda-box"]()
+    cell, X_WP = catalogue_cell("two-pandas-box")
     result, _ = run(cell, X_WP, lambda _: [np.full(7, 200.0), np.zeros(7)], duration=0.3)
     data, names = result.data, list(arm_alone(cell.arms["left"]).names)[1:]
     expected = set()
@@ -226,7 +225,7 @@ def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_l
 
 
 def test_joints_that_an_arm_does_not_have_are_empty():
-    cell, X_WP = SPATIAL_CELLS["panda-ur5-bar"]()
+    cell, X_WP = catalogue_cell("panda-ur5-bar")
     result, _ = run(cell, X_WP, nothing, duration=0.02)
     data = result.data
     assert list(data.joint_name.values[1]) == [*list(arm_alone(cell.arms["right"]).names)[1:], ""]

@@ -8,8 +8,12 @@ from pathlib import Path
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.tune import Tune
-from coop_pin.errors import StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
-from coop_pin.sweeps.tune import tune
+from coop_pin.cli.values import field_path
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FieldError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
+from coop_pin.sweeps.tuning.bound import Bound
+from coop_pin.sweeps.tuning.effort import Ranges
+from coop_pin.sweeps.tuning.tuner import TuneResult, tune
 
 
 def run_tune(command: Tune) -> int:
@@ -20,13 +24,15 @@ def run_tune(command: Tune) -> int:
     """
     sys.path.append(str(Path.cwd()))  # users' own controllers are found as python -m finds them
     folder = command.out or Path("out") / f"tune-{Path(command.scenario).stem}"
+    scenario = Scenario.load(command.scenario)
     try:
         found = tune(
-            command.scenario,
-            {field: (low, high) for field, low, high in command.vary},
+            scenario,
+            _ranges(command, scenario),
             minimize=command.minimize,
             subject_to=command.subject_to,
             out=folder,
+            method=command.method,
             generations=command.generations,
             population=command.population,
             seed=command.seed,
@@ -37,12 +43,43 @@ def run_tune(command: Tune) -> int:
     except (StoreLockedError, StoreWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED
-    except SweepInterruptedError:
+    except SweepInterruptedError as interrupt:
         again = shlex.join(["coop-pin", *sys.argv[1:]])
-        print(f"\ncoop-pin: finished runs are kept in {folder}; go on with: {again}", file=sys.stderr)
+        kept = f"{interrupt.finished} of {interrupt.total} runs are kept in {folder}"
+        print(f"\ncoop-pin: {kept}; go on with: {again}", file=sys.stderr)
         return INTERRUPTED
-    print(f"{command.minimize} = {found.best.metrics[command.minimize]:.6g} in run {found.best.number} of {len(found.history.plan)}")
-    for field, value in found.best.parameters.items():
-        print(f"  {field} = {value:.6g}")
-    print(f"written to {folder}")
+    if not command.quiet:
+        print(_summary(command, found))
+        print(f"all tries: coop-pin sweep-show {shlex.quote(str(folder))} --best {command.minimize}")
+        print(f"written to {folder}")
     return OK
+
+
+def _ranges(command: Tune, scenario: Scenario) -> Ranges:
+    """Return the range of each field; dashes stand for underscores.
+
+    Raises:
+        FieldError: a field is given twice.
+    """
+    ranges: dict[str, tuple[float, float]] = {}
+    for field, low, high in command.vary:
+        path = field_path(field, scenario.cell.arms)
+        if path in ranges:
+            raise FieldError("has two ranges; give it one", path)
+        ranges[path] = (low, high)
+    return ranges
+
+
+def _summary(command: Tune, found: TuneResult) -> str:
+    """Return the best run in words that can be typed again."""
+    best, counts = found.best, found.history.counts()
+    lines = [f"best of {len(found.history.plan)} runs ({counts['failed']} failed): run {best.number}"]
+    lines += [f"  {metric} = {best.metrics[metric]:.6g}" for metric in _shown(command)]
+    lines += [f"  {field} = {value:.6g}" for field, value in best.parameters.items()]
+    words = [word for field, value in best.parameters.items() for word in (f"--{field}", repr(value))]
+    return "\n".join([*lines, "run it: " + shlex.join(["coop-pin", "run", command.scenario, *words])])
+
+
+def _shown(command: Tune) -> list[str]:
+    """Return the metrics that the command names, each once."""
+    return list(dict.fromkeys([command.minimize, *(Bound.parse(text).metric for text in command.subject_to)]))

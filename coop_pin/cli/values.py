@@ -23,11 +23,11 @@ def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[
     Raises:
         MissingFieldError: a field has no value.
     """
-    paths = {_path(field, arms): words for field, words in fields.items()}
+    paths = {field_path(field, arms): words for field, words in fields.items()}
     return {path: _value(path, words) for path, words in paths.items()}
 
 
-def _path(field: str, arms: Collection[str]) -> str:
+def field_path(field: str, arms: Collection[str]) -> str:
     return ".".join(part if part in arms else part.replace("-", "_") for part in field.split("."))
 
 

@@ -1,4 +1,4 @@
-"""The scene of a recorded run: arms, payload, where it should be, its trail, the floor, and the forces on the arms."""
+"""The scene of a recorded run: arms, payload, where it should be, its trail, the floor, and the wrenches on the arms."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from coop_pin.model.shapes import Box, Mesh, half_extents
 from coop_pin.model.visuals import Body, CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz import palette
-from coop_pin.viz.arrows import arrow_items, arrow_tracks, force_series, newtons_per_metre
+from coop_pin.viz.arrow_scales import recorded_scales
+from coop_pin.viz.arrows import arrow_items, arrow_tracks
 from coop_pin.viz.camera import camera_on
 from coop_pin.viz.meshes import grid_points, thinned, tube
 from coop_pin.viz.scene import Item, Paint, Scene, Segments, Track, translation
+from coop_pin.viz.wrench_arrows import recorded_wrenches, wrench_arrows
 
 FRAMES_PER_SECOND = 30.0
 LINK_VERTICES = 1500
@@ -45,7 +47,8 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, 
     arms = CellVisuals(scenario.cell, scenario.plant.payload) if arms is None else arms
     poses = arms.poses(data["configuration"].values)
     path = data["payload_position"].values
-    forces, scale = force_series(data), newtons_per_metre(result.data)
+    scales = recorded_scales(scenario.cell, result.data)
+    arrows = [arrow for arrow in wrench_arrows(list(scenario.cell.arms), recorded_wrenches(data), scales) if arrow.vector.any()]
     floor = floor_height(scenario.cell, arms.bodies)
     camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), data["tip_position"].values, floor)
     items = (
@@ -53,13 +56,13 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, 
         *(item for body in arms.bodies for item in body_items(body)),
         *payload_items(scenario.cell),
         *_trail_items(path, data["desired_position"].values),
-        *(item for series in forces for item in arrow_items(series)),
+        *(item for arrow in arrows for item in arrow_items(arrow)),
     )
     tracks = (
         *(Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:]) for body, pose in zip(arms.bodies, poses.swapaxes(0, 1), strict=True)),
         Track("payload", path, data["payload_quaternion"].values),
         Track("desired", data["desired_position"].values, data["desired_quaternion"].values),
-        *(track for series in forces for track in arrow_tracks(series, scale)),
+        *(track for arrow in arrows for track in arrow_tracks(arrow)),
     )
     return Scene(items, data["time"].values, tracks, camera)
 

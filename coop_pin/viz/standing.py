@@ -8,6 +8,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.chain.determined import determined_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.clock import PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -24,7 +25,7 @@ class Standing(NamedTuple):
     Attributes:
         cell: the description.
         plant: how its tree is laid out.
-        moment: where everything stands; no forces.
+        moment: where everything stands; no wrenches, and NaN in the rows that rigid bodies do not determine.
         desired_path: where P should go, m, shape (n, 3).
     """
 
@@ -65,7 +66,7 @@ def standing_cell(cell: Cell) -> Standing:
 def _at_rest(cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeeze: Array) -> Moment:
     chain = CellChain(cell, plant)
     q, arms, joints = chain.configuration(X_WP), len(cell.arms), max(len(place.drive) for place in chain.tree.arms)
-    none = np.zeros((arms, 6))
+    none = np.tile(np.where(determined_rows(chain, q), 0.0, np.nan), (arms, 1))
     return Moment(
         time=0.0,
         configuration=q,
