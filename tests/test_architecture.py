@@ -58,7 +58,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
         {"description", "model", "chain", "controllers", "results", "simulation", "sweeps"},
         {"ipywidgets", "meshcat", "matplotlib", "tornado", "umsgpack", "xarray", "scipy", "zmq"},
     ),
-    "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "pydantic", "scipy", "tqdm", "xarray"}),
+    "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"}),
     "output": ({"description", "results", "viz"}, set()),
     "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
     "cli": (BELOW_VIEWS | {"analysis", "viz", "sweeps", "report", "output"}, {"tyro", "tqdm", "pydantic"}),

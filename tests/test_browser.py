@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.viz import open_view, save_replay
-from coop_pin.viz.arrows import HEAD_LENGTH_M, newtons_per_metre
+from coop_pin.viz.arrow_scales import recorded_scales
+from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.live_scene import LiveScene
 from coop_pin.viz.standing import standing_scenario
 
@@ -33,7 +34,7 @@ SHOWN = "coopPin.shown.time"
 
 
 def arrow(page, path: str, scale: float) -> np.ndarray:
-    """The force that an arrow of the browser's scene stands for."""
+    """The force or moment that an arrow of the browser's scene stands for."""
     read = "path => { const {quaternion: q, position: p, scale: s} = NODE(path); return [q.x, q.y, q.z, q.w, p.z, s.z]; }"
     read = read.replace("NODE(path)", "coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object")
     along = Rotation.from_quat(page.evaluate(read, path)[:4]).apply((0.0, 0.0, 1.0))
@@ -77,10 +78,11 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
         run.join()
         page.wait_for_function(f"{SHOWN} === {seen[-1].time!r}")
         for index, arm in enumerate(scenario.cell.arms):
-            internal = np.nan_to_num(seen[-1].internal_wrench)[index, :3]
-            whole = np.nan_to_num(seen[-1].interaction_wrench)[index, :3]
-            assert_allclose(arrow(page, f"forces/{arm}/internal", scene.newtons_per_metre), internal, atol=2e-3)
-            assert_allclose(arrow(page, f"forces/{arm}/load", scene.newtons_per_metre), whole - internal, atol=2e-3)
+            internal = np.nan_to_num(seen[-1].internal_wrench)[index]
+            load = np.nan_to_num(seen[-1].interaction_wrench)[index] - internal
+            for group, per_metre, rows in zip(("forces", "moments"), scene.scales, (slice(0, 3), slice(3, 6)), strict=True):
+                assert_allclose(arrow(page, f"{group}/{arm}/internal", per_metre), internal[rows], atol=2e-3)
+                assert_allclose(arrow(page, f"{group}/{arm}/load", per_metre), load[rows], atol=2e-3)
         place = page.evaluate("coopPin.node('payload').position.toArray()")
         assert_allclose(place, seen[-1].payload_pose[:3, 3], atol=1e-6)
         assert page.evaluate("coopPin.count") > 10
@@ -127,8 +129,10 @@ def test_the_replay_plays_with_the_network_off(tmp_path):
         page.wait_for_function("Number(document.getElementById('time').value) > 0.5")  # it plays by itself
         page.evaluate("coopPin.seek(1.0)")
         sample = int(np.argmin(np.abs(result.data["time"].values - 1.0)))
-        internal = np.nan_to_num(result.data["internal_wrench"].values)[sample, 0, :3]
-        assert_allclose(arrow(page, "forces/left/internal", newtons_per_metre(result.data)), internal, atol=1.0)
+        internal = np.nan_to_num(result.data["internal_wrench"].values)[sample, 0]
+        scales = recorded_scales(result.scenario.cell, result.data)
+        assert_allclose(arrow(page, "forces/left/internal", scales.newtons_per_metre), internal[:3], atol=1.0)
+        assert_allclose(arrow(page, "moments/left/internal", scales.newton_metres_per_metre), internal[3:], atol=0.1)
         assert page.locator("#clock").text_content().startswith("t = 1.00 s")
         assert_not_blank(drawn(page))
         assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []

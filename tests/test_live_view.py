@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import SCENARIOS, SPATIAL_START, planar_scenario, spatial_cell
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
@@ -29,6 +29,7 @@ from coop_pin.controllers import build_controller
 from coop_pin.errors import NotPositiveError, ViewWarning
 from coop_pin.viz import open_view
 from coop_pin.viz.arrows import HEAD_LENGTH_M
+from coop_pin.viz.live_page import live_html
 from coop_pin.viz.live_scene import LiveScene
 from coop_pin.viz.standing import standing_scenario
 from coop_pin.viz.view_server import ViewServer
@@ -130,18 +131,39 @@ def test_watching_changes_nothing(scenario):
 def test_arrows_of_a_frame_are_the_wrenches_of_its_moment(scenario):
     scene = LiveScene(*standing_scenario(scenario))
     seen, _ = moments(scenario)
-    told, rows = unpacked(scene.frame(seen[-1]))
+    told, rows = unpacked(scene.frame(seen[-1]).packed())
     row = dict(zip(scene.nodes, rows, strict=True))
-    for index, arm in enumerate(scenario.cell.arms):
-        path, force = f"forces/{arm}/internal", np.nan_to_num(seen[-1].internal_wrench)[index, :3]
-        along = Rotation.from_quat(row[path][3:7]).apply((0.0, 0.0, 1.0))
-        length = row[f"{path}/head"][2] + HEAD_LENGTH_M * row[f"{path}/head"][9]
-        assert_allclose(scene.newtons_per_metre * length * along, force, atol=1e-3)
-        assert_allclose(row[path][:3], seen[-1].tip_position[index], atol=1e-6)
+    for group, per_metre, axes in (("forces", scene.scales[0], slice(0, 3)), ("moments", scene.scales[1], slice(3, 6))):
+        for index, arm in enumerate(scenario.cell.arms):
+            internal = np.nan_to_num(seen[-1].internal_wrench)[index, axes]
+            load = np.nan_to_num(seen[-1].interaction_wrench)[index, axes] - internal
+            for part, wanted in (("internal", internal), ("load", load)):
+                path = f"{group}/{arm}/{part}"
+                along = Rotation.from_quat(row[path][3:7]).apply((0.0, 0.0, 1.0))
+                length = row[f"{path}/head"][2] + HEAD_LENGTH_M * row[f"{path}/head"][9]
+                assert_allclose(length * along, wanted / per_metre, rtol=1e-5, atol=1e-6)
+                assert_allclose(row[path][:3], seen[-1].tip_position[index], atol=1e-6)
+            assert np.linalg.norm(internal) > 0.01  # there was something to draw
     assert_allclose(row["payload"][:3], seen[-1].payload_pose[:3, 3], atol=1e-6)
     assert told["time"] == seen[-1].time
     assert_allclose(told["position_error"], np.linalg.norm(seen[-1].payload_pose[:3, 3] - seen[-1].desired_pose[:3, 3]))
     assert_allclose(told["internal"], np.linalg.norm(np.nan_to_num(seen[-1].internal_wrench)[:, :3], axis=1).max())
+
+
+def test_a_standing_cell_knows_which_rows_a_run_will_determine(scenario):
+    seen, _ = moments(scenario)
+    standing = standing_scenario(scenario).moment
+    assert_array_equal(np.isnan(standing.interaction_wrench), np.isnan(seen[0].interaction_wrench))
+    assert_array_equal(np.isnan(standing.internal_wrench), np.isnan(seen[0].internal_wrench))
+
+
+def test_a_cell_without_determined_moments_has_no_arrows_for_them(scenario):
+    standing = standing_scenario(scenario)
+    unknown = np.array((0.0, 0.0, 0.0, np.nan, np.nan, np.nan)) * np.ones((2, 1))
+    scene = LiveScene(*standing._replace(moment=standing.moment._replace(interaction_wrench=unknown, internal_wrench=unknown)))
+    assert scene.scales.newton_metres_per_metre is None
+    assert not [path for path in scene.nodes if path.startswith("moments/")]
+    assert "moment: " not in live_html("cell", scene, scene.frame(standing.moment))
 
 
 def test_a_view_opens_for_a_cell_a_scenario_and_a_result(scenario):

@@ -10,7 +10,7 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-import coop_pin.sweeps.engine as engine
+import coop_pin.sweeps.where as where
 from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.job import Job, run_job
@@ -28,7 +28,7 @@ def computed(monkeypatch):
         jobs.append(job)
         return run_job(job)
 
-    monkeypatch.setattr(engine, "run_job", counted)
+    monkeypatch.setattr(where, "run_job", counted)
     return jobs
 
 
@@ -95,7 +95,7 @@ def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
         return run_job(job)
 
     with monkeypatch.context() as patched:
-        patched.setattr(engine, "run_job", interrupted)
+        patched.setattr(where, "run_job", interrupted)
         with pytest.raises(SweepInterruptedError, match="2 of 3 runs kept") as stopped:
             small(tmp_path)
     assert (stopped.value.finished, stopped.value.total) == (2, 3)

@@ -29,7 +29,8 @@ from coop_pin.model.shapes import Mesh
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
-from coop_pin.viz.arrows import HEAD_LENGTH_M, force_series, newtons_per_metre, quaternions_from_z
+from coop_pin.viz.arrow_scales import ArrowScales, recorded_scales
+from coop_pin.viz.arrows import HEAD_LENGTH_M, quaternions_from_z
 from coop_pin.viz.cell_scene import LINK_VERTICES, cell_scene, replay_samples
 from coop_pin.viz.meshes import thinned, tube
 
@@ -42,7 +43,7 @@ class Replay:
 
     def __init__(self, result: RunResult) -> None:
         self.result, self.page = result, replay_html(result)
-        self.run = json.loads(re.search(r'<script type="application/json" id="run">(.*?)</script>', self.page, re.DOTALL)[1])
+        self.run = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1])
         self.commands = [umsgpack.unpackb(base64.b64decode(message)) for message in self.run["messages"]]
         self.animations = next(command for command in self.commands if command["type"] == "set_animation")["animations"]
 
@@ -60,6 +61,10 @@ class Replay:
     def values(self, path: str, name: str) -> np.ndarray:
         track = self.tracks(path)[f".{name}"]
         return floats(track["values"]).reshape(len(floats(track["times"])), -1)
+
+    @property
+    def scales(self) -> ArrowScales:
+        return recorded_scales(self.result.scenario.cell, self.result.data)
 
     def samples(self) -> np.ndarray:
         return replay_samples(self.result.data["time"].values, 30.0)
@@ -190,7 +195,7 @@ def test_tube_keeps_its_radius_around_the_path() -> None:
 def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -> None:
     scene = cell_scene(replay.result)
     eye, target, field = scene.camera
-    moved = [track.position for track in scene.tracks if track.position is not None and not track.path.startswith("forces/")]
+    moved = [track.position for track in scene.tracks if track.position is not None and not track.path.startswith(("forces/", "moments/"))]
     rays = np.concatenate(moved) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
     angle = np.degrees(np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1)))
@@ -200,56 +205,96 @@ def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -
 # ---------------------------------------------------------------- forces
 
 
-def drawn_force(replay: Replay, path: str, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where an arrow starts and the force it stands for, as three.js would draw it."""
+def drawn_vector(replay: Replay, path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where an arrow starts and where its point is from there, m, as three.js would draw it."""
     along = Rotation.from_quat(replay.values(path, "quaternion")).apply((0.0, 0.0, 1.0))
     head = replay.values(f"{path}/head", "position")[:, 2] + HEAD_LENGTH_M * replay.values(f"{path}/head", "scale")[:, 2]
-    return replay.values(path, "position"), scale * head[:, None] * along
+    return replay.values(path, "position"), head[:, None] * along
 
 
 @pytest.mark.parametrize("index", [0, 1])
-def test_arrows_are_the_wrenches_of_the_result(replay: Replay, index: int) -> None:
-    data = replay.result.data.isel(time=replay.samples())
-    scale, arm = newtons_per_metre(replay.result.data), ("left", "right")[index]
-    assert f"0.1 m is {0.1 * scale:g} N" in replay.page
-    origin, internal = drawn_force(replay, f"forces/{arm}/internal", scale)
-    _, load = drawn_force(replay, f"forces/{arm}/load", scale)
-    interaction = np.nan_to_num(data["interaction_wrench"].values)[:, index, :3]
+@pytest.mark.parametrize(("group", "rows", "least"), [("forces", slice(0, 3), 10.0), ("moments", slice(3, 6), 0.2)])
+def test_arrows_are_the_wrenches_of_the_result(replay: Replay, group: str, rows: slice, least: float, index: int) -> None:
+    data, arm = replay.result.data.isel(time=replay.samples()), ("left", "right")[index]
+    scale = replay.scales.newtons_per_metre if group == "forces" else replay.scales.newton_metres_per_metre
+    origin, internal = drawn_vector(replay, f"{group}/{arm}/internal")
+    _, load = drawn_vector(replay, f"{group}/{arm}/load")
+    wanted_internal = np.nan_to_num(data["internal_wrench"].values)[:, index, rows]
+    wanted_load = np.nan_to_num(data["interaction_wrench"].values)[:, index, rows] - wanted_internal
     assert_allclose(origin, data["tip_position"].values[:, index], atol=1e-6)
-    assert_allclose(internal, np.nan_to_num(data["internal_wrench"].values)[:, index, :3], atol=2e-3)
-    assert_allclose(internal + load, interaction, atol=2e-3)
-    assert np.linalg.norm(internal, axis=1).max() > 10.0  # there was something to draw
+    assert_allclose(internal, wanted_internal / scale, rtol=1e-5, atol=3e-6)  # the smallest an arrow can be is 1e-6 of its head
+    assert_allclose(load, wanted_load / scale, rtol=1e-5, atol=3e-6)
+    assert np.linalg.norm(wanted_internal, axis=1).max() > least  # there was something to draw
 
 
-def test_shaft_and_head_meet(replay: Replay) -> None:
-    path = "forces/left/internal"
+def test_the_legend_says_what_the_lengths_of_arrows_mean(replay: Replay) -> None:
+    assert f"force: 0.1 m is {0.1 * replay.scales.newtons_per_metre:g} N<" in replay.page
+    assert f"moment: 0.1 m is {0.1 * replay.scales.newton_metres_per_metre:g} N m<" in replay.page
+
+
+def test_moments_of_planar_arms_stand_upright(planar: Replay) -> None:
+    for arm in ("left", "right"):
+        _, moment = drawn_vector(planar, f"moments/{arm}/internal")
+        assert_allclose(moment[:, :2], 0.0, atol=1e-6)
+        assert np.abs(moment[:, 2]).max() > 0.2
+
+
+def test_forces_and_moments_are_told_apart_by_their_heads(replay: Replay) -> None:
+    for group, points in (("forces", 1), ("moments", 2)):
+        heads = replay.objects(f"{group}/left/internal/head/")
+        assert len(heads) == points
+        assert_allclose([shape["geometries"][0]["height"] for shape in heads.values()], HEAD_LENGTH_M / points, rtol=FLOAT32)
+    force, moment = (
+        replay.objects(f"{group}/left/internal/shaft/")[f"{group}/left/internal/shaft/body"] for group in ("forces", "moments")
+    )
+    assert moment["materials"][0]["color"] == force["materials"][0]["color"]
+    assert moment["geometries"][0]["radiusTop"] < force["geometries"][0]["radiusTop"]
+
+
+def test_moments_that_are_not_there_have_neither_arrow_nor_legend(spatial: Replay) -> None:
+    data = spatial.result.data.copy(deep=True)
+    for name, value in (("interaction_wrench", np.nan), ("internal_wrench", np.nan), ("external_wrench", 0.0)):
+        data[name][..., 3:] = value
+    bare = Replay(RunResult(spatial.result.scenario, data))
+    assert not bare.objects("moments/")
+    assert bare.objects("forces/")
+    assert "moment: " not in bare.page
+
+
+@pytest.mark.parametrize("group", ["forces", "moments"])
+def test_shaft_and_head_meet(replay: Replay, group: str) -> None:
+    path = f"{group}/left/internal"
     shaft, head = replay.values(f"{path}/shaft", "scale")[:, 2], replay.values(f"{path}/head", "position")[:, 2]
     assert_allclose(shaft, head, atol=2e-6)
 
 
-def test_internal_arrows_of_two_arms_are_opposite(replay: Replay) -> None:
-    scale = newtons_per_metre(replay.result.data)
-    left, right = (drawn_force(replay, f"forces/{arm}/internal", scale)[1] for arm in ("left", "right"))
-    assert_allclose(left, -right, atol=2e-3)
+@pytest.mark.parametrize("group", ["forces", "moments"])
+def test_internal_arrows_of_two_arms_are_opposite(replay: Replay, group: str) -> None:
+    left, right = (drawn_vector(replay, f"{group}/{arm}/internal")[1] for arm in ("left", "right"))
+    assert_allclose(left, -right, atol=1e-5)
 
 
-def test_the_push_is_drawn_on_the_payload_while_it_lasts(planar: Replay) -> None:
-    _, push = drawn_force(planar, "forces/external", newtons_per_metre(planar.result.data))
+@pytest.mark.parametrize(("group", "push"), [("forces", (200.0, 100.0, 0.0)), ("moments", (0.0, 0.0, 2.0))])
+def test_the_push_is_drawn_on_the_payload_while_it_lasts(planar: Replay, group: str, push: tuple[float, ...]) -> None:
+    scale = planar.scales.newtons_per_metre if group == "forces" else planar.scales.newton_metres_per_metre
+    origin, drawn = drawn_vector(planar, f"{group}/external")
     time = planar.result.data["time"].values[planar.samples()]
     during = (time >= 10.0) & (time < 10.2)
-    assert_allclose(push[during], np.tile((200.0, 100.0, 0.0), (during.sum(), 1)), rtol=1e-5, atol=1e-3)
-    assert_allclose(push[~during], 0.0, atol=0.01)
+    assert_allclose(origin, planar.result.data["payload_position"].values[planar.samples()], atol=1e-6)
+    assert_allclose(scale * drawn[during], np.tile(push, (during.sum(), 1)), rtol=1e-5, atol=1e-3)
+    assert_allclose(drawn[~during], 0.0, atol=1e-6)
 
 
 def test_nothing_pushes_where_there_is_no_push(spatial: Replay) -> None:
     assert not spatial.objects("forces/external")
+    assert not spatial.objects("moments/external")
     assert "push on the payload" not in spatial.page
 
 
 def test_forces_hold_from_tick_to_tick_and_bodies_move_in_between(replay: Replay) -> None:
     hold = 2300  # three.js: InterpolateDiscrete
-    for series in force_series(replay.result.data):
-        for path in (series.path, f"{series.path}/shaft", f"{series.path}/head"):
+    for arrow in ("forces/left/internal", "forces/right/load", "moments/left/internal", "moments/right/load"):
+        for path in (arrow, f"{arrow}/shaft", f"{arrow}/head"):
             assert {track.get("interpolation") for track in replay.tracks(path).values()} == {hold}
     assert {track.get("interpolation") for track in replay.tracks("payload").values()} == {None}
 
@@ -262,13 +307,16 @@ def test_quaternions_bring_z_onto_any_vector() -> None:
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.3, 1.0, 7.0, 1e4])
-def test_the_scale_of_arrows_is_round_and_fits_the_run(spatial: Replay, factor: float) -> None:
-    data = spatial.result.data.copy(deep=True)
+def test_the_scales_of_arrows_are_round_and_fit_the_run(spatial: Replay, factor: float) -> None:
+    data, cell = spatial.result.data.copy(deep=True), spatial.result.scenario.cell
     data["internal_wrench"] = factor * data["internal_wrench"]
-    scale = newtons_per_metre(data)
-    assert f"{scale:.6e}"[0] in "125"
-    typical = np.median(np.linalg.norm(data["internal_wrench"].values[..., :3], axis=-1)) / scale
+    forces, moments = recorded_scales(cell, data)
+    assert f"{forces:.6e}"[0] in "125"
+    assert f"{moments:.6e}"[0] in "125"
+    typical = np.median(np.linalg.norm(data["internal_wrench"].values[..., :3], axis=-1)) / forces
     assert 0.07 < typical <= 0.2 + 1e-9
+    lever = max(np.linalg.norm(grasp.xyz) for grasp in cell.grasps.values())
+    assert 0.4 * lever - 1e-9 <= moments / forces <= lever + 1e-9  # a moment is drawn as long as its force on that lever, or longer
 
 
 # ---------------------------------------------------------------- page
@@ -290,7 +338,7 @@ class _References(HTMLParser):
 def test_the_page_refers_to_nothing_outside_itself(replay: Replay) -> None:
     references = _References()
     references.feed(replay.page)
-    assert references.found == []
+    assert references.found == ["link href=data:,", "link"]  # the empty icon, so that nobody asks for one
     style = re.search(r"<style>(.*?)</style>", replay.page, re.DOTALL)[1]
     assert "url(" not in style
     assert "@import" not in style

@@ -14,7 +14,7 @@ stage() {
     "$VENV_PYTHON" -m "$@" </dev/null
 }
 
-setup_environment test
+setup_environment test,docs
 setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .

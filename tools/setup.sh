@@ -22,7 +22,7 @@ print(hashlib.sha256(b"\0".join([sys.version.encode(), str(pathlib.Path.cwd()).e
 PY
 }
 
-# setup_environment [EXTRA]: make .venv if there is none, install '.[EXTRA]' into it if something changed, and set VENV_PYTHON.
+# setup_environment [EXTRA,...]: make .venv if there is none, install '.[EXTRA,...]' into it if something changed, and set VENV_PYTHON.
 setup_environment() {
     local extra="${1:-}" stamp wanted python
     VENV_PYTHON="$PWD/.venv/bin/python"

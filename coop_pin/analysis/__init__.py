@@ -1,5 +1,6 @@
 """What can be said about a scenario beyond running it."""
 
+import coop_pin.model.pinocchio_door  # noqa: F401  first, so that a missing Pinocchio is told in words
 from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, LimitApproach, NearlySingular, ReachLoss
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary
 from coop_pin.analysis.reachability import Reachability, reachability

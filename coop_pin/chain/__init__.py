@@ -1,5 +1,6 @@
 """Closed chains: closures, stabilisation and projection, constrained forward dynamics, motion, grasps, closing, energy."""
 
+import coop_pin.model.pinocchio_door  # noqa: F401  first, so that a missing Pinocchio is told in words
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closed_chain import ClosedChain

@@ -10,7 +10,7 @@ from typing import Any
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.sweep import Sweep, SweepShow
-from coop_pin.errors import StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
+from coop_pin.errors import CodeChangedError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
 from coop_pin.sweeps.estimates import estimate
 from coop_pin.sweeps.one_call import sweep
 from coop_pin.sweeps.plan import SweepPlan
@@ -33,7 +33,7 @@ def run_sweep(command: Sweep) -> int:
     options: dict[str, Any] = {"scheduler": command.scheduler, "retry_failed": command.retry_failed, "quiet": command.quiet}
     try:
         result = sweep(plan, out=folder, workers=command.workers, **options)
-    except (StoreLockedError, StoreWriteError, WorkersLostError) as error:
+    except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED
     except SweepInterruptedError as interrupt:

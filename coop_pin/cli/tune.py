@@ -21,7 +21,7 @@ class Tune:
 
     Attributes:
         scenario: name of a scenario that comes with coop_pin, or the path of a TOML file.
-        minimize: name of a metric; coop-pin run prints all of them, and metrics.json of any run holds them.
+        minimize: name of a metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run names them all.
         vary: a field with its lowest and highest value; once for each field. coop-pin fields SCENARIO lists fields.
         subject_to: a bound that the best run must keep, METRIC<NUMBER or METRIC>NUMBER in quotes; once for each bound.
         out: the folder that keeps the runs and their table; out/tune- and the scenario's name when omitted.

@@ -10,7 +10,7 @@ from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.tune import Tune
 from coop_pin.cli.values import field_path
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
+from coop_pin.errors import CodeChangedError, FieldError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
 from coop_pin.sweeps.tuning.bound import Bound
 from coop_pin.sweeps.tuning.effort import Ranges
 from coop_pin.sweeps.tuning.tuner import TuneResult, tune
@@ -40,7 +40,7 @@ def run_tune(command: Tune) -> int:
             scheduler=command.scheduler,
             quiet=command.quiet,
         )
-    except (StoreLockedError, StoreWriteError, WorkersLostError) as error:
+    except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED
     except SweepInterruptedError as interrupt:

@@ -14,7 +14,7 @@ _FLAGS = {"beyond_bound", "project_start"}
 def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[str, Any]:
     """Return typed fields as changes by dotted path, ready for Scenario.override.
 
-    Dashes stand for underscores ("sign-gain"), but the names of arms are kept. Several values make a list; a flag needs none.
+    Several values make a list; a flag needs none.
 
     Args:
         fields: the words given for each field.
@@ -28,6 +28,7 @@ def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[
 
 
 def field_path(field: str, arms: Collection[str]) -> str:
+    """Return a typed field as a dotted path: dashes stand for underscores, but the names of arms are kept."""
     return ".".join(part if part in arms else part.replace("-", "_") for part in field.split("."))
 
 

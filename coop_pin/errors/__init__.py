@@ -42,6 +42,7 @@ from coop_pin.errors.names import (
     FrameNotFoundError,
     JointNotFoundError,
     MissingExtraError,
+    MissingPinocchioError,
     NameNotFoundError,
     suggestion,
 )
@@ -58,6 +59,7 @@ from coop_pin.errors.robots import (
 from coop_pin.errors.root import CoopPinError
 from coop_pin.errors.runs import DivergedError, ResultFileError, RunFinishedError, RunInterruptedError, UserCodeError
 from coop_pin.errors.sweeps import (
+    CodeChangedError,
     NothingFeasibleError,
     RunTimeoutError,
     StoreLockedError,
@@ -68,6 +70,7 @@ from coop_pin.errors.sweeps import (
     WorkerDiedError,
     WorkersLostError,
 )
+from coop_pin.errors.views import BrowserError, BrowserNotFoundError, PictureSizeError, PortTakenError, TimeOutsideRunError
 from coop_pin.errors.warnings import GeometryWarning, UrdfWarning, ViewWarning
 
 __all__ = [
@@ -75,6 +78,9 @@ __all__ = [
     "AmbiguousTurnError",
     "ArgumentError",
     "ArmNotFoundError",
+    "BrowserError",
+    "BrowserNotFoundError",
+    "CodeChangedError",
     "ConstraintSolveError",
     "CoopPinError",
     "DivergedError",
@@ -97,6 +103,7 @@ __all__ = [
     "MimicJointError",
     "MissingExtraError",
     "MissingFieldError",
+    "MissingPinocchioError",
     "MotionError",
     "NameNotFoundError",
     "NotAPoseError",
@@ -105,6 +112,8 @@ __all__ = [
     "NotPositiveError",
     "NothingFeasibleError",
     "OpenClosureError",
+    "PictureSizeError",
+    "PortTakenError",
     "ReferenceFileError",
     "ResultFileError",
     "RunFinishedError",
@@ -121,6 +130,7 @@ __all__ = [
     "StoreWriteError",
     "SweepInterruptedError",
     "SweepStoreError",
+    "TimeOutsideRunError",
     "UnequalGainsError",
     "UnfinishedSweepError",
     "UnknownFieldError",

@@ -58,3 +58,18 @@ class MissingExtraError(CoopPinError, ImportError):
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         self.package, self.extra = package, extra
         super().__init__(f"{package} is not installed; {purpose}, run: pip install 'coop-pin[{extra}]'")
+
+
+class MissingPinocchioError(CoopPinError, ImportError):
+    """Pinocchio cannot be used: it is not there, does not load, is of another version, or another package has its name.
+
+    Attributes:
+        found: what was found in its place.
+    """
+
+    def __init__(self, found: str) -> None:
+        self.found = found
+        super().__init__(
+            f"{found}. On Linux (glibc 2.28 or later) and macOS: pip install 'pin>=4.1,<5'. On Windows and elsewhere, where PyPI has no "
+            "wheel of pin: conda install -c conda-forge 'pinocchio>=4.1,<5'. Only conda-forge calls it pinocchio; on PyPI it is pin"
+        )

@@ -36,6 +36,19 @@ class WorkersLostError(CoopPinError, ConnectionError):
     """No worker is left, or the scheduler is gone; every finished run is kept."""
 
 
+class CodeChangedError(CoopPinError, RuntimeError):
+    """A process that runs the user's own code loaded it before an edit, or has another version of it.
+
+    Attributes:
+        name: the code, "module:function".
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        again = "start the same command again (in a notebook restart the kernel, elsewhere the workers): finished runs are kept"
+        super().__init__(f"{name} is not as this process loaded it: it was edited since, or a worker has another version; {again}")
+
+
 class SweepStoreError(CoopPinError, ValueError):
     """A folder is not that of a sweep, or its plan is damaged."""
 

@@ -22,11 +22,13 @@ from coop_pin.sweeps.quiet import QuietScheduler
 _SCHEDULER: Any = distributed.SpecCluster
 _CLIENT: Any = distributed.Client
 # One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then beyond doubt.
-# Its self-observation every 20 ms would cost 2 % of a processor in each process.
+# Its self-observation every 20 ms would cost 2 % of a processor in each process. It remembers messages, which hold scenarios: few are
+# enough.
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.admin.tick.interval": "1s",
+    "distributed.admin.low-level-log-length": 10,
 }
 
 
@@ -42,8 +44,17 @@ class Cluster(NamedTuple):
     error: Callable[[], WorkersLostError | None]
 
     def threads(self) -> int:
-        """Return how many runs the workers can do at once; at least one, since workers may still be on their way."""
-        return max(1, sum(self.client.nthreads().values()))
+        """Return how many runs the workers can do at once; at least one, since workers may still be on their way.
+
+        Raises:
+            WorkersLostError: the scheduler is gone.
+        """
+        try:
+            return max(1, sum(self.client.nthreads().values()))
+        except (OSError, RuntimeError) as error:  # RuntimeError: the client has given up already
+            raise WorkersLostError(
+                f"the scheduler does not answer ({error}); start the same command again: finished runs are kept"
+            ) from None
 
 
 @contextlib.contextmanager
@@ -64,12 +75,11 @@ def _quiet() -> Iterator[None]:
 def local_cluster(workers: int) -> Iterator[Cluster]:
     """Yield a scheduler with so many workers of one thread each. It listens on the loopback device only and serves no web page."""
     options = {"host": "127.0.0.1", "port": 0, "protocol": "tcp://", "dashboard": False}
-    with dask.config.set(_SETTINGS):
-        spec = {"cls": QuietScheduler, "options": options}
-        scheduler = _SCHEDULER(scheduler=spec, workers={}, silence_logs=logging.CRITICAL)
+    spec = {"cls": QuietScheduler, "options": options}
     with (
+        dask.config.set(_SETTINGS),
         _quiet(),
-        scheduler,
+        _SCHEDULER(scheduler=spec, workers={}, silence_logs=logging.CRITICAL) as scheduler,
         LocalWorkers(scheduler.scheduler_address, workers) as local,
         _CLIENT(scheduler, set_as_default=False) as client,
     ):
@@ -83,7 +93,7 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
     Raises:
         WorkersLostError: there is no scheduler at that address.
     """
-    with _quiet():
+    with dask.config.set(_SETTINGS), _quiet():
         try:
             client = _CLIENT(address, set_as_default=False, timeout="5s")
         except (OSError, TimeoutError) as error:

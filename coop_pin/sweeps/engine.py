@@ -14,6 +14,7 @@ from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.progress import SweepBar
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.user_code import UserCode, user_code
 from coop_pin.sweeps.where import ThisProcess, Where, Workers
 from coop_pin.sweeps.writer import OutcomeWriter
 
@@ -41,12 +42,11 @@ class Session:
             retry_failed: run again what failed for want of time or of a worker.
 
         Raises:
-            FieldError: it names code that workers cannot import.
+            FieldError: it names code that stands in no module.
+            CodeChangedError: code of the user's own was edited after it was loaded.
             StoreWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
-        if isinstance(self._computer, Workers):
-            _require_importable(plan)
         _Pass(plan, self.store, self.bar, retry_failed).run(self._computer)
 
 
@@ -113,9 +113,9 @@ class _Pass:
                     self._bar.count(outcome.record.failure is not None)
 
     def _outcomes(self, computer: ThisProcess | Workers, writer: OutcomeWriter) -> Generator[Outcome]:
-        yield from computer.outcomes(self._jobs(writer))
+        yield from computer.outcomes(self._jobs(writer, isinstance(computer, Workers)))
 
-    def _jobs(self, writer: OutcomeWriter) -> Iterator[Job]:
+    def _jobs(self, writer: OutcomeWriter, elsewhere: bool) -> Iterator[Job]:
         """Yield what is still to be done; what cannot be done is written down at once."""
         for point in self._plan.points():
             keep = self._plan.keeps(point.number)
@@ -124,6 +124,8 @@ class _Pass:
             except ScenarioError as error:
                 self._write_unresolved(point.number, error, writer)
                 continue
+            code = user_code(scenario, self._plan.metrics)
+            _require_in_a_file(code, elsewhere)
             key = run_key(scenario, self._plan.metrics)
             if key in self._under_way:
                 self._under_way[key] += 1
@@ -133,7 +135,7 @@ class _Pass:
                 self._bar.count(record.failure is not None, old=True)
                 continue
             self._under_way[key] = 1
-            yield Job(key, scenario.model_dump_json(), self._plan.metrics, self._plan.time_limit_s, keep)
+            yield Job(key, scenario.model_dump_json(), self._plan.metrics, self._plan.time_limit_s, keep, code)
 
     def _again(self, record: Record) -> bool:
         return self._retry_failed and record.failure is not None and record.failure.kind in _OF_THE_MACHINE
@@ -146,10 +148,9 @@ class _Pass:
         self._bar.count(True, old=True)
 
 
-def _require_importable(plan: SweepPlan) -> None:
-    """Refuse code of the user's own that only this script or notebook can see."""
-    parts = [part for scenario in plan.base.values() for part in (scenario.controller, scenario.motion, scenario.squeeze)]
-    for name in (*plan.metrics, *(getattr(part, "target", "") for part in parts)):
-        if name.startswith("__main__:"):
-            detail = f"names {name!r}, which workers cannot import; put it into a module (a file of its own), or sweep with workers = 0"
-            raise FieldError(detail, "metrics" if name in plan.metrics else "base")
+def _require_in_a_file(codes: tuple[UserCode, ...], elsewhere: bool) -> None:
+    """Refuse code of the user's own that only this script or notebook can see: workers, or the key that tells an edit."""
+    for code in codes:
+        if code.name.startswith("__main__:") and (elsewhere or not code.digests):
+            reason = "workers cannot import" if elsewhere else "stands in no file, so that a later sweep could not tell that it was edited"
+            raise FieldError(f"names {code.name!r}, which {reason}; put it into a module (a file of its own)", "the plan")

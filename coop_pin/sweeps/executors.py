@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from distributed import CancelledError, KilledWorker
 
-from coop_pin.errors import RunTimeoutError, WorkerDiedError, WorkersLostError
+from coop_pin.errors import CodeChangedError, RunTimeoutError, WorkerDiedError, WorkersLostError
 from coop_pin.sweeps.cluster import Cluster
 from coop_pin.sweeps.job import Job, Outcome
 from coop_pin.sweeps.on_worker import BEGUN, run_jobs, run_suspect
@@ -62,6 +62,7 @@ class ClusterExecutor:
 
         Raises:
             WorkersLostError: the scheduler is gone, or local workers cannot be started.
+            CodeChangedError: a worker runs other code than a job's key stands for.
         """
         self._cluster.client.subscribe_topic(BEGUN, self._note_begun)
         while True:
@@ -112,6 +113,8 @@ class ClusterExecutor:
             return
         except CancelledError:
             raise WorkersLostError("the scheduler is gone; start the same command again: finished runs are kept") from None
+        except CodeChangedError:
+            raise
         except Exception as error:  # not of the run, whose errors are in its record: of the worker itself
             said = f"a worker cannot work ({type(error).__name__}: {error})"
             raise WorkersLostError(f"{said}; it needs the coop_pin that is here, and room in its temporary folder") from error

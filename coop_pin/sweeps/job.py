@@ -14,6 +14,7 @@ from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.runs import run
 from coop_pin.sweeps.record import Failure, Record, flat
+from coop_pin.sweeps.user_code import UserCode, require_loaded
 
 
 class Job(NamedTuple):
@@ -25,6 +26,7 @@ class Job(NamedTuple):
         metrics: the user's own metrics, "module:function".
         time_limit_s: wall time after which it is given up, s.
         keep: whether the full result is wanted.
+        code: the user's own code that its key stands for.
     """
 
     key: str
@@ -32,6 +34,7 @@ class Job(NamedTuple):
     metrics: tuple[str, ...] = ()
     time_limit_s: float = 600.0
     keep: bool = False
+    code: tuple[UserCode, ...] = ()
 
     @property
     def hard_limit_s(self) -> float:
@@ -71,8 +74,10 @@ def run_job(job: Job) -> Outcome:
     """Run a job; whatever the run raises becomes part of the record.
 
     Raises:
+        CodeChangedError: this process runs other code than the job's key stands for.
         OSError: the full result was asked for and the temporary folder is full.
     """
+    require_loaded(job.code)
     wall, cpu = time.perf_counter(), time.process_time()
     metrics: dict[str, float] = {}
     result: RunResult | None = None

@@ -76,13 +76,14 @@ class Workers:
         first = next(jobs, None)
         if first is None:  # nothing to do: no need to wait for workers
             return
-        from coop_pin.sweeps.executors import ClusterExecutor  # dask is an extra, and slow to load
+        cluster = self._cluster
+        from coop_pin.sweeps.executors import ClusterExecutor
 
-        yield from ClusterExecutor(self._cluster).outcomes(itertools.chain([first], jobs))
+        yield from ClusterExecutor(cluster).outcomes(itertools.chain([first], jobs))
 
     @functools.cached_property
     def _cluster(self) -> Any:
-        from coop_pin.sweeps.cluster import local_cluster, remote_cluster
+        from coop_pin.sweeps.cluster import local_cluster, remote_cluster  # dask is an extra, and slow to load
 
         where = self._where
         return self._stack.enter_context(remote_cluster(where.scheduler) if where.scheduler else local_cluster(where.workers))

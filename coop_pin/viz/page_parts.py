@@ -1,52 +1,62 @@
-"""What replay and live page have in common."""
+"""The page that replay and live view have in common; they differ in their controls, their data and their player."""
 
 from __future__ import annotations
 
 import base64
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
+from string import Template
 from typing import Any
 
 from coop_pin.viz import palette
+from coop_pin.viz.arrow_scales import ArrowScales
 from coop_pin.viz.meshcat_door import viewer_licences, viewer_script
 from coop_pin.viz.tints import NEAR_SINGULAR
 
 LEGEND = (
     (palette.ACTUAL, "box", "payload and its path"),
     (palette.DESIRED, "box", "desired pose and path"),
-    (palette.INTERNAL, "", "internal force on each arm"),
-    (palette.LOAD, "", "load-carrying force on each arm"),
+    (palette.INTERNAL, "", "internal part, on each arm"),
+    (palette.LOAD, "", "load-carrying part, on each arm"),
 )
 PUSH = (palette.EXTERNAL, "", "push on the payload")
 SATURATED = (palette.SATURATED, "box", "link whose drive is at its torque limit")
 SINGULAR = (palette.SINGULAR, "box", f"arm near a singular pose (condition over {NEAR_SINGULAR:g})")
 
+_NOTED_LENGTH_M = 0.1
+_FORCE_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h14M14 0l8 4-8 4z"/></svg>'
+_MOMENT_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h9M8 0l7 4-7 4zM15 0l7 4-7 4z"/></svg>'
 
-def common_parts() -> dict[str, str]:
-    """Return what both pages' templates ask for: style, viewer with licences, stage."""
-    return {
-        "style": page_file("replay.css"),
+
+def page_html(kind: str, title: str, summary: str, entries: Sequence[tuple[str, str, str]], scales: ArrowScales, data: Any) -> str:
+    """Return a page that needs nothing but itself.
+
+    Args:
+        kind: whose controls and player: "replay" or "live".
+        title: its heading.
+        summary: a sentence below; may be empty.
+        entries: colour, kind of swatch and text of every line of the legend.
+        scales: what the length of an arrow means.
+        data: what the player reads, as JSON.
+    """
+    parts: Mapping[str, str] = {
+        "style": _file("page.css"),
         "licences": viewer_licences(),
         "viewer": viewer_script(),
-        "stage": page_file("stage.js"),
+        "stage": _file("stage.js"),
+        "controls": _file(f"{kind}.html"),
+        "player": _file(f"{kind}.js"),
+        "title": html.escape(title),
+        "summary": html.escape(summary),
+        "legend": "\n".join(
+            f'<li><i class="{swatch}" style="background:{colour}"></i>{html.escape(text)}</li>' for colour, swatch, text in entries
+        ),
+        "arrows": "\n".join(f"<li>{note}</li>" for note in _arrow_notes(scales)),
+        "data": json.dumps(data).replace("<", "\\u003c"),
     }
-
-
-def legend(entries: Sequence[tuple[str, str, str]]) -> str:
-    """Return the legend's lines."""
-    return "\n".join(f'<li><i class="{kind}" style="background:{colour}"></i>{html.escape(text)}</li>' for colour, kind, text in entries)
-
-
-def arrow_note(newtons_per_metre: float) -> str:
-    """Return what an arrow's length means."""
-    return f"Arrows: 0.1 m is {newtons_per_metre * 0.1:g} N; forces on the arm by the payload, drawn at its grasp."
-
-
-def script_json(value: Any) -> str:
-    """Return JSON that can stand inside a script element."""
-    return json.dumps(value).replace("<", "\\u003c")
+    return Template(_file("page.html")).substitute(parts)
 
 
 def as_text(message: bytes) -> str:
@@ -54,6 +64,19 @@ def as_text(message: bytes) -> str:
     return base64.b64encode(message).decode("ascii")
 
 
-def page_file(name: str) -> str:
+def arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
+    """Return what the arrows mean, in sentences: forces, and moments where there are any."""
+    forces = f"force: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newtons_per_metre:g} N"
+    if scales.newton_metres_per_metre is None:
+        return (forces,)
+    return (forces, f"moment: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newton_metres_per_metre:g} N m")
+
+
+def _arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
+    notes = (icon + html.escape(note) for icon, note in zip((_FORCE_ICON, _MOMENT_ICON), arrow_notes(scales), strict=False))
+    return (*notes, "by the payload on the arm, drawn at its grasp; moments are about the payload's centre of mass")
+
+
+def _file(name: str) -> str:
     """Return a file of the folder ``page``."""
     return resources.files("coop_pin.viz").joinpath("page", name).read_text(encoding="utf-8")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from coop_pin.description.event import Event, PayloadChange
@@ -12,21 +10,10 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
-from coop_pin.viz.arrows import newtons_per_metre
+from coop_pin.viz.arrow_scales import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.meshcat_door import scene_messages
-from coop_pin.viz.page_parts import (
-    LEGEND,
-    PUSH,
-    SATURATED,
-    SINGULAR,
-    arrow_note,
-    as_text,
-    common_parts,
-    legend,
-    page_file,
-    script_json,
-)
+from coop_pin.viz.page_parts import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
 from coop_pin.viz.tints import COLOURS, IS_SATURATED, IS_SINGULAR, body_tints, tint_changes
 
 
@@ -48,15 +35,8 @@ def replay_html(result: RunResult) -> str:
         "events": [_event(scenario, event) for event in scenario.events if event.time <= result.end],
         "messages": [as_text(message) for message in scene_messages(scene)],
     }
-    return Template(page_file("replay.html")).substitute(
-        common_parts(),
-        title=html.escape(scenario.name),
-        summary=html.escape(scenario.summary),
-        legend=_legend(result, {code for _, _, code in warned["tints"]}),
-        note=arrow_note(newtons_per_metre(result.data)),
-        run=script_json(run),
-        player=page_file("replay.js"),
-    )
+    legend = _legend(result, {code for _, _, code in warned["tints"]})
+    return page_html("replay", scenario.name, scenario.summary, legend, recorded_scales(scenario.cell, result.data), run)
 
 
 def save_replay(result: RunResult, path: str | Path) -> None:
@@ -77,14 +57,14 @@ def _tints(result: RunResult, arms: CellVisuals) -> dict[str, Any]:
     return {"bodies": [f"arms/{name}" for name in names], "tints": tint_changes(data["time"].values, codes)}
 
 
-def _legend(result: RunResult, codes: set[float]) -> str:
+def _legend(result: RunResult, codes: set[float]) -> tuple[tuple[str, str, str], ...]:
     """Return the legend: what never shows is left out."""
     shown = (
         (bool(result.data["external_wrench"].values.any()), PUSH),
         (IS_SATURATED in codes, SATURATED),
         (IS_SINGULAR in codes, SINGULAR),
     )
-    return legend((*LEGEND, *(entry for is_shown, entry in shown if is_shown)))
+    return (*LEGEND, *(entry for is_shown, entry in shown if is_shown))
 
 
 def _event(scenario: Scenario, event: Event) -> dict[str, Any]:

@@ -95,7 +95,7 @@ class LiveView:
         self._last = moment
         if self._server is None or not self._server.is_alive:
             return
-        if self._server.send(self._scene.frame(moment)):
+        if self._server.send(self._scene.frame(moment).packed()):
             self.sent += 1
         else:
             self.dropped += 1

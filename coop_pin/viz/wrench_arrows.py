@@ -59,9 +59,7 @@ def wrench_arrows(arms: Sequence[str], wrenches: Wrenches, scales: ArrowScales) 
     return (*forces, *_arrows("moments", arms, wrenches, slice(3, 6), MOMENT_FORM, scales.newton_metres_per_metre))
 
 
-def _arrows(
-    group: str, arms: Sequence[str], wrenches: Wrenches, rows: slice, form: ArrowForm, per_metre: float
-) -> tuple[ArrowSeries, ...]:
+def _arrows(group: str, arms: Sequence[str], wrenches: Wrenches, rows: slice, form: ArrowForm, per_metre: float) -> tuple[ArrowSeries, ...]:
     """Return the arrows of the forces, or of the moments: rows of the wrenches, drawn at a scale in N/m, or N m/m."""
     whole, internal = (np.nan_to_num(part)[..., rows] / per_metre for part in (wrenches.interaction, wrenches.internal))
     series: list[ArrowSeries] = []

@@ -101,8 +101,10 @@ def _check(base: Scenario, vary: Ranges, method: str, generations: int, populati
     """Refuse what cannot be searched before anything is run or written."""
     if method not in _SEARCHES:
         raise FieldError(f"is {method!r}; it must be one of {', '.join(_SEARCHES)}", "method")
-    if not vary or generations < 0 or population < 1:
-        raise FieldError(f"has {len(vary)} fields, {generations} generations of {population}; there is nothing to search", "vary")
+    if not vary:
+        raise FieldError("names no field; say at least one, with its lowest and highest value", "vary")
+    if generations < 0 or population < 1:
+        raise FieldError(f"are {generations} and {population}; they must be at least 0 and 1", "generations and population")
     for field, (low, high) in vary.items():
         if not (np.isfinite([low, high]).all() and low < high):
             raise FieldError(f"goes from {low:g} to {high:g}; the range must have a lower and a higher end", field)

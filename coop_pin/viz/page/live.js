@@ -1,7 +1,7 @@
 "use strict";
 // Shows frames as they come over a socket; of a still page, the one that stands in it.
 (() => {
-  const live = JSON.parse(document.getElementById("live").textContent);
+  const live = JSON.parse(document.getElementById("data").textContent);
   const stage = coopPinStage(document.getElementById("meshcat-pane"), live.messages, live.colours);
   const { viewer } = stage, three = MeshCat.THREE;
   const element = (id) => document.getElementById(id);

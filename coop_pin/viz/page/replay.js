@@ -1,7 +1,7 @@
 "use strict";
 // Plays the run that stands in this page: the viewer draws, this player turns the clock. Nothing is fetched.
 (() => {
-  const run = JSON.parse(document.getElementById("run").textContent);
+  const run = JSON.parse(document.getElementById("data").textContent);
   const stage = coopPinStage(document.getElementById("meshcat-pane"), run.messages, run.colours);
   const { viewer } = stage;
   const element = (id) => document.getElementById(id);

@@ -1,0 +1,195 @@
+"""The user's own code determines a run: an edit makes another run, and no process computes with code that it loaded before one."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from test_sweep_cluster import scheduler_elsewhere
+
+import coop_pin as cp
+from coop_pin.errors import CodeChangedError
+from coop_pin.sweeps import SweepPlan, sweep
+from coop_pin.sweeps.job import Job, run_job
+from coop_pin.sweeps.key import run_key
+from coop_pin.sweeps.user_code import UserCode, source_files
+
+SHORT = {"duration": 0.1, "events": []}
+LAW = """
+import numpy as np
+import coop_pin as cp
+from {gains} import TORQUE
+
+class Push(cp.CellController):
+    def __init__(self, scenario):
+        pass
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        return cp.Command([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
+"""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder on the Python path, whose modules are forgotten afterwards."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+def write(place, files):
+    for name, text in files.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text(text)
+
+
+def user(target):
+    return {"controller": {"kind": "user", "target": target}}
+
+
+def names(place, module):
+    return [str(path.relative_to(place)) for path in source_files(module)]
+
+
+# ---------------------------------------------------------------- which files
+
+
+def test_a_module_brings_what_it_imports_from_beside_it_at_any_depth(place):
+    write(place, {"own_a.py": "import own_b, numpy\n", "own_b.py": "def f():\n    from own_c import x\n", "own_c.py": "x = 1\n"})
+    write(place, {"own_d.py": "import own_a\n", "unused.py": ""})
+    assert names(place, "own_a:f") == ["own_a.py", "own_b.py", "own_c.py"]
+    assert names(place, "own_c") == ["own_c.py"]
+    assert names(place, "nowhere:f") == []
+
+
+def test_packages_relative_imports_and_cycles_are_followed(place):
+    write(place, {"lab/__init__.py": "", "lab/laws/__init__.py": "from . import base\n", "lab/laws/base.py": "from ..gains import K\n"})
+    write(place, {"lab/gains.py": "from lab.laws import base\nK = 1\n", "lab/laws/late.py": "from .base import *\nfrom ..tools import t\n"})
+    write(place, {"lab/tools/__init__.py": "t = 1\n", "lab/unused.py": ""})
+    whole = ["lab/__init__.py", "lab/gains.py", "lab/laws/__init__.py", "lab/laws/base.py"]
+    assert names(place, "lab.laws.base:K") == whole
+    assert names(place, "lab.laws.late:t") == sorted([*whole, "lab/laws/late.py", "lab/tools/__init__.py"])
+
+
+def test_what_is_installed_and_coop_pin_itself_are_left_out(place):
+    assert [path.name for path in source_files("statistics:mean")] == ["statistics.py"]
+    write(place, {"own_e.py": "import coop_pin\nimport scipy\n"})
+    assert names(place, "own_e") == ["own_e.py"]
+    assert source_files("sys:exit") == ()
+
+
+def test_a_module_that_python_cannot_read_is_one_file(place):
+    write(place, {"own_f.py": "def (:\n"})
+    assert names(place, "own_f") == ["own_f.py"]
+
+
+# ---------------------------------------------------------------- keys
+
+
+@pytest.mark.parametrize("edited", ["own_law.py", "own_gains.py"])
+def test_an_edit_makes_another_key_and_undoing_it_the_same(place, edited):
+    write(place, {"own_law.py": LAW.format(gains="own_gains"), "own_gains.py": "TORQUE = 0.0\n"})
+    scenario = cp.Scenario.load("adept-paper", SHORT | user("own_law:Push"))
+    before, text = run_key(scenario), (place / edited).read_text()
+    (place / edited).write_text(text + "# better\n")
+    assert run_key(scenario) != before
+    (place / edited).write_text(text)
+    assert run_key(scenario) == before
+
+
+@pytest.mark.parametrize("field", ["target", "twist", "acceleration"])
+def test_every_function_of_a_motion_and_every_metric_is_in_the_key(place, field):
+    write(place, {"own_pose.py": "def f(t): ...\n", "own_other.py": "def f(t): ...\n"})
+    motion = {"kind": "user", "target": "own_pose:f", field: "own_other:f"}
+    scenario = cp.Scenario.load("adept-paper", SHORT | {"motion": motion})
+    plain = cp.Scenario.load("adept-paper")
+    before = run_key(scenario), run_key(plain, ("own_other:f",)), run_key(plain)
+    write(place, {"own_other.py": "def f(t): return 1\n"})
+    after = run_key(scenario), run_key(plain, ("own_other:f",)), run_key(plain)
+    assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]
+
+
+# ---------------------------------------------------------------- sweeps
+
+SWEEP = """
+import coop_pin as cp
+short = {"duration": 0.1, "events": [], "controller": {"kind": "user", "target": "own_law:Push"}}
+result = cp.sweep("adept-paper", out="kept", workers=WORKERS, quiet=True, changes=short)
+print(repr(result.values("torque_peak_Nm").item()))
+"""
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_whoever_edits_a_controller_and_resumes_gets_the_new_one_and_keeps_the_old(place, workers):
+    write(place, {"own_law.py": LAW.format(gains="own_gains")})
+    code = SWEEP.replace("WORKERS", str(workers))
+    seen = []
+    for torque in (1.0, 2.0, 1.0):
+        write(place, {"own_gains.py": f"TORQUE = {torque}\n"})
+        command = [sys.executable, "-c", code]
+        seen.append(float(subprocess.run(command, cwd=place, capture_output=True, text=True, check=True, timeout=120).stdout))
+        files = len(list((place / "kept" / "runs").rglob("*.json")))
+        assert files == len(set(seen))
+    assert seen == [1.0, 2.0, 1.0]
+
+
+def test_a_process_that_loaded_the_old_code_does_not_compute_what_is_kept_as_the_new_code_s(place):
+    write(place, {"own_old.py": LAW.format(gains="own_older"), "own_older.py": "TORQUE = 1.0\n"})
+    plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_old:Push"))
+    assert sweep(plan, out=place / "kept", workers=0, quiet=True).values("torque_peak_Nm") == 1.0
+    write(place, {"own_older.py": "TORQUE = 2.0\n"})
+    with pytest.raises(CodeChangedError, match="own_old:Push"):
+        sweep(plan, out=place / "kept", workers=0, quiet=True)
+    assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
+    pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
+    assert sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0  # its process is new
+
+
+def test_workers_elsewhere_that_loaded_the_old_code_refuse_the_new(place):
+    pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
+    write(place, {"own_far.py": LAW.format(gains="own_farther"), "own_farther.py": "TORQUE = 1.0\n"})
+    plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_far:Push"))
+    with scheduler_elsewhere(place) as address:
+        assert sweep(plan, out=place / "kept", scheduler=address, quiet=True).values("torque_peak_Nm") == 1.0
+        write(place, {"own_farther.py": "TORQUE = 2.0\n"})
+        with pytest.raises(CodeChangedError, match="elsewhere the workers"):
+            sweep(plan, out=place / "kept", scheduler=address, quiet=True)
+    assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
+
+
+def test_a_worker_with_another_version_refuses_the_job(place):
+    write(place, {"own_version.py": LAW.format(gains="own_gain"), "own_gain.py": "TORQUE = 1.0\n"})
+    scenario = cp.Scenario.load("adept-paper", SHORT | user("own_version:Push"))
+    with pytest.raises(CodeChangedError) as caught:
+        run_job(Job("key", scenario.model_dump_json(), code=(UserCode("own_version:Push", ("other",)),)))
+    assert caught.value.name == "own_version:Push"
+
+
+NOTEBOOK = """
+import coop_pin as cp
+def mine(result):
+    return {"mine": 1.0}
+try:
+    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes={"duration": 0.1, "events": []}, metrics=(mine,))
+except cp.CoopPinError as error:
+    print(type(error).__name__, error)
+"""
+
+
+def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen(place):
+    done = subprocess.run([sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.startswith("FieldError")
+    assert "'__main__:mine', which stands in no file" in done.stdout
+    (place / "script.py").write_text(NOTEBOOK + "print('ok')\n")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=place, capture_output=True, text=True, check=True, timeout=120, env=environment
+    )
+    assert done.stdout == "ok\n"

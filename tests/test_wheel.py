@@ -1,0 +1,223 @@
+"""What is handed out: the sdist holds what the tests read, the wheel built from it holds the package and nothing else, and it works installed."""
+
+import configparser
+import importlib.metadata
+import json
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import venv
+import zipfile
+from email import message_from_string
+from pathlib import Path
+
+import pytest
+
+import coop_pin
+from coop_pin.description import scenario_names
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+NEVER_INSIDE = {"out", ".venv", ".git", "__pycache__", ".hypothesis", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
+
+
+def run(*command, cwd, **environment):
+    """What a command prints; PYTHONPATH is not handed on, so that nothing is found but what is installed."""
+    given = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | environment
+    done = subprocess.run(list(map(str, command)), cwd=cwd, env=given, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def build(target, source, folder):
+    run(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder, cwd=source)
+    (made,) = folder.iterdir()
+    return made
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory):
+    """The unpacked sdist."""
+    pytest.importorskip("hatchling", reason="hatchling is not installed (extra 'test')")
+    archive = build("sdist", REPOSITORY, tmp_path_factory.mktemp("sdist"))
+    folder = tmp_path_factory.mktemp("unpacked")
+    with tarfile.open(archive) as packed:
+        packed.extractall(folder, filter="data")
+    (top,) = folder.iterdir()
+    assert top.name == f"coop_pin-{coop_pin.__version__}"
+    return top
+
+
+@pytest.fixture(scope="module")
+def wheel(sdist, tmp_path_factory):
+    """The wheel that the sdist builds."""
+    return build("wheel", sdist, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """The Python of a throw-away environment: the wheel, the dependencies of this one, and no way into the repository."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=False, symlinks=True)
+    python = folder / "bin" / "python"
+    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
+    # Folders named in a .pth file are searched, but their own .pth files, an editable coop_pin among them, are not read.
+    (site / "dependencies.pth").write_text("\n".join(entry for entry in sys.path if entry.endswith(("site-packages", "dist-packages"))))
+    run(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel, cwd=folder)
+    return python
+
+
+def files_of(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def wheel_files(wheel):
+    with zipfile.ZipFile(wheel) as packed:
+        return {name: packed.read(name) for name in packed.namelist()}
+
+
+# ---------------------------------------------------------------- contents
+
+
+def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wheel):
+    names = set(wheel_files(wheel))
+    info = f"coop_pin-{coop_pin.__version__}.dist-info"
+    package = {
+        str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "coop_pin").rglob("*") if path.is_file() and path.suffix != ".pyc"
+    }
+    robots = {f"coop_pin/urdf/{path.name}" for path in (REPOSITORY / "urdf").iterdir()}
+    about = {f"{info}/{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
+    assert names == package | robots | about
+    assert {
+        "coop_pin/py.typed",
+        "coop_pin/urdf/adept_3dof.urdf",
+        "coop_pin/viz/page/replay.js",
+        "coop_pin/report/page/report.html",
+    } <= names
+    assert {f"coop_pin/description/scenarios/{name}.toml" for name in scenario_names()} <= names
+
+
+def test_the_wheel_is_for_any_platform_and_says_what_pyproject_says(wheel):
+    assert wheel.name == f"coop_pin-{coop_pin.__version__}-py3-none-any.whl"
+    files = {name.partition(".dist-info/")[2]: data.decode() for name, data in wheel_files(wheel).items() if ".dist-info/" in name}
+    told = message_from_string(files["METADATA"])
+    assert (told["Name"], told["Version"], told["License-Expression"]) == (PROJECT["name"], PROJECT["version"], PROJECT["license"])
+    assert set(told["Requires-Python"].split(",")) == set(PROJECT["requires-python"].split(","))
+    assert set(told.get_all("Provides-Extra")) == set(PROJECT["optional-dependencies"])
+    scripts = configparser.ConfigParser()
+    scripts.read_string(files["entry_points.txt"])
+    assert dict(scripts["console_scripts"]) == PROJECT["scripts"]
+
+
+def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(sdist):
+    names = set(files_of(sdist))
+    if (REPOSITORY / ".git").exists():
+        listed = run("git", "ls-files", "-z", cwd=REPOSITORY).split("\0")
+        assert {name for name in listed if name and (REPOSITORY / name).exists()} - names == set()
+    for folder in ("coop_pin", "urdf", "tests", "tools", "benchmarks", "examples", "notebooks", "docs", "studies"):
+        assert any(name.startswith(f"{folder}/") for name in names), folder
+    assert {"README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt", "pyproject.toml", "PKG-INFO"} <= names
+    assert not [name for name in names if NEVER_INSIDE & set(Path(name).parts) or name.startswith("docs/notebooks/")]
+
+
+def test_no_file_names_a_folder_of_the_machine_it_was_built_on(sdist, wheel):
+    places = [f"{place}/".encode() for place in {REPOSITORY, Path.home(), Path(sys.prefix)} if str(place) != "/"]
+    for name, data in {**files_of(sdist), **wheel_files(wheel)}.items():
+        assert not [place for place in places if re.search(rb"(?<![\w.])" + re.escape(place), data)], name
+
+
+def test_the_tests_can_be_collected_from_the_sdist(sdist, tmp_path):
+    """Whatever they read as they are loaded is there, and what they test is the package beside them."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "--collect-only",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "tests/test_docs.py",
+        "tests/test_examples.py",
+    ]
+    assert "error" not in run(*command, cwd=sdist, PYTHONPATH=str(sdist), PYTHONDONTWRITEBYTECODE="1").splitlines()[-1]
+    shown = run(sys.executable, "-c", "import coop_pin; print(coop_pin.__file__)", cwd=tmp_path, PYTHONPATH=str(sdist))
+    assert Path(shown.strip()).is_relative_to(sdist)
+
+
+# ---------------------------------------------------------------- installed
+
+
+def test_the_installed_package_works_where_there_is_no_repository(installed, tmp_path):
+    """As the newcomer's first commands, in an empty folder; the package, its pages and its robots come from the wheel."""
+    coop_pin_command = installed.parent / "coop-pin"
+    assert run(coop_pin_command, "--version", cwd=tmp_path) == f"coop-pin {coop_pin.__version__}\n"
+    listed = run(coop_pin_command, "list", cwd=tmp_path)
+    assert all(name in listed for name in scenario_names())
+    out = run(coop_pin_command, "run", "adept-paper", "--duration", "1", "--events", "[]", "--report", "--out", "run", cwd=tmp_path)
+    assert "position_rms_m" in out or "mm" in out
+    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "metrics.json", "figure2.png"} <= set(os.listdir(tmp_path / "run"))
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert "<script" in (tmp_path / "run" / "replay.html").read_text(encoding="utf-8")
+    assert run(coop_pin_command, "check", "adept-paper", "--poses", "41", cwd=tmp_path)
+    assert run(coop_pin_command, "view", "run", "--no-open", cwd=tmp_path)
+    assert run(installed, "-m", "coop_pin", "show", "two-pandas-box", cwd=tmp_path)
+
+
+PLACES = """
+import importlib.metadata, importlib.util, json, sys
+import coop_pin
+from coop_pin.description.urdf.files import bundled_urdf_folder
+distribution = importlib.metadata.distribution("coop-pin")
+print(json.dumps({
+    "package": coop_pin.__file__, "urdf": str(bundled_urdf_folder()), "distribution": str(distribution.locate_file("")),
+    "path": sys.path, "tests": importlib.util.find_spec("test_wheel") is not None,
+}))
+"""
+
+
+def test_what_runs_is_what_was_installed(installed, tmp_path):
+    places = json.loads(run(installed, "-c", PLACES, cwd=tmp_path))
+    environment = installed.parents[1]
+    for name in ("package", "urdf", "distribution"):
+        assert Path(places[name]).is_relative_to(environment), places[name]
+    assert str(REPOSITORY) not in places["path"]
+    assert not places["tests"]
+
+
+# ---------------------------------------------------------------- constraints
+
+
+def required_names(requirement_lines, extras, seen):
+    """The distributions that requirements bring along here, by normalised name."""
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    for line in requirement_lines:
+        requirement = Requirement(line)
+        if requirement.marker and not any(requirement.marker.evaluate({"extra": extra}) for extra in extras or {""}):
+            continue
+        name, wanted = canonicalize_name(requirement.name), frozenset(requirement.extras)
+        if (name, wanted) in seen:
+            continue
+        seen.add((name, wanted))
+        try:
+            lines = importlib.metadata.requires(name) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue  # an extra that is not installed here
+        required_names(lines, wanted, seen)
+    return {name for name, _ in seen}
+
+
+def test_the_constraints_name_everything_that_the_gate_installs():
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    lines = [line for line in (REPOSITORY / "constraints.txt").read_text().splitlines() if line and not line.startswith("#")]
+    pinned = [Requirement(line) for line in lines]
+    assert all(str(pin.specifier).startswith("==") for pin in pinned)
+    extras = PROJECT["optional-dependencies"]
+    wanted = [*PROJECT["dependencies"], *extras["test"], *extras["docs"], *extras["bench"]]
+    assert required_names(wanted, set(), set()) - {canonicalize_name(pin.name) for pin in pinned} == set()
