@@ -37,9 +37,17 @@ def _signature(app: Any, what: str, name: str, obj: Any, options: Any, signature
     return None if fields is None else (f"(*, {', '.join(fields)})", None)
 
 
+def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Tell how a class is made where the class is told; an inherited constructor is told with its own class."""
+    told = getattr(vars(obj).get("__init__"), "__doc__", None) if inspect.isclass(obj) else None
+    if told is not None:
+        lines += ["", *inspect.cleandoc(told).splitlines(), ""]
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Join Sphinx."""
     app.connect("source-read", _fill)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)
+    app.connect("autodoc-process-docstring", _constructor, priority=400)  # before napoleon reads the sections
     return {"parallel_read_safe": True}

@@ -1,4 +1,4 @@
-"""Run one of the studies and draw it: docs/images/study-NAME.png and .svg. Finished runs are kept in out/studies/NAME.
+"""Run one of the studies, print its numbers and draw it into docs/images. Finished runs are kept in out/studies/NAME.
 
 python studies/draw.py force_gain
 """
@@ -6,51 +6,67 @@ python studies/draw.py force_gain
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
+import bias
+import force_gain
+import internal_force
+import payload
 from matplotlib.figure import Figure
 
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
-from coop_pin.viz.figures import save_figure, sweep_figure
+import coop_pin as cp
+from coop_pin.viz.figures import save_figure
 
 HERE = Path(__file__).parent
 IMAGES = HERE.parent / "docs" / "images"
-ERROR = "internal_axial_rms_error_N"
+Results = Mapping[str, cp.SweepResult]
 
 
-def force_gain(result: SweepResult) -> Figure:
-    """Return the map of K_f against the filter's pole p, with K_f = (1 + p) / (1 - p)."""
-    figure = sweep_figure(result, ERROR)
-    panel = figure.axes[0]
-    pole = np.linspace(0.0, 0.94, 200)
-    (line,) = panel.plot(pole, (1.0 + pole) / (1.0 - pole), "k--", linewidth=1.2, label="$K_f = (1 + p) / (1 - p)$", scaley=False)
-    patches = panel.get_legend().legend_handles
-    panel.legend(handles=[*patches, line], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
-    return figure
+class Study(NamedTuple):
+    """One study.
+
+    Attributes:
+        image: name of its picture.
+        figure: draws it from its sweeps by name.
+        numbers: says in words what the README quotes.
+    """
+
+    image: str
+    figure: Callable[[Results], Figure]
+    numbers: Callable[[Results], str]
 
 
-def payload(result: SweepResult) -> Figure:
-    """Return the map of the internal-force error over mass and friction."""
-    return sweep_figure(result, ERROR)
+STUDIES = {
+    "force_gain": Study("study-force-gain", force_gain.figure, force_gain.numbers),
+    "payload": Study("study-payload", payload.figure, payload.numbers),
+    "bias": Study("study-bias", bias.figure, bias.numbers),
+    "internal_force": Study("internal-force", internal_force.figure, internal_force.numbers),
+}
 
 
-def bias(result: SweepResult) -> Figure:
-    """Return the internal-force error over the length of the run, by law and sign gain."""
-    return sweep_figure(result, ERROR, over="duration")
+def plans(name: str) -> dict[str, cp.SweepPlan]:
+    """Return the plans of a study by the names of their files: one file, or a folder of them."""
+    files = sorted((HERE / name).glob("*.toml")) or [HERE / f"{name}.toml"]
+    return {file.stem: cp.SweepPlan.load(file) for file in files}
 
 
-STUDIES = {study.__name__: study for study in (force_gain, payload, bias)}
+def run(name: str, folder: Path) -> dict[str, cp.SweepResult]:
+    """Run what is still to be run of a study and return its sweeps."""
+    return {part: cp.sweep(plan, out=folder / part) for part, plan in plans(name).items()}
 
 
 def main() -> None:
-    """Run and draw the study that the command names."""
+    """Run, say and draw the study that the command names."""
     if len(sys.argv) != 2 or sys.argv[1] not in STUDIES:
         sys.exit(f"usage: python {sys.argv[0]} {{{' | '.join(STUDIES)}}}")
     name = sys.argv[1]
-    result = sweep(SweepPlan.load(HERE / f"{name}.toml"), out=Path("out") / "studies" / name)
-    print(result.summary())
-    save_figure(STUDIES[name](result), IMAGES / f"study-{name.replace('_', '-')}")
+    results = run(name, Path("out") / "studies" / name)
+    for result in results.values():
+        print(result.summary())
+    print(STUDIES[name].numbers(results))
+    save_figure(STUDIES[name].figure(results), IMAGES / STUDIES[name].image)
 
 
 if __name__ == "__main__":

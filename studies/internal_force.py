@@ -1,74 +1,58 @@
-"""The honest part: what alpha, K_f and a kinematic bias do to the internal force under law (23).
-
-Runs about thirty simulations, prints their numbers and writes docs/images/internal-force.png and .svg:
-
-    python studies/internal_force.py
-"""
+"""The honest part: what alpha, K_f and a kinematic bias do to the internal force under law (23)."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+import math
+from collections.abc import Iterator, Mapping
 
 import numpy as np
-from tqdm import tqdm
+from matplotlib.figure import Figure
 
 import coop_pin as cp
 from coop_pin.results.judgements import axial_directions
-from coop_pin.viz.figures import (
-    BiasRun,
-    ForceGainRun,
-    InternalForceStudy,
-    SignGainRun,
-    internal_force_study_figure,
-    save_figure,
-)
+from coop_pin.viz.figures import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
 
-IMAGES = Path(__file__).parent.parent / "docs" / "images"
-ALPHA = "controller.gains.sign_gain"
-QUIET = {"events": [], "duration": 10.0}
-LOW_PASS = {"controller.force_path": {"kind": "low-pass", "pole": 0.9}}
-STEPS = {80.0: 5, 400.0: 1, 2000.0: 1}
+ALPHA, RATE, K_F = "controller.gains.sign_gain", "clock.rate_hz", "controller.gains.force_gain"
 
 
-def force_error(changes: dict[str, Any]) -> float:
-    """Return the rms of the internal-force error from 4 to 10 s, N."""
-    return cp.run("adept-paper", QUIET | changes).internal_force().force_rms_error
+def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
+    """Return three panels: over alpha at each rate, over 1 / (1 + K_f), and over time under a bias."""
+    return internal_force_study_figure(study(results))
 
 
-def biased(alpha: float) -> BiasRun:
-    """Return the internal force over 20 s with the left arm's kinematics off by 0.1 mm."""
-    data = cp.run("adept-paper", {"events": [], ALPHA: alpha, "cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0]}).data
+def numbers(results: Mapping[str, cp.SweepResult]) -> str:
+    """Return every number of the figure."""
+    found = study(results)
+    lines = [f"alpha {run.sign_gain:<5g} at {run.rate_hz:>6.0f} Hz: {run.force_rms_error:8.3f} N" for run in found.sign_gains]
+    slow = results["sign_gain"].values("position_rms_m").sel({RATE: 80.0})
+    lines += [f"alpha {a:<5g} at     80 Hz: {x * 1e3:8.4f} mm rms off" for a, x in zip(slow[ALPHA].values, slow.values, strict=True)]
+    for gain in found.force_gains:
+        product = gain.force_rms_error * (1.0 + gain.force_gain)
+        lines.append(f"K_f {gain.force_gain:<5g}: {gain.force_rms_error:8.4f} N, times (1 + K_f): {product:.4f} N")
+    for bias in found.biased:
+        end = f"{bias.internal_force[-1]:.2f} N along the line between the tips at {bias.time[-1]:g} s"
+        lines.append(f"0.1 mm bias, alpha {bias.sign_gain:g}: {end}")
+    return "\n".join(lines)
+
+
+def study(results: Mapping[str, cp.SweepResult]) -> InternalForceStudy:
+    """Return what the figure shows."""
+    sign_gains = tuple(SignGainRun(point[ALPHA], point[RATE], error) for point, error in _force_errors(results["sign_gain"]))
+    force_gains = tuple(ForceGainRun(point[K_F], error) for point, error in _force_errors(results["force_gain"]))
+    biased = tuple(_biased(results["bias"], number) for number in range(len(results["bias"].plan)))
+    return InternalForceStudy(sign_gains, force_gains, biased)
+
+
+def _force_errors(result: cp.SweepResult) -> Iterator[tuple[dict[str, float], float]]:
+    """Yield what was varied in each run, and the rms of its force error, axial and shear together, N."""
+    for number in range(len(result.plan)):
+        place = result.point(number)
+        yield place.parameters, math.hypot(place.metrics["internal_axial_rms_error_N"], place.metrics["internal_shear_rms_N"])
+
+
+def _biased(result: cp.SweepResult, number: int) -> BiasRun:
+    """Return the internal force on the first arm, along the line to the other tip, over time."""
+    data = result.open(number).data
     force = np.nan_to_num(data.internal_wrench.values[:, 0, :3])
-    return BiasRun(alpha, data.time.values, np.einsum("ni,ni->n", force, axial_directions(data)[:, 0]))
-
-
-def study() -> InternalForceStudy:
-    """Run everything."""
-    rates = [(rate, alpha) for rate in STEPS for alpha in (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)]
-    sign_gains = tuple(
-        SignGainRun(alpha, rate, force_error({ALPHA: alpha, "clock.rate_hz": rate, "clock.steps_per_tick": STEPS[rate]}))
-        for rate, alpha in tqdm(rates, desc="alpha")
-    )
-    force_gains = tuple(
-        ForceGainRun(gain, force_error(LOW_PASS | {ALPHA: 0.0, "controller.gains.force_gain": gain}))
-        for gain in tqdm((0.0, 0.5, 1.0, 3.0, 9.0, 15.0), desc="K_f")
-    )
-    return InternalForceStudy(sign_gains, force_gains, (biased(0.0), biased(0.2)))
-
-
-def main() -> None:
-    """Print the numbers and write the figure."""
-    results = study()
-    for run in results.sign_gains:
-        print(f"alpha {run.sign_gain:<5} at {run.rate_hz:>6.0f} Hz: {run.force_rms_error:8.3f} N")
-    for gain in results.force_gains:
-        product = gain.force_rms_error * (1 + gain.force_gain)
-        print(f"K_f {gain.force_gain:<5}: {gain.force_rms_error:8.4f} N, times (1 + K_f): {product:.4f} N")
-    for bias in results.biased:
-        print(f"0.1 mm bias, alpha {bias.sign_gain}: {bias.internal_force[-1]:.2f} N along the line between the tips at 20 s")
-    save_figure(internal_force_study_figure(results), IMAGES / "internal-force")
-
-
-if __name__ == "__main__":
-    main()
+    axial = np.einsum("ni,ni->n", force, axial_directions(data)[:, 0])
+    return BiasRun(result.plan[number].parameters[ALPHA], data.time.values, axial)

@@ -56,7 +56,20 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "analysis": (BELOW_VIEWS, {"pinocchio", "scipy", "xarray"}),
     "viz": (
         {"description", "model", "chain", "controllers", "results", "simulation", "sweeps"},
-        {"ipywidgets", "meshcat", "matplotlib", "tornado", "umsgpack", "xarray", "scipy", "zmq"},
+        {
+            "imageio",
+            "imageio_ffmpeg",
+            "ipywidgets",
+            "matplotlib",
+            "meshcat",
+            "playwright",
+            "scipy",
+            "tornado",
+            "umsgpack",
+            "viser",
+            "xarray",
+            "zmq",
+        },
     ),
     "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"}),
     "output": ({"description", "results", "viz"}, set()),
@@ -66,7 +79,13 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
 }
 
 # Distributions by the names they are imported under.
-IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "example-robot-data": "example_robot_data", "h5netcdf": "h5netcdf"}
+IMPORTED_AS = {
+    "pin": "pinocchio",
+    "tomli-w": "tomli_w",
+    "example-robot-data": "example_robot_data",
+    "h5netcdf": "h5netcdf",
+    "imageio-ffmpeg": "imageio_ffmpeg",
+}
 COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
 
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -31,6 +31,7 @@ NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "05_live_gains.ipynb"
 MESHES = """() => { let meshes = 0; coopPin.viewer.scene_tree.find(["meshcat"]).object.traverse(part => { meshes += part.isMesh ? 1 : 0; });
     return meshes; }"""
 SHOWN = "coopPin.shown.time"
+AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
 
 def arrow(page, path: str, scale: float) -> np.ndarray:
@@ -170,12 +171,22 @@ def lab(tmp_path):
     server.stderr.close()
 
 
-def run_as_far_as_the_panel(page) -> None:
-    """It stays in sight; JupyterLab draws nothing that is not."""
-    page.locator(".jp-NotebookPanel .jp-Cell").first.click()
-    page.wait_for_selector('.jp-Notebook-ExecutionIndicator[data-status="idle"]', state="attached")
-    for _ in range(4):
+def run_cells(page, *beginnings: str) -> None:
+    """Run the code cells that begin so, one after the other, and see each through to its end.
+
+    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a kernel: so wait for the last
+    cell and for a kernel, and choose each cell by what stands in it, not by its place.
+    """
+    page.get_by_text(re.compile(r"\(ipykernel\) \| Idle")).wait_for()
+    page.locator(".jp-MarkdownCell.jp-mod-rendered", has_text="Try").last.wait_for(state="attached")
+    page.evaluate("jupyterapp.commands.execute('notebook:clear-all-cell-outputs')")  # and the numbers of cells that ran before
+    for beginning in beginnings:
+        cell = page.locator(".jp-CodeCell", has_text=beginning)
+        cell.locator(".jp-InputArea-prompt").click()
         page.keyboard.press("Shift+Enter")
+        cell.locator(".jp-InputArea-prompt", has_text=re.compile(r"\[\d+\]")).wait_for()
+        wrong = cell.locator('[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="application/vnd.jupyter.error"]')
+        assert wrong.all_inner_texts() == []
 
 
 def live_frame(page):
@@ -186,11 +197,10 @@ def live_frame(page):
     return frame
 
 
-@pytest.mark.slow
 def test_the_live_notebook_answers_to_its_sliders(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
-        run_as_far_as_the_panel(page)
+        run_cells(page, *AS_FAR_AS_THE_PANEL)
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
         paused = frame.evaluate(SHOWN)
@@ -216,8 +226,7 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         page.get_by_role("button", name="Restart the kernel", exact=True).click()
         page.locator(".jp-Dialog .jp-mod-accept").click()
         frame.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
-        page.locator(".jp-NotebookPanel-notebook").evaluate("notebook => notebook.scrollTo(0, 0)")
-        run_as_far_as_the_panel(page)
+        run_cells(page, *AS_FAR_AS_THE_PANEL)
         page.wait_for_function(f"""() => {{ const frame = document.querySelector('iframe[title="coop_pin live"]');
             return frame && frame.src !== {old!r}; }}""")
         frame = live_frame(page)

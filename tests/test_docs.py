@@ -5,15 +5,20 @@ import functools
 import importlib
 import importlib.util
 import inspect
+import itertools
 import re
 import subprocess
 import sys
+import textwrap
 import tomllib
+import types
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote, urlparse
 
 import pytest
+from browser import browser_page
 
 import coop_pin
 from coop_pin.cli.parsing import parse
@@ -100,6 +105,56 @@ def test_everything_public_has_a_docstring():
         for method_name, method in vars(thing).items() if inspect.isclass(thing) else ():
             if inspect.isfunction(method) and not method_name.startswith("_") and (method.__module__ or "").startswith("coop_pin"):
                 assert method.__doc__, f"{name}.{method_name}"
+
+
+def mentioned(name, text):
+    return re.search(rf"(?<![\w.]){re.escape(name)}(?!\w)", text) is not None
+
+
+def docstrings_of(thing):
+    """What a class says of itself and of its constructor, its parents' words included."""
+    told = [part for parent in thing.__mro__ for part in (parent.__doc__, getattr(vars(parent).get("__init__"), "__doc__", None))]
+    return "\n".join(inspect.cleandoc(part) for part in told if part)
+
+
+def has_constructor(thing):
+    """Whether a class has one of its own, written here: not a dataclass's nor a Protocol's."""
+    constructor = vars(thing).get("__init__")
+    return inspect.isfunction(constructor) and Path(constructor.__code__.co_filename).is_relative_to(PACKAGE)
+
+
+def test_the_arguments_of_every_public_function_and_constructor_are_told():
+    """Errors are left out: coop_pin makes them, users read their attributes."""
+    for name, thing in public().items():
+        if inspect.isfunction(thing):
+            told, given = inspect.getdoc(thing), inspect.signature(thing).parameters
+        elif inspect.isclass(thing) and has_constructor(thing) and not issubclass(thing, BaseException):
+            told, given = docstrings_of(thing), list(inspect.signature(thing.__init__).parameters)[1:]
+        else:
+            continue
+        assert [argument for argument in given if not mentioned(argument, told)] == [], name
+
+
+def attributes_of(thing):
+    """Public fields of a class, and what its constructor sets, each with the docstring below it."""
+    (node,) = ast.parse(textwrap.dedent(inspect.getsource(thing))).body
+    found = {}
+    for entry, following in itertools.pairwise([*node.body, None]):
+        if isinstance(entry, ast.AnnAssign) and not (isinstance(entry.annotation, ast.Name) and entry.annotation.id == "ClassVar"):
+            below = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+            found[entry.target.id] = following.value.value if below else ""
+        if isinstance(entry, ast.FunctionDef) and entry.name == "__init__":
+            stored = [inner for inner in ast.walk(entry) if isinstance(inner, ast.Attribute) and isinstance(inner.ctx, ast.Store)]
+            found |= {inner.attr: "" for inner in stored if isinstance(inner.value, ast.Name) and inner.value.id == "self"}
+    return {name: below for name, below in found.items() if not name.startswith("_") and name != "kind"}
+
+
+def test_the_attributes_of_every_public_class_are_told():
+    ours = {name: thing for name, thing in public().items() if inspect.isclass(thing) and thing.__module__.startswith("coop_pin")}
+    assert len(ours) > 100
+    for name, thing in ours.items():
+        told = docstrings_of(thing)
+        assert [given for given, below in attributes_of(thing).items() if not below and not mentioned(given, told)] == [], name
 
 
 # ---------------------------------------------------------------- the API reference
@@ -228,50 +283,128 @@ def test_tests_named_on_a_page_exist():
 # ---------------------------------------------------------------- the site
 
 
-class Links(HTMLParser):
+class Page(HTMLParser):
     """What a built page refers to, what it makes a browser load, and its anchors."""
+
+    LOADING = ("src", "srcset", "poster", "data")
 
     def __init__(self, text):
         super().__init__()
-        self.links, self.loaded, self.ids = [], [], set()
+        self.links, self.loaded, self.ids, self.styles = [], [], set(), ""
+        self._inside = ""
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
+        self._inside = tag
         self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
         if tag == "a" and "href" in given:
             self.links.append(given["href"])
         elif tag == "link" and given.get("rel") != "canonical" and "href" in given:
             self.loaded.append(given["href"])
-        self.loaded += [given["src"]] if given.get("src") else []
+        self.loaded += [given[name] for name in self.LOADING if given.get(name)]
+        self.styles += given.get("style") or ""
+
+    def handle_data(self, data):
+        if self._inside == "style":
+            self.styles += data
 
 
-@pytest.mark.slow
-def test_the_site_builds_without_warnings_and_opens_offline(tmp_path):
-    pytest.importorskip("sphinx")
-    options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-D", "nb_execution_mode=off", "-d", str(tmp_path / "trees")]
-    command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(tmp_path / "site")]
+class Site(NamedTuple):
+    folder: Path
+    warnings: str
+    pages: dict[Path, Page]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site as tools/docs.sh builds it, but for the notebooks, which are run by tests of their own."""
+    pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
+    folder = tmp_path_factory.mktemp("site")
+    options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-D", "nb_execution_mode=off", "-d", str(folder / "trees")]
+    command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    pages = {
-        path.resolve(): Links(path.read_text(encoding="utf-8"))
-        for path in (tmp_path / "site").rglob("*.html")
-        if "_static" not in path.parts
-    }
-    assert len(pages) > 30
-    for page, found in pages.items():
+    files = [path.resolve() for path in (folder / "html").rglob("*.html") if "_static" not in path.parts]
+    return Site(folder / "html", done.stderr, {path: Page(path.read_text(encoding="utf-8")) for path in files})
+
+
+ON_ONE_WORKER = pytest.mark.xdist_group("site")
+"""The site is built once."""
+
+FROM_ELSEWHERE = r"""@import\s*(?:url\()?\s*['"]?(?:https?:)?//|url\(\s*['"]?(?:https?:)?//"""
+
+
+@ON_ONE_WORKER
+def test_the_site_builds_without_warnings(site):
+    assert site.warnings == ""
+    assert len(site.pages) > 30
+
+
+@ON_ONE_WORKER
+def test_nothing_on_the_site_is_loaded_from_elsewhere(site):
+    for page, found in site.pages.items():
         for target in found.loaded:
             assert urlparse(target).scheme in ("", "data"), (page, target)
+            assert not urlparse(target).netloc, (page, target)
             assert target.startswith("data:") or (page.parent / unquote(urlparse(target).path)).exists(), (page, target)
+        assert not re.search(FROM_ELSEWHERE, found.styles), page
+    for style in (site.folder / "_static").rglob("*.css"):
+        assert not re.search(FROM_ELSEWHERE, style.read_text(encoding="utf-8")), style
+
+
+@ON_ONE_WORKER
+def test_links_within_the_site_lead_to_a_page_and_an_anchor_and_others_are_well_formed(site):
+    checked = 0
+    for page, found in site.pages.items():
         for target in found.links:
             given = urlparse(target)
-            if given.scheme:
+            if given.scheme or given.netloc:
+                assert given.scheme in ("https", "http", "mailto"), (page, target)
+                assert given.scheme == "mailto" or re.fullmatch(r"[\w-]+(\.[\w-]+)+(:\d+)?", given.netloc), (page, target)
+                assert not re.search(r"\s", target), (page, target)
                 continue
             file = (page.parent / unquote(given.path)).resolve() if given.path else page
             assert file.exists(), (page, target)
-            assert not given.fragment or file not in pages or unquote(given.fragment) in pages[file].ids, (page, target)
-    for style in (tmp_path / "site" / "_static").rglob("*.css"):
-        assert not re.search(r"@import[^;]*https?:|url\(['\"]?https?:", style.read_text(encoding="utf-8")), style
-    for name in coop_pin.__all__:
-        assert any(f"{coop_pin._PUBLIC[name]}.{name}" in found.ids for found in pages.values()), name
+            assert not given.fragment or file not in site.pages or unquote(given.fragment) in site.pages[file].ids, (page, target)
+            checked += 1
+    assert checked > 1000
+
+
+def members_of(thing):
+    """Public methods and properties that a class defines itself."""
+    kinds = (types.FunctionType, classmethod, staticmethod, property, functools.cached_property)
+    hidden = {"model_post_init"}  # Pydantic's, called by it
+    return [name for name, value in vars(thing).items() if isinstance(value, kinds) and not name.startswith("_") and name not in hidden]
+
+
+@ON_ONE_WORKER
+def test_every_public_name_and_every_member_of_a_public_class_is_on_the_site(site):
+    ids = set().union(*(found.ids for found in site.pages.values()))
+    for name, thing in public().items():
+        if not (inspect.isclass(thing) or inspect.isfunction(thing)):
+            continue
+        here = [place for place in (name, f"{thing.__module__}.{thing.__qualname__}") if place in ids]
+        assert here, name
+        if inspect.isclass(thing) and thing.__module__.startswith("coop_pin"):
+            assert [member for member in members_of(thing) if f"{here[0]}.{member}" not in ids] == [], name
+
+
+@ON_ONE_WORKER
+def test_the_reference_tells_how_a_class_is_made(site):
+    text = (site.folder / "api" / "model.html").read_text(encoding="utf-8")
+    assert "pose of the tip in the payload frame" in text
+
+
+@ON_ONE_WORKER
+def test_a_browser_opens_the_site_from_its_folder_and_asks_nobody_else(site):
+    """Formulas are set, and no request leaves the folder."""
+    asked = []
+    with browser_page(offline=True) as page:
+        page.on("request", lambda request: asked.append(request.url))
+        for name in ("index.html", "concepts/law.html", "api/chain.html", "notebooks/01_paper.html"):
+            page.goto((site.folder / name).as_uri(), wait_until="load")
+            if name == "concepts/law.html":
+                page.wait_for_selector("mjx-container")
+    assert asked
+    assert {urlparse(url).scheme for url in asked} <= {"file", "data", "blob"}

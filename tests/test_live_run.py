@@ -152,7 +152,7 @@ def test_a_squeeze_of_zero_keeps_its_direction_and_none_has_none():
 def test_a_value_that_is_not_allowed_changes_nothing():
     run = LiveRun(quiet_paper())
     before = run.scenario
-    with pytest.raises(CoopPinError, match="positive definite"):
+    with pytest.raises(CoopPinError, match="must be positive"):
         run.change({"controller.gains.pose_gain": -1.0})
     assert run.scenario == before
 

@@ -61,10 +61,10 @@ def test_whatever_is_asked_for_first_says_what_is_there_and_what_to_install(sour
 
 
 def test_the_command_line_says_so_without_a_traceback_and_what_needs_no_pinocchio_works(tmp_path):
-    quiet = ["import sys; sys.modules['pinocchio'] = None; from coop_pin.cli import main"]
+    absent = "import sys; sys.modules['pinocchio'] = None; from coop_pin.cli import main"
     for words, code in ((["list"], 0), (["fields", "adept-paper"], 0), (["run", "adept-paper"], 2), (["check", "adept-paper"], 2)):
         done = subprocess.run(
-            [sys.executable, "-c", f"{quiet[0]}; sys.exit(main({words}))"],
+            [sys.executable, "-c", f"{absent}; sys.exit(main({words}))"],
             cwd=tmp_path,
             capture_output=True,
             text=True,

@@ -67,6 +67,16 @@ def test_workers_give_the_bits_of_a_single_process(tmp_path, in_process, workers
     assert result.counts() == {"ok": 6, "failed": 6, "missing": 0}
 
 
+def test_full_results_come_back_from_workers_bit_for_bit(tmp_path, in_process):
+    plan = PLAN.replace(keep="all")
+    result = sweep(plan, out=tmp_path, workers=1, quiet=True)
+    assert result.data.identical(in_process[0].data)
+    kept = [result.store.read_result(result.store.read(path.stem)) for path in (tmp_path / "results").rglob("*.nc")]
+    assert len(kept) == result.counts()["ok"] == 6
+    for run in kept:
+        assert run.data.identical(cp.run(run.scenario).data)
+
+
 def test_a_scheduler_elsewhere_gives_the_bits_of_a_single_process(tmp_path, in_process):
     result, table = in_process
     with scheduler_elsewhere(tmp_path) as address:

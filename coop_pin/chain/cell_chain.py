@@ -63,6 +63,10 @@ class CellChain:
     def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
         """Build the plant.
 
+        Args:
+            cell: the description.
+            options: payload rooted or free, formulation and stabilisation; those of PlantOptions when omitted.
+
         Raises:
             UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
         """

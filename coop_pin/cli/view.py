@@ -15,28 +15,44 @@ from coop_pin.cli.exit_codes import OK
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Look at a run or at a cell in 3-D.
+    """Look at a run or at a cell in 3-D, or write pictures of a run.
 
     Of a run, its replay opens, a file that plays offline; it is made anew from the result if it is missing. Of a scenario, its cell opens
     as it stands at the start, on an address of this machine alone, until Ctrl-C; with --run it moves.
+
+    With --image or --video nothing opens: pictures are written, as the replay shows them. That takes the extra 'video', and a Chromium or
+    Chrome, but no display.
 
     Attributes:
         what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML file.
         open: whether to open a browser; without a screen only the address is printed.
         run: whether to let the run of a scenario go by, over and over; nothing is written.
         pace: simulated seconds in one second of wall time.
+        port: of a scenario's view, for example one that 'ssh -L' forwards; any free one when omitted.
+        image: PNG file to write, of a run.
+        time: what the image shows, s; the end of the run when omitted.
+        video: MP4 file to write, of a run.
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
     open: bool = True
     run: bool = False
     pace: float = 1.0
+    port: int = 0
+    image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    time: float | None = None
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
 
     def execute(self) -> int:
-        """Print the address and open it."""
+        """Print the address and open it; or write pictures and print their names."""
         from coop_pin.description import scenario_names
 
         path = Path(self.what)
+        if self.image is not None or self.video is not None:
+            from coop_pin.cli.view_pictures import write_pictures
+
+            write_pictures(path, self.image, self.time, self.video)
+            return OK
         if self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
             return self._live()
         replay = _replay(path).resolve()
@@ -47,7 +63,8 @@ class View:
         from coop_pin.cli.viewing import view_until_interrupted
         from coop_pin.description import Scenario
 
-        view_until_interrupted(Scenario.load(self.what), self.pace if self.run else None, lambda url: self._show(url, url))
+        pace = self.pace if self.run else None
+        view_until_interrupted(Scenario.load(self.what), pace, self.port, lambda url: self._show(url, url))
         return OK
 
     def _show(self, text: str, address: str) -> None:

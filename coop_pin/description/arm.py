@@ -129,7 +129,7 @@ class Arm(Description):
         """
         file = find_urdf(path_or_name)
         urdf = str(file.path) if file.origin == "user" else str(path_or_name)
-        return cls(urdf=urdf, tip=tip or "", base=base, posture=posture, locked=dict(locked or {}), **fields)
+        return cls(urdf=urdf, tip=tip or "", base=base, posture=posture, locked={} if locked is None else locked, **fields)
 
     @property
     def file(self) -> UrdfFile:

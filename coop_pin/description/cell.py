@@ -79,7 +79,7 @@ class Cell(Description):
         check_arm_names(shares, earlier.data.get("arms"), LoadShareError)
         total = sum(shares.values())
         if abs(total - 1.0) > 1e-9:
-            raise LoadShareError(f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11))")
+            raise LoadShareError(f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)")
         return shares
 
     @property
@@ -105,4 +105,4 @@ def check_arm_names(given: Iterable[str], arms: Iterable[str] | None, error: typ
             raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}")
     missing = [name for name in arms if name not in given]
     if missing:
-        raise error(f"has no entry for {missing}; every arm needs one")
+        raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one")

@@ -28,7 +28,11 @@ def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]
     rows = np.array(gain, dtype=float)
     if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
         raise FieldShapeError(f"has shape {rows.shape}; a gain matrix is square")
-    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0]) if rows.ndim == 2 else float(np.min(rows))
+    if rows.ndim < 2:
+        if np.min(rows) <= 0.0:
+            raise FieldError(f"is {rows.tolist()}; it must be positive" + (" in every entry" if rows.ndim else ""))
+        return gain
+    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0])
     if smallest <= 0.0:
         raise FieldError(f"is {rows.tolist()}; it must be positive definite (smallest eigenvalue {smallest:g})")
     return gain

@@ -19,6 +19,25 @@ from coop_pin.errors import (
 )
 
 _ABSENT = object()
+_SHOWN_CHARACTERS = 100
+"""How much of a wrong value a message shows."""
+
+_WANTED = {
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table of fields",
+    "model_attributes_type": "a table of fields",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "a text",
+}
+"""What pydantic's findings of a wrong type ask for, in the words of a scenario file."""
 
 
 def field_errors(error: ValidationError, fields: Mapping[str, Any], model: type[BaseModel]) -> list[FieldError]:
@@ -42,7 +61,7 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
         case "extra_forbidden":
             return [UnknownFieldError(f"there is no such field; {suggestion(str(details['loc'][-1]), list(model.model_fields))}", path)]
         case "missing":
-            return [MissingFieldError("must be given", path)]
+            return [MissingFieldError(f"must be given{_needs(model, details['loc'])}", path)]
         case "finite_number":
             return [FieldNotFiniteError(f"is {value}; it must be a finite number", path)]
         case "too_short" | "too_long":
@@ -51,8 +70,27 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
             return [FieldError(f"is {context['tag']!r}; it must be one of {context['expected_tags']}", f"{path}.kind")]
         case "union_tag_not_found":
             return [MissingFieldError("must be given: it says what the other fields mean", f"{path}.kind")]
+        case "literal_error":
+            return [FieldError(f"is {value!r}; it must be {context['expected']}", path)]
+        case _ if kind in _WANTED:
+            return [FieldError(f"is {_shown(value)}; it must be {_WANTED[kind]}", path)]
         case _:
-            return [FieldError(f"is {value!r}: {message[0].lower()}{message[1:]}", path)]
+            return [FieldError(f"is {_shown(value)}: {message[0].lower()}{message[1:]}", path)]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + " ..."
+
+
+def _needs(model: type[BaseModel], location: Sequence[str | int]) -> str:
+    """Say which fields a missing table must have."""
+    field = model.model_fields.get(str(location[-1])) if len(location) == 1 else None
+    table = field.annotation if field is not None else None
+    if not (isinstance(table, type) and issubclass(table, BaseModel)):
+        return ""
+    needed = [name for name, entry in table.model_fields.items() if entry.is_required()]
+    return f": a table of {', '.join(needed)}" if needed else ""
 
 
 def _path(location: Sequence[str | int], fields: Mapping[str, Any], keep_last: bool) -> str:

@@ -14,7 +14,7 @@ from coop_pin.description.mesh_body import mesh_body
 from coop_pin.description.pose import Pose
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.link_body import link_body
-from coop_pin.errors import FieldError
+from coop_pin.errors import FieldError, FieldShapeError
 
 
 class Payload(Description):
@@ -40,7 +40,9 @@ class Payload(Description):
 
     @field_validator("inertia")
     @classmethod
-    def _physical(cls, inertia: tuple[float, ...]) -> tuple[float, ...]:
+    def _physical(cls, inertia: tuple[float, ...], earlier: ValidationInfo) -> tuple[float, ...]:
+        if "mass" not in earlier.data:  # a wrong mass has been reported, and inertias are computed from it
+            return inertia
         moments = np.linalg.eigvalsh(_matrix(inertia))
         if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
             raise FieldError(
@@ -62,7 +64,14 @@ class Payload(Description):
 
     @classmethod
     def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
-        """Return a homogeneous box with edges along the axes of P."""
+        """Return a homogeneous box with edges along the axes of P.
+
+        Args:
+            mass: kg.
+            size: its edges along x, y and z, m.
+        """
+        if len(size) != 3:
+            raise FieldShapeError(f"has {len(size)} entries {list(size)}; it must have 3, the edges along x, y and z in m", "size")
         x, y, z = (edge * edge * mass / 12.0 for edge in size)
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)
 

@@ -31,14 +31,16 @@ class Pose(Description):
     def _from_array(cls, value: Any) -> Any:
         if isinstance(value, np.ndarray):
             value = value.tolist()
-        if not isinstance(value, list | tuple):
+        if isinstance(value, dict | Pose):
             return value
-        if len(value) == 3:
+        if not isinstance(value, list | tuple):
+            raise FieldError(f"is {value!r}; it must be a table of xyz and rpy, a position of 3 numbers, or a 4x4 pose matrix")
+        if len(value) == 3 and not any(isinstance(entry, list | tuple | np.ndarray) for entry in value):
             return {"xyz": value}
         try:
             X_AB = as_pose("the matrix", value)
         except ArgumentError as error:
-            raise FieldError(f"is neither a table of xyz and rpy, nor a position, nor a 4x4 pose matrix: {error}") from None
+            raise FieldError(f"is neither a table of xyz and rpy, nor a position of 3 numbers, nor a 4x4 pose matrix: {error}") from None
         return {"xyz": X_AB[:3, 3], "rpy": rpy_from_rotation(X_AB[:3, :3])}
 
     @property

@@ -46,7 +46,8 @@ def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldEr
             return []
         return [
             ForceGainBoundError(
-                f"is {largest:g}, but force_path 'none' measures no force; set it to 0 or choose 'late' or 'low-pass'", path
+                f"is {largest:g}, but force_path.kind 'none' measures no force; set the gain to 0, or force_path.kind to 'late' or 'low-pass'",
+                path,
             )
         ]
     if largest < bound:

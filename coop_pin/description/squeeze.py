@@ -16,12 +16,13 @@ from coop_pin.errors import ScenarioError, SqueezeError, one_or_all
 from coop_pin.reference import ConstantSqueeze, RampedSqueeze, SqueezeFromFunction, SqueezeReference
 
 _ALLOWED_SUM = 1e-9
+_SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the other"
 
 
 def _balanced(wrenches: dict[str, Any]) -> dict[str, Any]:
     total = np.sum(list(wrenches.values()), axis=0) if wrenches else np.zeros(6)
     if np.abs(total).max() > _ALLOWED_SUM:
-        raise SqueezeError(f"entries sum to {total.tolist()}; internal wrenches must sum to zero (eq. (8))")
+        raise SqueezeError(f"entries sum to {total.tolist()}; {_SUM_RULE}")
     return wrenches
 
 
@@ -119,7 +120,7 @@ def _users_rows(value: Any, arms: Sequence[str], time: float, target: str) -> Ar
         rows = as_array(called, value, len(arms), 6)
     total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))
     if np.abs(total).max() > _ALLOWED_SUM * largest:
-        raise SqueezeError(f"{called} sums to {total.tolist()}; internal wrenches must sum to zero (eq. (8))", "squeeze.target")
+        raise SqueezeError(f"{called} sums to {total.tolist()}; {_SUM_RULE}", "squeeze.target")
     return rows
 
 

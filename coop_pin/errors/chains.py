@@ -110,6 +110,7 @@ class SingularJacobianError(CoopPinError, ArithmeticError):
     Attributes:
         condition: its condition number.
         time: time, s.
+        limit: the greatest that is allowed.
     """
 
     def __init__(self, condition: float, time: float, limit: float, owner: str = "the arm") -> None:

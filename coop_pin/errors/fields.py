@@ -35,15 +35,18 @@ class FieldError(ScenarioError):
     def __init__(self, detail: str, path: str = "") -> None:
         self.path, self.detail = path, detail
         self.problems = (self,)
-        CoopPinError.__init__(self, f"{path}: {detail}" if path else detail)
+        CoopPinError.__init__(self, self._message())
 
     def below(self, prefix: str) -> Self:
         """Return the same mistake seen from one level further out."""
         outer = copy.copy(self)
         outer.path = ".".join(part for part in (prefix, self.path) if part)
-        outer.args = (f"{outer.path}: {self.detail}",)
+        outer.args = (outer._message(),)
         outer.problems = (outer,)
         return outer
+
+    def _message(self) -> str:
+        return f"{self.path}: {self.detail}" if self.path else self.detail
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the reference to itself."""
@@ -59,7 +62,12 @@ def _rebuild_field(kind: type[FieldError], message: str, fields: dict[str, Any])
 
 
 def one_or_all(problems: Sequence[FieldError], where: str) -> ScenarioError:
-    """Return the only problem itself, so that it can be caught by its type, or all of them together."""
+    """Return the only problem itself, so that it can be caught by its type, or all of them together.
+
+    Args:
+        problems: at least one.
+        where: the file or scenario that has them.
+    """
     return problems[0] if len(problems) == 1 else ScenarioError(problems, where)
 
 

@@ -19,7 +19,7 @@ class NameNotFoundError(CoopPinError, KeyError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], where: str) -> None:
         self.kind, self.name, self.known = kind, name, tuple(known)
-        super().__init__(f"no {kind} {name!r} in {where}; {suggestion(name, self.known)}")
+        super().__init__(f"no {kind} {name!r} in {where}" + (f"; {suggestion(name, self.known)}" if self.known else ""))
 
 
 class FrameNotFoundError(NameNotFoundError):
@@ -39,7 +39,12 @@ class EntryNotFoundError(NameNotFoundError):
 
 
 def suggestion(name: str, known: Sequence[str]) -> str:
-    """Say which known names come closest to a wrong one, or list them where they are few."""
+    """Say which known names come closest to a wrong one, or list them where they are few.
+
+    Args:
+        name: the wrong one.
+        known: the names there are.
+    """
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     if close:
         return "did you mean " + " or ".join(map(repr, close)) + "?"

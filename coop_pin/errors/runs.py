@@ -27,6 +27,7 @@ class DivergedError(CoopPinError, ArithmeticError):
         time: time of the last good tick, s.
         quantity: what ran away.
         value: its value.
+        limit: what it may not exceed.
     """
 
     def __init__(self, time: float, quantity: str, value: float, limit: float) -> None:

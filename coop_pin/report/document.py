@@ -82,7 +82,7 @@ def _facts(result: RunResult) -> str:
 def _judgements(lines: list[Judgement]) -> str:
     return "\n".join(
         f'<tr{" class=tight" if line.tight else ""}><td>{html.escape(line.text)}</td><td class="number">{html.escape(line.value)}</td>'
-        f"<td><code>{html.escape(line.name)}</code></td></tr>"
+        f'<td class="name"><code>{html.escape(line.name)}</code></td></tr>'
         for line in lines
     )
 
@@ -102,7 +102,7 @@ def _limits(result: RunResult) -> str:
     if not rows:
         return _NO_LIMIT_EXCEEDED
     head = "<tr><th>arm</th><th>joint</th><th>limit of</th><th>worst</th><th>limit</th><th>first at, s</th></tr>"
-    return f'<table class="list"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table>'
+    return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table></div>'
 
 
 def _image(figure: Figure, text: str) -> str:

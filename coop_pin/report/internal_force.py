@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from coop_pin.results import RunResult
 from coop_pin.results.judgements import axial_directions
-from coop_pin.viz.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, styled
+from coop_pin.viz.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, legend_above, styled
 
 
 def internal_force_figure(result: RunResult) -> Figure:
@@ -36,6 +36,6 @@ def internal_force_figure(result: RunResult) -> Figure:
         for arm, column in zip(arms, axes.T, strict=True):
             for panel, part, unit in zip(column, ("axial", "shear", "moment about P"), ("N", "N", "N m"), strict=True):
                 label(panel, f"arm {arm}, {part}", unit)
-        axes[0, 0].legend(loc="upper left", ncols=2)
+        legend_above(axes[0, 0])
     finish(figure, axes, result)
     return figure

@@ -6,27 +6,44 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from coop_pin.arrays import Array
 from coop_pin.results import RunResult
 from coop_pin.viz import palette
 from coop_pin.viz.figures.style import ACTUAL, DESIRED, label, styled
 
 _MOMENTS = 6
+_WIDTH, _LARGEST_HEIGHT = 6.6, 7.0
+_ROOM = 0.45
 
 
 def motion_figure(result: RunResult) -> Figure:
     """Return the paths of the payload and of the tips, and the polygon between the tips at six moments, seen from above.
 
-    Cells that move in space are drawn from the side (x, z) as well.
+    Cells that move in space are drawn from the side (x, z) as well, below the view from above and to the same scale.
 
     Args:
         result: the run.
     """
     views = [(0, 1)] if result.scenario.cell.rows == "planar" else [(0, 1), (0, 2)]
+    extent = _extent(result)
+    scale = min(_WIDTH / extent[0], _LARGEST_HEIGHT / sum(extent[second] for _, second in views))
+    heights = [scale * extent[second] + _ROOM for _, second in views]
     with styled():
-        figure = Figure(figsize=(7.8, 3.4 if len(views) > 1 else 3.0), layout="constrained")
-        for panel, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
+        figure = Figure(figsize=(scale * extent[0] + 2.0 * _ROOM, sum(heights) + 2.0 * _ROOM), layout="constrained")
+        panels = figure.subplots(len(views), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for panel, view in zip(panels, views, strict=True):
             _draw(panel, result, view)
+        panels[-1].set_xlabel("x (m)")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure
+
+
+def _extent(result: RunResult) -> Array:
+    """Return how far bases, tips and payload reach in x, y and z, with some room around them, m, shape (3,)."""
+    data = result.data
+    bases = np.array([arm.base.xyz for arm in result.scenario.cell.arms.values()])
+    places = (bases, data["tip_position"].values.reshape(-1, 3), data["payload_position"].values, data["desired_position"].values)
+    return 1.2 * np.maximum(np.ptp(np.concatenate(places), axis=0), 0.1)
 
 
 def _draw(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
@@ -44,5 +61,3 @@ def _draw(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
         panel.plot(base[first], base[second], "^", color=colour, label=f"base of {name}")
     panel.set_aspect("equal", adjustable="box")
     label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")
-    panel.set_xlabel(f"{'xyz'[first]} (m)")
-    panel.legend(loc="best")

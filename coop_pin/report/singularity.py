@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from coop_pin.results import RunResult
 from coop_pin.viz import palette
-from coop_pin.viz.figures.style import finish, grid_figure, label, styled
+from coop_pin.viz.figures.style import finish, grid_figure, label, legend_above, styled
 
 
 def singularity_figure(result: RunResult) -> Figure:
@@ -26,7 +26,7 @@ def singularity_figure(result: RunResult) -> Figure:
             panel.plot(data["time"].values, condition, color=palette.SERIES[arm % len(palette.SERIES)], label=f"arm {arms[arm]}")
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
-        label(panel, "condition number of the payload Jacobian", "1")
-        panel.legend(loc="best", ncols=min(len(arms), 4))
+        label(panel, "condition number of the payload Jacobian", "")
+        legend_above(panel)
     finish(figure, axes, result)
     return figure

@@ -51,10 +51,27 @@ class Simulation:
         scenario: what is run, with the events that were added on the way.
         controller: who decides; it sees measurements only.
         ticks_done: ticks recorded so far.
+        timeline: the times of ticks and events.
+        chain: the cell as a closed chain, with the payload as it is now.
+        payload: the payload as it is now.
+        plant: the chain in motion: q, v and what drives them between two ticks.
+        limits: the joint limits of each arm.
+        actuation: what the motors make of commanded torques.
+        saturated: which drives were at their limit in the last tick.
+        sensors: what each arm measures of itself.
+        force_sensor: what the force path lets through of the internal wrenches.
+        motion: the desired motion; its successor acts from the next tick on.
+        squeeze: the desired internal wrenches, likewise.
+        recorder: what was recorded so far.
+        state: the controller's memory.
     """
 
     def __init__(self, scenario: Scenario, controller: CellController) -> None:
         """Stand at t = 0, at rest.
+
+        Args:
+            scenario: what to run.
+            controller: who decides.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.

@@ -52,6 +52,10 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
     """Return the pose error, actual minus desired, in world axes.
 
     ``[p_WP - p_WP_d, log(R_WP R_WP_d^T)]``, m and rad, shape (6,).
+
+    Args:
+        X_WP: the pose, shape (4, 4).
+        X_WP_d: the desired pose, shape (4, 4).
     """
     rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
     return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))

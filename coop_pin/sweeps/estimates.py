@@ -60,6 +60,10 @@ class _Watch:
 def estimate(plan: SweepPlan, workers: int) -> Estimate:
     """Run the first point for at most a second of its ticks and say how long all points will take.
 
+    Args:
+        plan: the points.
+        workers: how many of them run at a time.
+
     Raises:
         CoopPinError: the first point cannot be run.
     """

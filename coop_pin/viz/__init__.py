@@ -18,7 +18,9 @@ _PUBLIC = {
     "notebook_view": "coop_pin.viz.notebook",
     "open_view": "coop_pin.viz.viewer",
     "replay_html": "coop_pin.viz.replay",
+    "save_image": "coop_pin.viz.pictures",
     "save_replay": "coop_pin.viz.replay",
+    "save_video": "coop_pin.viz.pictures",
 }
 
 __all__ = sorted(_PUBLIC)

@@ -6,6 +6,7 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,7 +47,7 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
     with sync_api.sync_playwright() as driver:
         path = find_browser(Path(driver.chromium.executable_path))
         try:
-            browser = driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+            browser = driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=_without_display())
             page = browser.new_context(viewport={"width": width, "height": height}, offline=True).new_page()
             page.set_default_timeout(_PATIENCE_MS)
             page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -88,26 +89,17 @@ def in_own_thread(job: Callable[[threading.Event], _Answer]) -> _Answer:
     Args:
         job: is given an event that is set when nobody waits for it any more; then it should end soon.
     """
-    answer: list[_Answer] = []
-    raised: list[BaseException] = []
     stop = threading.Event()
-
-    def work() -> None:
+    with ThreadPoolExecutor(1, "coop_pin pictures") as pool:
         try:
-            answer.append(job(stop))
-        except BaseException as error:  # whoever waits for the answer gets it
-            raised.append(error)
+            return pool.submit(job, stop).result()
+        finally:
+            stop.set()  # after Ctrl-C the job has not ended yet
 
-    thread = threading.Thread(target=work, name="coop_pin pictures")
-    thread.start()
-    try:
-        thread.join()
-    finally:
-        stop.set()  # after Ctrl-C
-        thread.join()
-    if raised:
-        raise raised[0]
-    return answer[0]
+
+def _without_display() -> dict[str, str | float | bool]:
+    """Return our environment without its display: a browser that finds one tries to draw with it, even where it cannot be reached."""
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
 def _playwright() -> Any:

@@ -9,7 +9,12 @@ from coop_pin.viz.replay import replay_html
 
 
 class NotebookView:
-    """A page that a notebook shows where a cell returns it; it needs no server, so it works behind any proxy."""
+    """A page that a notebook shows where a cell returns it; it needs no server, so it works behind any proxy.
+
+    Args:
+        page: the page's HTML.
+        height: pixels.
+    """
 
     def __init__(self, page: str, height: int) -> None:
         self._page, self._height = page, height

@@ -75,26 +75,25 @@ def save_video(
     for name, value in (("width", width), ("height", height)):
         if value % 2:
             raise PictureSizeError(name, value, "even in a video")
-    ffmpeg = _video_package("imageio_ffmpeg", "imageio-ffmpeg")
-    imread = _video_package("imageio.v3", "imageio").imread
+    encoder, reader = _video_packages()
     page = replay_html(result)
 
     def write(part: Path) -> None:
-        video = ffmpeg.write_frames(
+        video = encoder.write_frames(
             str(part), (width, height), fps=frames_per_second, quality=_QUALITY, macro_block_size=2, output_params=["-f", "mp4"]
         )
-        video.send(None)  # starts the encoder
+        video.send(None)  # starts it
 
         def encode(stop: Any) -> None:
             for picture in page_pictures(page, times, width, height):
                 if stop.is_set():
                     return
-                video.send(np.ascontiguousarray(imread(picture, extension=".png")[..., :3]))
+                video.send(np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3]))
 
         try:
             in_own_thread(encode)
         finally:
-            video.close()  # ends the encoder
+            video.close()
 
     write_atomically(Path(path), write)
 
@@ -135,18 +134,18 @@ def page_pictures(page: str, times: Iterable[float], width: int, height: int) ->
     with offline_page(width, height) as browser_page:
         browser_page.set_content(page)
         browser_page.add_style_tag(content=_WITHOUT_BUTTONS)
-        browser_page.wait_for_function("window.coopPin !== undefined")
         for time in times:
             browser_page.evaluate("time => window.coopPin.seek(time)", float(time))
             browser_page.evaluate(_DRAWN)
             yield browser_page.screenshot(type="png")
 
 
-def _video_package(module: str, package: str) -> Any:
-    """Return a module of the video extra."""
-    import importlib
-
+def _video_packages() -> tuple[Any, Any]:
+    """Return the encoder and what reads pictures."""
     try:
-        return importlib.import_module(module)
-    except ImportError:
+        import imageio_ffmpeg
+        from imageio import v3
+    except ImportError as error:
+        package = "imageio-ffmpeg" if error.name == "imageio_ffmpeg" else "imageio"
         raise MissingExtraError(package, "video", "to write videos") from None
+    return imageio_ffmpeg, v3

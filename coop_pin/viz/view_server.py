@@ -15,7 +15,7 @@ import weakref
 from pathlib import Path
 from typing import IO
 
-from coop_pin.errors import ViewWarning
+from coop_pin.errors import PortTakenError, ViewWarning
 
 _PROCESS = Path(__file__).with_name("view_server_process.py")
 _END_S = 1.0
@@ -33,15 +33,20 @@ class ViewServer:
         url: the address, with a secret in it: other users of the machine do not know it.
     """
 
-    def __init__(self, page: str) -> None:
+    def __init__(self, page: str, port: int = 0) -> None:
         """Start the server process.
 
+        Args:
+            page: what it serves.
+            port: on 127.0.0.1; 0 for any free one.
+
         Raises:
+            PortTakenError: the chosen port cannot be had.
             OSError: there is no process, port or temporary file to be had.
         """
         self._complaints = _nameless_file()
         try:
-            self.url, self._process = _start(page, self._complaints)
+            self.url, self._process = _start(page, port, self._complaints)
         except OSError:
             self._complaints.close()
             raise
@@ -106,10 +111,10 @@ class ViewServer:
         return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
 
 
-def _start(page: str, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
+def _start(page: str, port: int, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
     """Return the page's address and the process that serves it."""
     secret = secrets.token_urlsafe(16)
-    with socket.create_server(("127.0.0.1", 0), backlog=64) as bound, _nameless_file() as file:
+    with _bound_socket(port) as bound, _nameless_file() as file:
         file.write(page.encode())
         file.flush()
         process = subprocess.Popen(
@@ -122,6 +127,16 @@ def _start(page: str, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[byte
             start_new_session=True,  # Ctrl-C in the terminal is meant for the run, not for its view
         )
         return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
+
+
+def _bound_socket(port: int) -> socket.socket:
+    """Return a listening socket on this machine's loopback."""
+    try:
+        return socket.create_server(("127.0.0.1", port), backlog=64)
+    except (OSError, OverflowError) as error:  # a number that no port has is an OverflowError
+        if port == 0:
+            raise
+        raise PortTakenError(port, getattr(error, "strerror", None) or str(error)) from error
 
 
 def _nameless_file() -> IO[bytes]:

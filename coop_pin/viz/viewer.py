@@ -11,7 +11,7 @@ from typing import Protocol
 
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NotPositiveError, ViewWarning
+from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.results import Moment, RunResult
 from coop_pin.viz.live_page import live_html
 from coop_pin.viz.live_scene import LiveScene
@@ -46,16 +46,18 @@ class LiveView:
         dropped: frames that found the way to it full.
     """
 
-    def __init__(self, title: str, standing: Standing, frames_per_second: float = FRAMES_PER_SECOND) -> None:
+    def __init__(self, title: str, standing: Standing, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> None:
         """Start to serve the page. Where that is not possible warn, and show nothing.
 
         Args:
             title: the page's heading.
             standing: how the cell stands before it moves.
             frames_per_second: the most that are shown, in wall time.
+            port: on 127.0.0.1; 0 for any free one.
 
         Raises:
             NotPositiveError: the rate is not greater than zero.
+            PortTakenError: the chosen port cannot be had.
         """
         if not frames_per_second > 0.0:
             raise NotPositiveError("frames_per_second", frames_per_second)
@@ -64,7 +66,9 @@ class LiveView:
         self.sent = self.dropped = 0
         self._server: ViewServer | None = None
         try:
-            self._server = ViewServer(self._page(""))
+            self._server = ViewServer(self._page(""), port)
+        except PortTakenError:
+            raise
         except OSError as error:
             warnings.warn(f"there is no 3-D view ({error}); the simulation goes on without it", ViewWarning, stacklevel=2)
 
@@ -129,7 +133,7 @@ class LiveView:
         return live_html(self._title, self._scene, self._scene.frame(self._last), still)
 
 
-def open_view(what: Cell | Scenario | RunResult | str | Path, frames_per_second: float = FRAMES_PER_SECOND) -> LiveView:
+def open_view(what: Cell | Scenario | RunResult | str | Path, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> LiveView:
     """Open a live view: hand it to ``run`` or ``simulate``, let a notebook cell return it, or open its ``url`` in a browser.
 
         view = open_view("adept-paper")
@@ -140,17 +144,19 @@ def open_view(what: Cell | Scenario | RunResult | str | Path, frames_per_second:
     Args:
         what: whose cell: a Cell, a Scenario, a result, a name in the catalogue or the path of a TOML file.
         frames_per_second: the most that are shown, in wall time.
+        port: on 127.0.0.1, for example one that ``ssh -L`` forwards; 0 for any free one.
 
     Raises:
         ScenarioError: the scenario has mistakes.
         UnreachablePoseError: an arm does not reach its grasp at the start.
+        PortTakenError: the chosen port cannot be had.
     """
     if isinstance(what, Cell):
-        return LiveView("cell", standing_cell(what), frames_per_second)
+        return LiveView("cell", standing_cell(what), frames_per_second, port)
     if isinstance(what, RunResult):
         what = what.scenario
     scenario = what if isinstance(what, Scenario) else Scenario.load(what)
-    return LiveView(scenario.name, standing_scenario(scenario), frames_per_second)
+    return LiveView(scenario.name, standing_scenario(scenario), frames_per_second, port)
 
 
 def is_behind_proxy() -> bool:

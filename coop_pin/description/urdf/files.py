@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,9 @@ from coop_pin.errors import UrdfNotFoundError, suggestion
 
 _PACKAGE_LEVELS = 4
 """Folders above a user's file in which package:// is looked for: a ROS package keeps its URDF one or two levels down."""
+
+
+_SUFFIXES = (".urdf", ".xacro")
 
 
 @dataclass(frozen=True)
@@ -73,9 +77,22 @@ def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> Urdf
     found = bundled.get(name) or example_urdfs().get(name)
     if found is not None:
         return _described(found.resolve())
-    places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
+    if Path(name).suffix in _SUFFIXES or len(Path(name).parts) != 1:
+        raise UrdfNotFoundError(_no_file(name, [folder / name for folder in dict.fromkeys(folders)]))
+    places = [*map(str, dict.fromkeys(folders)), f"the robots of coop_pin ({bundled_urdf_folder()})"]
     places.append(f"example-robot-data ({example_folder() or 'not installed'})")
     raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, sorted({*bundled, *example_urdfs()}))}")
+
+
+def _no_file(name: str, paths: Iterable[Path]) -> str:
+    """Say that a path leads to no file, and which robot files stand where it leads."""
+    looked = list(dict.fromkeys(map(_tidied, paths)))
+    for path in looked:
+        if path.is_dir():
+            return f"{path} is a folder; name the URDF or xacro file in it"
+    beside = {file.name for path in looked if path.parent.is_dir() for file in path.parent.iterdir() if file.suffix in _SUFFIXES}
+    hint = suggestion(Path(name).name, sorted(beside)) if beside else "no URDF or xacro file stands there"
+    return f"there is no file {' or '.join(map(str, looked))}; {hint}"
 
 
 def _described(path: Path) -> UrdfFile:
@@ -88,6 +105,11 @@ def _described(path: Path) -> UrdfFile:
     if path.is_relative_to(bundled):
         return UrdfFile(path, (bundled,), origin="bundled")
     return UrdfFile(path, tuple(path.parents[:_PACKAGE_LEVELS]))
+
+
+def _tidied(path: Path) -> Path:
+    """Return a path without its dots; links stay, so that the message holds the words that were typed."""
+    return Path(os.path.normpath(path))
 
 
 def _is_file(path: Path) -> bool:

@@ -3,7 +3,8 @@
 from coop_pin.viz.figures.accuracy import error_figure
 from coop_pin.viz.figures.saving import save_figure
 from coop_pin.viz.figures.study import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
-from coop_pin.viz.figures.sweep import pareto_figure, sweep_figure
+from coop_pin.viz.figures.sweep import sweep_figure
+from coop_pin.viz.figures.sweep_front import pareto_figure
 from coop_pin.viz.figures.torque import torque_figure
 from coop_pin.viz.figures.tracking import tracking_figure
 

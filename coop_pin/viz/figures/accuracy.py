@@ -12,7 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.results import RunResult
 from coop_pin.results.judgements import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, finish, frame_decades, grid_figure, label, styled, without_zeros
+from coop_pin.viz.figures.style import ACTUAL, finish, frame_decades, grid_figure, label, legend_above, styled, without_zeros
 
 
 def error_figure(result: RunResult) -> Figure:
@@ -38,8 +38,8 @@ def error_figure(result: RunResult) -> Figure:
         ):
             closure.semilogy(time, without_zeros(data[name].values.max(axis=1)), color=colour, label=text)
         frame_decades(closure, np.stack((data["closure_distance"].values, data["closure_angle"].values)))
-        label(closure, "closure drift, widest of all grasps", "m, rad")
-        closure.legend(loc="upper right", ncols=2, framealpha=0.8, frameon=True, edgecolor="none")
+        label(closure, "closure drift", "m, rad")
+        legend_above(closure)
         _draw(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
     finish(figure, axes, result)
@@ -53,4 +53,5 @@ def _draw(panel: Axes, time: Array, values: Array, **style: Any) -> None:
 
 def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.axhline(limit, color=palette.LIMIT, linewidth=0.8, linestyle="--")
+    panel.set_ylim(top=max(panel.get_ylim()[1], 3.0 * limit))
     panel.annotate(text, (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7.5)

@@ -84,6 +84,13 @@ def label(panel: Axes, title: str, unit: str) -> None:
     panel.set_ylabel(unit)
 
 
+def legend_above(panel: Axes) -> None:
+    """Name the lines of a panel beside its title, where no curve passes."""
+    panel.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.0, handlelength=1.3, handletextpad=0.5
+    )
+
+
 def without_zeros(values: Array) -> Array:
     """Return values with zeros left out: a logarithmic axis has no place for them."""
     return np.where(values > 0.0, values, np.nan)
@@ -99,7 +106,8 @@ def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
     if finite.min() >= low - margin and finite.max() <= high + margin:
         return
     panel.set_ylim(low - margin, high + margin)
-    text = f"peaks cut off: {finite.min():.3g} to {finite.max():.3g} {unit}"
+    least, most = (0.0 if abs(edge) < 1e-6 * np.abs(finite).max() else float(edge) for edge in (finite.min(), finite.max()))
+    text = f"peaks cut off: {least:.3g} to {most:.3g} {unit}"
     backing = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
     panel.text(0.99, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=7.0, color=palette.CAPTION, bbox=backing)
 

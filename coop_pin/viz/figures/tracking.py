@@ -31,7 +31,7 @@ def tracking_figure(result: RunResult) -> Figure:
             _draw_heading(result.data, psi)
             _draw_axial_force(result.data, axial)
     else:
-        figure, axes = grid_figure(2, 3, result, title)
+        figure, axes = grid_figure(3, 2, result, title)
         x, y, z, rotation, axial, across = axes.flat
         with styled():
             _draw_positions(result.data, (x, y, z))

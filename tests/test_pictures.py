@@ -1,0 +1,190 @@
+"""Images and videos show what the result holds at the times they say, and leave neither half a file nor a process."""
+
+import asyncio
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import chromium
+from cells import planar_scenario
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.cli import main
+from coop_pin.errors import (
+    BrowserError,
+    BrowserNotFoundError,
+    MissingExtraError,
+    NotPositiveError,
+    PictureSizeError,
+    TimeOutsideRunError,
+)
+from coop_pin.viz import save_image, save_video
+from coop_pin.viz.browser import find_browser, in_own_thread, offline_page
+from coop_pin.viz.pictures import frame_times
+
+WIDTH, HEIGHT, RATE = 480, 320, 4.0
+
+
+@pytest.fixture(scope="module")
+def result():
+    return cp.run(planar_scenario().replace(duration=1.0, events=()))
+
+
+@pytest.fixture
+def browser():
+    """Skips where there is no browser to draw with."""
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'")
+    return chromium()
+
+
+@pytest.fixture
+def video():
+    """Skips where videos cannot be encoded; returns what reads pictures."""
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed: pip install 'coop-pin[video]'")
+    return pytest.importorskip("imageio.v3", reason="imageio is not installed: pip install 'coop-pin[video]'")
+
+
+def children() -> set[int]:
+    """Processes of ours that are still there."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rsplit(")", 1)[1].split()[:2]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(parent) == os.getpid() and state != "Z":
+            found.add(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.usefixtures("browser")
+def test_a_video_shows_the_run_at_the_times_of_its_frames(result, video, tmp_path):
+    before = children()
+    save_video(result, tmp_path / "run.mp4", RATE, width=WIDTH, height=HEIGHT)
+    frames = list(video.imiter(tmp_path / "run.mp4", plugin="FFMPEG"))
+    told = video.immeta(tmp_path / "run.mp4", plugin="FFMPEG")
+    assert [frame.shape for frame in frames] == [(HEIGHT, WIDTH, 3)] * len(frame_times(result.end, RATE))
+    assert (told["codec"], told["fps"], told["size"]) == ("h264", RATE, (WIDTH, HEIGHT))
+
+    save_image(result, tmp_path / "half.png", 0.5, width=WIDTH, height=HEIGHT)
+    half = video.imread(tmp_path / "half.png")[..., :3].astype(int)
+    off = [np.abs(half - frame).mean() for frame in frames]
+    assert np.argmin(off) == 2  # t = k / 4 Hz
+    assert off[2] < 3.0  # the encoder's loss
+    assert half.std() > 20.0
+    assert len(np.unique(half.reshape(-1, 3), axis=0)) > 500  # neither blank nor a background alone
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["half.png", "run.mp4"]
+    assert children() == before
+
+
+@pytest.mark.usefixtures("browser")
+def test_pictures_can_be_made_in_a_notebook_and_are_the_same_each_time(result, tmp_path):
+    async def cell() -> None:  # a notebook's cells run inside an event loop
+        save_image(result, tmp_path / "loop.png", width=WIDTH, height=HEIGHT)
+
+    asyncio.run(cell())
+    save_image(result, tmp_path / "again.png", result.end, width=WIDTH, height=HEIGHT)
+    assert (tmp_path / "loop.png").read_bytes() == (tmp_path / "again.png").read_bytes()
+
+
+@pytest.mark.usefixtures("browser")
+def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DISPLAY", ":0")  # which cannot be reached
+    monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
+    result.save(tmp_path / "result.nc")
+    assert main(["view", str(tmp_path), "--image", str(tmp_path / "end.png"), "--time", "0.2"]) == 0
+    assert capsys.readouterr().out.strip() == str((tmp_path / "end.png").resolve())
+    assert (tmp_path / "end.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_frames_stand_on_the_clock_of_the_run():
+    assert_allclose(frame_times(1.0, 30.0), np.arange(31) / 30.0, rtol=0, atol=0)
+    assert_allclose(frame_times(0.99, 10.0), np.arange(10) / 10.0, rtol=0, atol=0)
+    assert_allclose(frame_times(0.3, 10.0), np.arange(4) / 10.0, rtol=0, atol=0)  # 0.3 * 10 is 2.9999999999999996
+    assert_allclose(frame_times(20.0, 80.0)[-1], 20.0, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("time", [-0.1, 1.1, np.nan])
+def test_times_outside_the_run_are_refused(result, tmp_path, time):
+    with pytest.raises(TimeOutsideRunError, match=r"time is .* from 0 to 1 s"):
+        save_image(result, tmp_path / "no.png", time)
+
+
+def test_sizes_and_rates_that_cannot_be_are_refused(result, tmp_path):
+    with pytest.raises(PictureSizeError, match="width is 10 pixels; it must be at least 64"):
+        save_image(result, tmp_path / "no.png", width=10)
+    with pytest.raises(PictureSizeError, match="height is 321 pixels; it must be even in a video"):
+        save_video(result, tmp_path / "no.mp4", height=321)
+    with pytest.raises(NotPositiveError, match="frames_per_second"):
+        save_video(result, tmp_path / "no.mp4", 0.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_package_is_told_with_its_extra(result, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "playwright", None)
+    with pytest.raises(MissingExtraError, match=r"^playwright is not installed.*pip install 'coop-pin\[video\]'"):
+        save_image(result, tmp_path / "no.png")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingExtraError, match=r"^imageio-ffmpeg is not installed.*pip install 'coop-pin\[video\]'"):
+        save_video(result, tmp_path / "no.mp4")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", sys)
+    monkeypatch.setitem(sys.modules, "imageio", None)
+    with pytest.raises(MissingExtraError, match=r"^imageio is not installed.*pip install 'coop-pin\[video\]'"):
+        save_video(result, tmp_path / "no.mp4")
+
+
+def test_a_missing_browser_is_told_with_what_to_do_and_old_files_stay(result, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'")
+    monkeypatch.setenv("CHROMIUM", str(tmp_path / "nowhere"))
+    (tmp_path / "old.png").write_bytes(b"old")
+    with pytest.raises(BrowserNotFoundError, match=r"looked for CHROMIUM=.*nowhere.*playwright install chromium"):
+        save_image(result, tmp_path / "old.png")
+    result.save(tmp_path / "run.nc")
+    assert main(["view", str(tmp_path / "run.nc"), "--image", str(tmp_path / "old.png")]) == 2
+    assert "playwright install chromium" in capsys.readouterr().err
+    assert (tmp_path / "old.png").read_bytes() == b"old"
+
+
+def test_browsers_are_looked_for_where_they_are(tmp_path, monkeypatch):
+    for name in ("own", "named", "chromium"):
+        (tmp_path / name).write_text("#!/bin/sh\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("CHROMIUM", str(tmp_path / "named"))
+    assert find_browser(tmp_path / "own") == str(tmp_path / "named")
+    monkeypatch.delenv("CHROMIUM")
+    assert find_browser(tmp_path / "own") == str(tmp_path / "own")
+    assert find_browser(tmp_path / "missing") == str(tmp_path / "chromium")
+
+
+def test_a_program_that_is_no_browser_is_told(tmp_path, monkeypatch):
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'")
+    (tmp_path / "no-browser").write_text("#!/bin/sh\nexit 3\n")
+    (tmp_path / "no-browser").chmod(0o755)
+    monkeypatch.setenv("CHROMIUM", str(tmp_path / "no-browser"))
+    with pytest.raises(BrowserError, match="no-browser drew no picture"), offline_page(WIDTH, HEIGHT):
+        pass
+
+
+@pytest.mark.usefixtures("browser")
+def test_an_error_of_the_page_is_an_error_of_ours():
+    with pytest.raises(BrowserError, match="out of paint"), offline_page(WIDTH, HEIGHT) as page:
+        page.set_content("<script>throw new Error('out of paint')</script>")
+
+
+def test_ctrl_c_stops_the_thread_that_draws():
+    told = []
+
+    def draw(stop: threading.Event) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        told.append(stop.wait(60))
+
+    with pytest.raises(KeyboardInterrupt):
+        in_own_thread(draw)
+    assert told == [True]
+    assert "coop_pin pictures" not in {thread.name for thread in threading.enumerate()}

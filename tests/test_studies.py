@@ -1,0 +1,177 @@
+"""The studies: what their files say, and that their figures and numbers are those of their sweeps."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.control import force_gain_bound
+
+FOLDER = Path(__file__).parents[1] / "studies"
+ERROR, ALPHA = "internal_axial_rms_error_N", "controller.gains.sign_gain"
+COUNTS = {
+    "force_gain": {"force_gain": 114},
+    "payload": {"with_sign": 36, "without_sign": 36},
+    "bias": {"bias": 30},
+    "internal_force": {"bias": 2, "force_gain": 6, "sign_gain": 18},
+}
+
+
+@pytest.fixture(scope="module")
+def draw():
+    """studies/draw.py, as its command loads it."""
+    before = set(sys.modules)
+    sys.path.insert(0, str(FOLDER))
+    import draw
+
+    yield draw
+    sys.path.remove(str(FOLDER))
+    for name in set(sys.modules) - before:
+        if str(FOLDER) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+def shortened(plan):
+    """The first two values of each field, in runs just long enough to have a steady window."""
+    short = {"duration": 4.2}
+    axes = {field: (4.1, 4.2) if field == "duration" else (values[0], values[-1]) for field, values in plan.axes.items()}
+    zipped = tuple({field: values[:2] for field, values in group.items()} for group in plan.zipped)
+    return plan.replace(axes=axes, zipped=zipped, changes=plan.changes if "duration" in plan.axes else plan.changes | short)
+
+
+@pytest.fixture(scope="module")
+def tiny(draw, tmp_path_factory):
+    """The sweeps of a study with few and short runs, made when asked for."""
+    known = {}
+
+    def results(name):
+        if name not in known:
+            folder = tmp_path_factory.mktemp(name)
+            known[name] = {
+                part: cp.sweep(shortened(plan), out=folder / part, workers=0, quiet=True) for part, plan in draw.plans(name).items()
+            }
+        return known[name]
+
+    return results
+
+
+def test_every_file_is_a_plan_of_a_study_and_counts_what_the_readme_says(draw):
+    assert {name: {part: len(plan) for part, plan in draw.plans(name).items()} for name in draw.STUDIES} == COUNTS
+    assert len(list(FOLDER.rglob("*.toml"))) == sum(map(len, COUNTS.values()))
+    readme = (FOLDER / "README.md").read_text()
+    assert "114 runs" in readme
+    assert set(re.findall(r"python studies/draw.py (\w+)", readme)) == set(COUNTS)
+
+
+def test_every_point_of_every_plan_is_a_scenario(draw):
+    for name in COUNTS:
+        for plan in draw.plans(name).values():
+            for number in range(len(plan)):
+                assert plan.scenario(number).events == ()
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_the_command_runs_says_and_draws_a_study(draw, tiny, tmp_path, monkeypatch, capsys, name):
+    results = tiny(name)
+    assert all(result.counts()["missing"] == 0 for result in results.values())
+    monkeypatch.setattr(draw, "run", lambda *_: results)
+    monkeypatch.setattr(draw, "IMAGES", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["draw.py", name])
+    draw.main()
+    assert capsys.readouterr().out.endswith(draw.STUDIES[name].numbers(results) + "\n")
+    image = draw.STUDIES[name].image
+    assert (FOLDER.parent / "docs" / "images" / f"{image}.png").is_file()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{image}.png", f"{image}.svg"]
+
+
+def test_another_name_is_answered_with_those_there_are(draw, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["draw.py", "nothing"])
+    with pytest.raises(SystemExit, match="force_gain | payload | bias | internal_force"):
+        draw.main()
+
+
+def test_finished_runs_of_a_study_are_kept_by_sweep(draw, tmp_path, monkeypatch):
+    monkeypatch.setattr(draw, "plans", lambda _: {"a": cp.SweepPlan(base="adept-paper", changes={"duration": 0.1, "events": []})})
+    monkeypatch.setenv("PYTHONHASHSEED", "0")
+    monkeypatch.setattr(cp, "sweep", lambda plan, out: (len(plan), out))
+    assert draw.run("name", tmp_path) == {"a": (1, tmp_path / "a")}
+
+
+# ---------------------------------------------------------------- what they say
+
+
+def test_the_map_of_force_gains_has_the_bound_of_theory_and_says_the_boundary(draw, tiny):
+    results = tiny("force_gain")
+    panel = draw.STUDIES["force_gain"].figure(results).axes[0]
+    (bound,) = [line for line in panel.lines if line.get_linestyle() == "--"]
+    assert_allclose(bound.get_ydata(), [force_gain_bound(p) for p in bound.get_xdata()])
+    assert bound in panel.get_legend().legend_handles
+    _, *rows = draw.STUDIES["force_gain"].numbers(results).splitlines()
+    edges = results["force_gain"].stability_boundary("controller.gains.force_gain")
+    found = np.array([[float(word) for word in row.split()] for row in rows])
+    assert_allclose(found[:, 0], [0.0, 0.9])
+    assert_allclose(found[:, 1], [1.0, 19.0])
+    assert_allclose(found[:, 2], edges["last_stable"].values)
+    assert_allclose(found[:, 3], edges["first_unstable"].values)
+
+
+def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tiny, tmp_path):
+    del tiny
+    (plan,) = draw.plans("force_gain").values()
+    axes = {"controller.force_path.pole": [0.0], "controller.gains.force_gain": [0.25, 0.5, 2.0]}
+    result = cp.sweep(plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}), out=tmp_path, workers=0, quiet=True)
+    errors = result.values(ERROR).values.ravel()
+    (row,) = draw.STUDIES["force_gain"].numbers({"force_gain": result}).splitlines()[1:]
+    assert_allclose([float(word) for word in row.split()], [0.0, 1.0, 0.5, 2.0, errors[1] / errors[0]], atol=0.05)
+
+
+def test_the_bias_table_holds_every_line_of_its_figure(draw, tiny):
+    results = tiny("bias")
+    error = results["bias"].values(ERROR)
+    _, head, *rows = draw.STUDIES["bias"].numbers(results).splitlines()
+    assert [float(word) for word in head.split()] == [4.1, 4.2]
+    assert len(rows) == 6
+    for row, line in zip(rows, error.values.reshape(-1, 2), strict=True):
+        assert_allclose([float(word) for word in row.split()[-2:]], line, atol=5e-4)
+    curves = [line for line in draw.STUDIES["bias"].figure(results).axes[0].lines if len(line.get_xdata()) == 2]
+    assert_allclose([line.get_ydata() for line in curves], error.values.reshape(-1, 2))
+
+
+def test_the_payload_numbers_are_means_and_spreads_over_the_masses(draw, tiny):
+    results = tiny("payload")
+    said = draw.STUDIES["payload"].numbers(results)
+    for part in ("without_sign", "with_sign"):
+        error = results[part].values(ERROR).values
+        mean, low, high = error.mean(axis=0), error.min(axis=0), error.max(axis=0)
+        for i, friction in enumerate((0.01, 0.03)):
+            assert f"{friction:5g} N m: mean {mean[i]:.3f} N, {low[i]:.3f} .. {high[i]:.3f}" in said
+        ratios = [error[0] / error[1], error[:, 0] / error[:, 1]]
+        assert f"neighbours differ by up to {np.exp(np.abs(np.log(ratios)).max()):.1f}" in said
+    mesh = draw.STUDIES["payload"].figure(results).axes[0].collections[0].get_array()
+    assert_allclose(mesh.compressed(), results["without_sign"].values(ERROR).values.T.ravel())
+
+
+def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
+    results = tiny("internal_force")
+    over_alpha, over_force_gain, over_time = draw.STUDIES["internal_force"].figure(results).axes
+    said = draw.STUDIES["internal_force"].numbers(results)
+    quiet = {"events": [], "duration": 4.2}
+    for line, rate, steps in zip(over_alpha.lines, (80.0, 400.0), (5, 1), strict=True):
+        for alpha, shown in zip(line.get_xdata(), line.get_ydata(), strict=True):
+            changes = quiet | {ALPHA: alpha, "clock.rate_hz": rate, "clock.steps_per_tick": steps}
+            error = cp.run("adept-paper", changes).internal_force().force_rms_error
+            assert_allclose(shown, error, rtol=1e-12)
+            assert f"alpha {alpha:<5g} at {rate:>6.0f} Hz: {error:8.3f} N" in said
+    assert_allclose(over_force_gain.lines[1].get_xdata(), [1.0, 1.0 / 16.0])
+    bias = {"cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0]}
+    for line, alpha in zip(over_time.lines, (0.0, 0.2), strict=True):
+        data = cp.run("adept-paper", quiet | bias | {ALPHA: alpha}).data
+        force = data.internal_wrench.sel(arm="left").values
+        assert_allclose(line.get_xdata(), data.time.values)
+        assert_allclose(np.abs(line.get_ydata()[1:]) <= np.linalg.norm(force[1:, :3], axis=1) + 1e-9, True)
+    assert said.count("0.1 mm bias") == 2
+    assert "mm rms off" in said
