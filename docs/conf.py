@@ -42,6 +42,7 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "NDArray")}  # else each shows all that numpy takes for an array
 autodoc_class_signature = "mixed"
 autodoc_default_options = {"show-inheritance": True}
 add_module_names = False

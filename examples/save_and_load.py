@@ -7,7 +7,7 @@ import coop_pin as cp
 from coop_pin.report import save_report
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/save_and_load")
-result = cp.run("adept-paper", {"duration": 2.0, "events": []})
+result = cp.run("adept-paper", {"duration": 1.0, "events": []})
 
 result.save(folder / "result.nc")
 result.scenario.save(folder / "scenario.toml")

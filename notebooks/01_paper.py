@@ -96,8 +96,11 @@ figures.torque_figure(result)
 # Each arm adds up the *sign* of its own error (the gain alpha). Two arms that hold one rigid bar never agree on that sum, and what they
 # disagree about becomes internal force. A little alpha tracks better than none; more only costs internal force.
 
+# %% tags=["parameters"]
+seconds = 10.0  # of each run below; the rms values start at 4 s
+
 # %%
-short = {"duration": 10.0, "events": []}
+short = {"duration": seconds, "events": []}
 rows = []
 for alpha in (0.0, 0.05, 0.1, 0.2, 0.5):
     run = cp.run("adept-paper", short | {"controller.gains.sign_gain": alpha})

@@ -61,6 +61,9 @@ cell = cp.Cell(arms=arms, payload=box, grasps=grasps)
 # Lift the box by 10 cm, carry it 10 cm to the side and turn it, squeezed by 15 N. The payload-space law knows none of the masses: its
 # integral finds the weight.
 
+# %% tags=["parameters"]
+seconds = 6.0  # of the run
+
 # %%
 start = cp.Pose(xyz=(0.45, 0.05, 0.4))
 goal = cp.Pose(xyz=(0.45, 0.15, 0.5), rpy=(0.0, 0.0, 0.3))
@@ -74,7 +77,7 @@ scenario = cp.Scenario(
     squeeze={"left": (-15, 0, 0, 0, 0, 0), "right": (15, 0, 0, 0, 0, 0)},
     controller={"kind": "payload-space", "gains": gains},
     clock={"rate_hz": 250, "steps_per_tick": 2},
-    duration=6.0,
+    duration=seconds,
 )
 
 # %% [markdown]

@@ -32,6 +32,9 @@ from coop_pin.control import force_gain_bound
 from coop_pin.sweeps import linspace, logspace, sweep
 from coop_pin.viz import notebook_view
 
+# %% tags=["parameters"]
+gains, poles, force_gains = 6, 5, 12  # how many values of each; fewer are faster
+
 # %% [markdown]
 # ## One gain
 # Fields have dotted names. Everything recorded is an xarray with the fields as axes.
@@ -39,7 +42,7 @@ from coop_pin.viz import notebook_view
 # %%
 quick = {"duration": 6.0, "events": []}
 line = sweep(
-    "adept-paper", {"controller.gains.sign_gain": linspace(0.0, 0.5, 6)}, changes=quick, out="sweeps/sign-gain", workers=2, quiet=True
+    "adept-paper", {"controller.gains.sign_gain": linspace(0.0, 0.5, gains)}, changes=quick, out="sweeps/sign-gain", workers=2, quiet=True
 )
 print(line.summary())
 
@@ -60,7 +63,7 @@ field, pole = "controller.gains.force_gain", "controller.force_path.pole"
 path = {"controller.force_path.kind": "low-pass", "beyond_bound": True, "duration": 2.0, "events": []}
 chart = sweep(
     "adept-paper",
-    {pole: linspace(0.0, 0.8, 5), field: logspace(0.4, 18.0, 12)},
+    {pole: linspace(0.0, 0.8, poles), field: logspace(0.4, 18.0, force_gains)},
     changes=path,
     out="sweeps/force-gain",
     workers=2,
@@ -72,6 +75,7 @@ axes.pcolormesh(chart.data[field], chart.data[pole], stable, cmap="RdYlGn", shad
 axes.plot([force_gain_bound(p) for p in np.linspace(0.0, 0.88, 60)], np.linspace(0.0, 0.88, 60), "k", label="(1 + p) / (1 - p)")
 axes.set(xscale="log", xlabel="force gain $K_f$", ylabel="pole p", xlim=(0.35, 21.0), title="green: the run came to its end")
 axes.legend(loc="lower right")
+
 # %% [markdown]
 # Runs that diverge do not stop a sweep: each is recorded with what it said.
 

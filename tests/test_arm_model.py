@@ -186,6 +186,7 @@ def test_a_wrong_tip_is_named_with_a_suggestion(name):
         ArmModel(description.replace(tip=wrong))
     assert description.tip in str(error.value)
     assert description.tip in error.value.known
+    assert error.value.known[0] == [frame.name for frame in arm_alone(description).frames if frame.type == pin.FrameType.BODY][-1]
 
 
 def test_a_missing_urdf_has_its_own_error():

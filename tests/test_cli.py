@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+import socket
 import subprocess
 import sys
 import urllib.error
@@ -93,6 +94,23 @@ def test_a_table_is_printed_and_no_bar_where_nobody_looks(tmp_path, capsys):
     assert all(name in out for name in METRICS)
     assert str(tmp_path) in out
     assert err == ""
+
+
+def test_what_is_no_number_is_told_in_words(tmp_path, capsys):
+    """Half a second settles nothing, has no steady window and no event."""
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
+    lines = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
+    assert (lines["settling_time_s"], lines["resettling_time_s"], lines["position_rms_m"]) == ("never", "does not apply", "does not apply")
+    assert lines["window_s"].startswith("none: the run ends")
+
+
+def test_a_warning_is_told_without_the_source_line_that_gave_it():
+    """In a process of its own: pytest catches warnings before they are written."""
+    code = "import sys, warnings; from coop_pin.cli import main, parsing; from coop_pin.errors import UrdfWarning\n"
+    code += "class Warns:\n    def execute(self):\n        warnings.warn('look', UrdfWarning); return 0\n"
+    code += "parsing.parse = lambda words: Warns(); sys.exit(main([]))"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (ended.stdout, ended.stderr) == ("", "coop-pin: warning: look\n")
 
 
 def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
@@ -191,6 +209,14 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
         fields[option] = [value] if value[0] in "[{" or option == "summary" else value.split()
     assert scenario.override(changes(fields, scenario.cell.arms)) == scenario
     assert {"controller.gains.sign-gain", "cell.arms.left.posture", "events.1.wrench", "beyond-bound"} <= set(fields)
+
+
+def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys):
+    assert main(["fields", "adept-paper"]) == 0
+    said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert said["--controller.kind"].endswith("one of sliding-mode, sliding-mode-redundant, payload-space, user.")
+    assert said["--events.1.kind"].endswith("one of payload-change, wrench-pulse.")
+    assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
     # Where a field is missing in the list, changing it in the scenario would not show.
     nothing = cp.Scenario.load("adept-paper").override({"events": [], "cell.payload.mass": 1.0, "plant.stabilisation.frequency": 1.0})
     kept = {path: words for path, words in fields.items() if path.split(".")[0] in ("cell", "plant")}
@@ -212,7 +238,7 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
         (["run", "adept-paper", "--start.xyz", "3", "0", "0"], "misses its grasp by"),
         (["run", "adept-paper", "--cell.arms.left.tip", "tipp"], "'tip'"),
         (["run", "adept-paper", "--cell.arms.left.urdf", "nowhere.urdf"], "nowhere.urdf"),
-        (["run", "adept-paper", "--controller.gains.force-gain", "0.5"], "force_path 'none'"),
+        (["run", "adept-paper", "--controller.gains.force-gain", "0.5"], "force_path.kind 'none'"),
         (["fields", "adept-papr"], "'adept-paper'"),
         (["view", "nowhere"], "no result file"),
         (["check-urdf", "nowhere.urdf"], "nowhere.urdf"),
@@ -338,6 +364,13 @@ def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     assert process.returncode == 0
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)
+
+
+def test_view_says_so_where_its_port_is_taken(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["view", "adept-paper", "--no-open", "--port", str(port)]) == 2
+    assert f"port {port} of 127.0.0.1 cannot be had" in capsys.readouterr().err
 
 
 def test_check_urdf_ends_with_the_verdict(tmp_path, capsys):

@@ -26,7 +26,7 @@ from tornado.websocket import websocket_connect
 
 import coop_pin as cp
 from coop_pin.controllers import build_controller
-from coop_pin.errors import NotPositiveError, ViewWarning
+from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.viz import open_view
 from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.live_page import live_html
@@ -183,6 +183,25 @@ def test_the_server_listens_on_loopback_only(server):
     port = urllib.parse.urlsplit(server.url).port
     listening = [line.split()[1:4] for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
     assert [address for address, _, state in listening if state == "0A" and address.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
+
+
+def test_a_chosen_port_is_served_and_given_back(scenario):
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        port = found.getsockname()[1]
+        with pytest.raises(PortTakenError, match=rf"^port {port} of 127\.0\.0\.1 cannot be had \(Address already in use\); choose another"):
+            open_view(scenario, port=port)
+    for _ in range(2):  # it can be had again at once
+        view = open_view(scenario, port=port)
+        assert view.url.startswith(f"http://127.0.0.1:{port}/")
+        assert ask(view.url)[0] == 200
+        view.close()
+    assert not answers(view.url)
+
+
+@pytest.mark.parametrize("port", [-1, 65536])
+def test_numbers_that_no_port_has_are_refused(scenario, port):
+    with pytest.raises(PortTakenError, match=f"port {port} "):
+        open_view(scenario, port=port)
 
 
 def test_the_server_answers_its_own_names_and_no_others(server):

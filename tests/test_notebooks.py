@@ -15,6 +15,12 @@ import coop_pin as cp
 
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 MOST_CELLS = 25
+SHORT = {
+    "01_paper": "seconds = 5.0",
+    "03_your_own_arm": "seconds = 0.5",
+    "04_sweeps": "gains, poles, force_gains = 2, 2, 4",
+}
+"""The short mode: what the cell of a notebook that is tagged "parameters" says instead; the others are short as they are."""
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
@@ -31,14 +37,34 @@ def run(notebook, folder):
     NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
 
 
-def test_a_notebook_runs_and_shows_its_replay(path, tmp_path):
-    notebook = nbformat.read(path, as_version=4)
-    run(notebook, tmp_path)
+def assert_it_runs_and_shows_its_replay(notebook, folder):
+    run(notebook, folder)
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert not [output for output in outputs if output.get("name") == "stderr"]
     shown = [output.data for output in outputs if "data" in output]
     assert any("<iframe" in data.get("text/html", "") for data in shown)
     assert any("image/png" in data for data in shown)
+
+
+def in_short(path):
+    """The notebook with the parameters of its short mode, which are those that it has."""
+    notebook = nbformat.read(path, as_version=4)
+    tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
+    assert len(tagged) == (path.stem in SHORT)
+    for cell in tagged:
+        assert cell.source.split(" = ")[0] == SHORT[path.stem].split(" = ")[0]
+        cell.source = SHORT[path.stem]
+    return notebook
+
+
+def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path):
+    assert_it_runs_and_shows_its_replay(in_short(path), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_a_notebook_runs_at_its_full_length(name, tmp_path):
+    assert_it_runs_and_shows_its_replay(nbformat.read(NOTEBOOKS[0].with_name(f"{name}.ipynb"), as_version=4), tmp_path)
 
 
 @pytest.mark.parametrize("last", ["1 / 0", "assert 1 == 2", "import coop_pin as cp\ncp.run('adept-papr')"])

@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import math
 import os
 import re
 import shlex
@@ -79,3 +80,43 @@ def test_python_in_the_readme_runs(tmp_path):
 def test_every_folder_and_file_that_the_readme_links_to_exists():
     for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", README):
         assert (REPOSITORY / target).exists(), target
+
+
+def rounded(value, shown):
+    """A value with as many digits as a number that is shown has."""
+    digits = re.match(r"-?0*\.?0*([\d.]+)", shown)[1].replace(".", "")
+    return float(f"{value:.{len(digits) - 1}e}")
+
+
+def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
+    """In the README and on the verification page, digit by digit."""
+    found = coop_pin.run("adept-paper").metrics()
+    values = {
+        "settles to 5 mm": (found["settling_time_s"], "s"),
+        "the push opens": (found["event_peak_position_error_m"] * 1e3, "mm"),
+        "settles again": (found["resettling_time_s"], "s"),
+        "position error, rms": (found["position_rms_m"] * 1e3, "mm"),
+        "internal force along the bar": (found["internal_axial_mean_N"], "N"),
+        "rms of its error": (math.hypot(found["internal_axial_rms_error_N"], found["internal_shear_rms_N"]), "N"),
+        "torque, peak": (found["torque_peak_Nm"], "N m"),
+        "closure error": (found["closure_error_max_m"], "m"),
+        "energy minus work": (found["energy_balance_max_J"], "J"),
+    }
+    rows = re.findall(r"^\| ([^|]+) \| (-?[\d.e-]+) ([^|]+) \|$", README, re.MULTILINE)
+    assert len(rows) == len(values)
+    for (label, shown, unit), (start, (value, unit_there)) in zip(rows, values.items(), strict=True):
+        assert label.startswith(start)
+        assert unit == unit_there
+        assert rounded(value, shown) == float(shown), label
+    page = (REPOSITORY / "docs" / "verification.md").read_text(encoding="utf-8")
+    for text, value in {
+        r"here ([\d.]+) s\)": values["settles to 5 mm"],
+        r"after the event \(([\d.]+) s\)": values["settles again"],
+        r"mean −([\d.]+) N,": (-values["internal force along the bar"][0],),
+        r"but ([\d.]+) N rms": values["rms of its error"],
+        r"\(([\d.]+) N m\)": values["torque, peak"],
+        r"([\d.e-]+) J in `adept-paper` over 20 s": values["energy minus work"],
+        r"([\d.e-]+) m in `adept-paper` over 20 s": values["closure error"],
+    }.items():
+        (shown,) = re.findall(text, page)
+        assert rounded(value[0], shown) == float(shown), text

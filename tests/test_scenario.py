@@ -48,6 +48,16 @@ MISTAKES = {
         "controller.gains.sign_gian",
         "'sign_gain'",
     ),
+    "pose of three rows": ({"cell.arms.left.base": np.eye(3).tolist()}, errors.FieldError, "cell.arms.left.base", "shape (3, 3)"),
+    "pose in words": ({"cell.arms.left.base": "0 0 0"}, errors.FieldError, "cell.arms.left.base", "a position of 3 numbers"),
+    "number for a vector": ({"cell.gravity": 9.81}, errors.FieldError, "cell.gravity", "is 9.81; it must be a list"),
+    "text for a number": ({"duration": "long"}, errors.FieldError, "duration", "is 'long'; it must be a number"),
+    "gains of another law": (
+        {"controller": {"kind": "payload-space"}},
+        errors.MissingFieldError,
+        "controller.gains",
+        "a table of pose_gain, sign_gain, transient_rate, sliding_gain",
+    ),
     "NaN gain": ({"controller.gains.sign_gain": np.nan}, errors.FieldNotFiniteError, "controller.gains.sign_gain", "nan"),
     "NaN in a row": (
         {"controller.gains.damping_gain": [1, np.nan, 1]},
@@ -78,7 +88,7 @@ MISTAKES = {
     "kind missing": ({"controller.switching": {"width": 1.0}}, errors.MissingFieldError, "controller.switching.kind", "given"),
     "shares": ({"cell.load_shares": {"left": 0.5, "right": 0.6}}, errors.LoadShareError, "cell.load_shares", "1.1"),
     "share of a stranger": ({"cell.load_shares": {"left": 0.5, "rihgt": 0.5}}, errors.LoadShareError, "cell.load_shares", "'right'"),
-    "grasp missing": ({"cell.grasps": {"left": {}}}, errors.FieldError, "cell.grasps", "['right']"),
+    "grasp missing": ({"cell.grasps": {"left": {}}}, errors.FieldError, "cell.grasps", "no entry for 'right'"),
     "squeeze does not cancel": ({"squeeze.left": [-9.0, 0, 0, 0, 0, 0]}, errors.SqueezeError, "squeeze", "[1.0, 0.0"),
     "event after the end": ({"events.0.time": 30.0}, errors.EventTimeError, "events.0.time", "20 s"),
     "push beyond the end": ({"events.1.time": 19.9}, errors.EventTimeError, "events.1.time", "20.1"),
@@ -422,3 +432,28 @@ def test_spatial_scenario_is_read_as_written():
     scenario = spatial_scenario()
     np.testing.assert_array_equal(scenario.cell.shares, [0.3, 0.7])
     np.testing.assert_array_equal(scenario.squeeze_wrenches.sum(axis=0), np.zeros(6))
+
+
+def test_a_mistake_in_no_single_field_starts_with_no_colon():
+    with pytest.raises(errors.FieldShapeError, match="^entries per joint disagree"):
+        cp.Arm.from_urdf("ur5", "tool0", posture=(0.0,) * 6, torque_limits=(1.0, 2.0))
+
+
+def test_locked_joints_are_a_table():
+    with pytest.raises(errors.FieldError, match=r"locked: is \['elbow'\]; it must be a table"):
+        cp.Arm.from_urdf("ur5", "tool0", locked=["elbow"])
+
+
+def test_a_wrong_mass_or_size_of_a_box_is_one_mistake():
+    with pytest.raises(errors.FieldError, match="mass: is -2; it must be positive") as caught:
+        cp.Payload.box(mass=-2.0, size=(0.3, 0.2, 0.1))
+    assert len(caught.value.problems) == 1
+    with pytest.raises(errors.FieldShapeError, match="size: has 2 entries"):
+        cp.Payload.box(mass=2.0, size=(0.3, 0.2))
+
+
+def test_a_wrong_path_names_the_scenario_files_where_it_leads(tmp_path):
+    (tmp_path / "mine.toml").touch()
+    for wrong in (tmp_path / "mien.toml", tmp_path):
+        with pytest.raises(errors.EntryNotFoundError, match=r"mine\.toml'"):
+            cp.Scenario.load(wrong)

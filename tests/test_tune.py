@@ -200,10 +200,10 @@ def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_pro
     assert table(tmp_path) == table(folder)
 
 
-def test_a_scheduler_elsewhere_serves_the_search(tmp_path, searches, clusters, method):
+def test_a_scheduler_elsewhere_serves_the_search(tmp_path, searches, clusters):
     with scheduler_elsewhere(tmp_path) as address:
-        found = cp.tune(SHORT, RANGES, out=tmp_path / "out", method=method, scheduler=address, **OPTIONS)
-    undisturbed, folder = searches(method)
+        found = cp.tune(SHORT, RANGES, out=tmp_path / "out", scheduler=address, **OPTIONS)
+    undisturbed, folder = searches("evolution")
     assert clusters == [address]
     assert repr(found.best) == repr(undisturbed.best)
     assert table(tmp_path / "out") == table(folder)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from malformed_urdf import BODIES, CORPUS, arm, chain
 
 from coop_pin.description import urdf
-from coop_pin.description.urdf import UrdfFile, check_urdf, find_urdf, load_checked
+from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked
 from coop_pin.description.urdf.document import MAX_BYTES
 from coop_pin.description.urdf.example_data import example_folder
 from coop_pin.description.urdf.tree import MAX_DEPTH
@@ -81,7 +81,36 @@ def test_every_code_of_the_docstring_is_in_the_corpus_and_conversely():
     listed = inspect.getdoc(urdf).split("**Structural**")[1]
     codes = set(re.findall(r"``(\w+)``", listed))
     assert len(CORPUS) >= 40
-    assert codes == {malformed.code for malformed in CORPUS.values()}
+    assert codes == {malformed.code for malformed in CORPUS.values()} | {*DOUBTFUL, "mesh_missing"}
+
+
+DOUBTFUL = {
+    "limit_degrees": {"limit_1": '<limit lower="-170" upper="170" effort="1" velocity="1"/>'},
+    "origin_far": {"origin_1": '<origin xyz="0 0 220"/>'},
+}
+
+
+@pytest.mark.parametrize("code", DOUBTFUL)
+def test_another_units_numbers_are_warned_of_even_when_strict(code):
+    report = check_urdf(arm(**DOUBTFUL[code]))
+    assert [(finding.code, finding.element) for finding in report.warnings(strict=True)] == [(code, "joint 'one'")]
+    assert report.errors(strict=True) == ()
+
+
+def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
+    mesh = '<mesh filename="package://{}/part.stl"/>'
+    visuals = "".join(f"<visual><geometry>{mesh.format(name)}</geometry></visual>" for name in ("here", "gone"))
+    file = _file(tmp_path, arm(link_c=f'<link name="c">{visuals}</link>'))
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "part.stl").touch()
+    missing = [finding for finding in check_file(file).findings if finding.kind == "doubtful"]
+    assert [(finding.code, finding.element) for finding in missing] == [("mesh_missing", "link 'c'")]
+    assert "'package://gone/part.stl'" in missing[0].message
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "adept_3dof"])
+def test_the_meshes_of_known_robots_are_there(name):
+    assert "mesh_missing" not in {finding.code for finding in check_file(find_urdf(name)).findings}
 
 
 def test_the_sound_arm_has_no_findings():

@@ -56,8 +56,28 @@ def test_example_names_are_those_that_users_know():
     assert all(path.is_file() for path in example_urdfs().values())
 
 
-@pytest.mark.parametrize("name", ["pandaa", "panda.urdf", "", "nowhere/arm.urdf", "x" * 5000, "a\0b", "../panda"])
-def test_a_missing_file_says_where_it_was_looked_for(name, tmp_path):
+@pytest.mark.parametrize("name", ["panda.urdf", "nowhere/arm.urdf", "x" * 5000 + ".urdf", "a\0b/c", "../panda", "/nowhere/arm.urdf"])
+def test_a_path_that_leads_nowhere_is_called_a_missing_file(name, tmp_path):
+    with pytest.raises(UrdfNotFoundError, match="there is no file") as caught:
+        find_urdf(name, relative_to=tmp_path)
+    assert os.path.normpath(tmp_path / name) in str(caught.value)
+
+
+def test_a_misspelt_path_names_the_closest_file_beside_it_or_the_closest_robot(tmp_path):
+    (tmp_path / "stork.urdf").touch()
+    with pytest.raises(UrdfNotFoundError, match=r"did you mean 'stork\.urdf'"):
+        find_urdf(tmp_path / "strok.urdf")
+    with pytest.raises(UrdfNotFoundError, match="did you mean 'panda'"):
+        find_urdf("panda.urdf")
+
+
+def test_a_folder_is_called_one(tmp_path):
+    with pytest.raises(UrdfNotFoundError, match="is a folder"):
+        find_urdf(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["pandaa", "", "x" * 5000, "a\0b"])
+def test_a_missing_name_says_where_it_was_looked_for(name, tmp_path):
     with pytest.raises(UrdfNotFoundError) as caught:
         find_urdf(name, relative_to=tmp_path)
     assert all(place in str(caught.value) for place in (str(tmp_path), str(Path.cwd()), "robots of coop_pin", "example-robot-data"))

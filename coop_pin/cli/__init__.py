@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Sequence
 
 from coop_pin import __version__
@@ -25,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from coop_pin.cli.parsing import parse  # what follows takes longer to load
     from coop_pin.errors import CoopPinError
 
+    pythons_own, warnings.formatwarning = warnings.formatwarning, _worded
     try:
         return parse(words).execute()
     except CoopPinError as error:
@@ -33,6 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(str(error), FAILED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
+    finally:
+        warnings.formatwarning = pythons_own
+
+
+def _worded(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:  # noqa: ARG001
+    """Return a warning for people: without the line of this package's source that gave it."""
+    return f"coop-pin: warning: {message}\n"
 
 
 def _report(message: str, code: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -51,13 +52,22 @@ def run_into_folder(command: Run) -> int:
     return OK
 
 
+def _said(value: float | list[float]) -> str:
+    """Return a metric in words where it is no number."""
+    if isinstance(value, list):
+        start, end = value
+        return f"{start:g} to {end:g}" if start < end else f"none: the run ends, or an event comes, before {start:g} s"
+    if math.isnan(value):
+        return "does not apply"
+    return "never" if math.isinf(value) else f"{value:.4g}"
+
+
 def table(result: RunResult, timing: Timing) -> str:
     """Return the metrics of a run as lines of text, and the limits that it went beyond."""
     scenario = result.scenario
     lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"]
     for name, value in result.metrics().items():
-        text = " to ".join(f"{entry:g}" for entry in value) if isinstance(value, list) else f"{value:.4g}"
-        lines.append(f"  {name:<30} {text}")
+        lines.append(f"  {name:<30} {_said(value)}")
     for beyond in result.limit_violations():
         where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"
         lines.append(f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s")

@@ -50,7 +50,7 @@ def run_tune(command: Tune) -> int:
         return INTERRUPTED
     if not command.quiet:
         print(_summary(command, found))
-        print(f"all tries: coop-pin sweep-show {shlex.quote(str(folder))} --best {command.minimize}")
+        print("all tries: " + shlex.join(["coop-pin", "sweep-show", str(folder)]))
         print(f"written to {folder}")
     return OK
 

@@ -28,9 +28,10 @@ class Cell(Description):
         payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for "as-posed" grasps only.
         grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from ``payload_pose`` and the
             postures, once: the cell then holds the poses themselves.
-        rows: the task rows: "full", or "planar" for arms that move in the world's x-y plane.
+        rows: the task rows: "full" (6), "planar" (x, y and the turn about z, for arms that move in the world's x-y plane) or
+            "positional" (x, y, z).
         gravity: m/s^2, in world axes.
-        load_shares: c_i for each arm, summing to one; equal when omitted.
+        load_shares: c_i, the share of the load that each arm carries, summing to one; equal when omitted.
     """
 
     arms: dict[str, Arm] = Field(min_length=1)

@@ -30,8 +30,8 @@ class Stabilisation(Description):
     """Baumgarte stabilisation: a closure error e obeys e'' + 2 zeta omega e' + omega^2 e = 0.
 
     Attributes:
-        frequency: omega, rad/s.
-        damping_ratio: zeta.
+        frequency: omega, how fast a gap between tip and grasp is closed again, rad/s.
+        damping_ratio: zeta; 1 closes it fastest without overshoot.
     """
 
     frequency: NotNegative = 10.0
@@ -53,10 +53,10 @@ class PlantOptions(Description):
 
     Attributes:
         payload: "rooted" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "rank-cut" (KKT with a rank cut: slower, the oracle).
+        formulation: "proximal" (pinocchio.constraintDynamics) or "rank-cut" (an independent solver, slower, to check the other by).
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: of the closures.
-        project: when q and v are projected onto the closures: at the "start" only, or after every "step".
+        project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after every "step".
     """
 
     payload: Literal["rooted", "free"] = "rooted"

@@ -46,10 +46,11 @@ class Gains(Description):
     """Gains that every law here has.
 
     Attributes:
-        pose_gain: gamma, on the k_0 task rows, 1/s.
-        sign_gain: alpha; diagonal. On the joints, rad/s^2, or on the task rows, m/s^2 and rad/s^2: see the law.
-        force_gain: K_f, no unit.
-        transient_rate: kappa of eq. (20), 1/s.
+        pose_gain: gamma, how fast pose errors decay, 1/s; one for all task rows (6, or 3 for a planar cell) or one for each.
+        sign_gain: alpha, on the integral of the error's sign; diagonal. On the joints, rad/s^2, or on the task rows, m/s^2 and rad/s^2:
+            see the law.
+        force_gain: K_f, how strongly the measured internal wrench is fed back; no unit.
+        transient_rate: kappa of eq. (20), how fast the sliding surface that starts at the first error decays, 1/s.
     """
 
     pose_gain: PositiveGain
@@ -62,7 +63,7 @@ class SlidingModeGains(Gains):
     """Gains of law (23) for one arm.
 
     Attributes:
-        damping_gain: K_d, on the joints, N m s/rad.
+        damping_gain: K_d, on the joints, N m s/rad; one for all or one for each.
     """
 
     damping_gain: PositiveGain
@@ -72,7 +73,7 @@ class PayloadSpaceGains(Gains):
     """Gains of the payload-space law.
 
     Attributes:
-        sliding_gain: K_x, on the k_0 task rows, N s/m and N m s/rad.
+        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation, N m s/rad.
     """
 
     sliding_gain: PositiveGain

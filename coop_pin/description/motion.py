@@ -33,7 +33,7 @@ class HoldMotion(Description):
     """Stay at a pose.
 
     Attributes:
-        pose: X_WP_d.
+        pose: desired payload pose X_WP_d.
     """
 
     kind: Literal["hold"] = "hold"
@@ -76,10 +76,10 @@ class LineMotion(Description):
     """From one pose to another along a straight line and the shorter turn, from rest to rest.
 
     Attributes:
-        start: X_WP_d before.
-        goal: X_WP_d afterwards; its orientation is less than half a turn away.
-        duration: of the motion, s.
-        start_time: s.
+        start: desired payload pose X_WP_d before.
+        goal: desired payload pose X_WP_d afterwards; its orientation is less than half a turn away.
+        duration: of the motion, s; the payload stays at the goal afterwards.
+        start_time: when it begins, s.
     """
 
     kind: Literal["line"] = "line"

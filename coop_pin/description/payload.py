@@ -24,7 +24,7 @@ class Payload(Description):
         mass: kg.
         inertia: ixx, iyy, izz, ixy, ixz, iyz about P, kg m^2.
         size: edges of the box around it, m; a cylinder has the axis z.
-        shape: what stands for it in pictures.
+        shape: what stands for it in pictures: "box", "cylinder" or "mesh".
         mesh_file: the mesh, where the shape is one.
         mesh_scale: metres of one unit of that file.
         shape_pose: pose X_PS of the shape in the payload frame.

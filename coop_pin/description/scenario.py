@@ -129,11 +129,11 @@ class Scenario(Description):
         if str(name_or_path) in scenario_names():
             path = scenario_path(str(name_or_path))
         elif not path.is_file():
-            raise EntryNotFoundError("scenario", str(name_or_path), scenario_names(), "the catalogue or the file system")
+            raise _missing(path)
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
+            raise ScenarioFileError(f"{path} is not a TOML file, as a scenario is: {error}") from None
         _anchor_files(data, path.parent)
         return cls.from_dict(data, overrides)
 
@@ -165,6 +165,13 @@ class Scenario(Description):
     def save(self, path: str | Path) -> None:
         """Write the scenario as resolved."""
         Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def _missing(path: Path) -> EntryNotFoundError:
+    """Return the error of a name or path that leads to no scenario; TOML files where it leads are suggested."""
+    beside = path if path.is_dir() else path.parent
+    files = sorted(map(str, beside.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
+    return EntryNotFoundError("scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system")
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:

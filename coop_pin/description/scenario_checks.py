@@ -46,7 +46,7 @@ def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldEr
             return []
         return [
             ForceGainBoundError(
-                f"is {largest:g}, but force_path.kind 'none' measures no force; set the gain to 0, or force_path.kind to 'late' or 'low-pass'",
+                f"is {largest:g}, but force_path.kind 'none' measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
                 path,
             )
         ]

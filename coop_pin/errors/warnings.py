@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class UrdfWarning(UserWarning):
-    """A robot description file whose masses or inertias no body can have."""
+    """A robot description file whose masses or inertias no body can have, or whose numbers look like another unit's."""
 
 
 class GeometryWarning(UserWarning):

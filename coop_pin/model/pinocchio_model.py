@@ -35,7 +35,10 @@ def frame_id(model: pin.Model, name: str) -> int:
         FrameNotFoundError: no frame has that name.
     """
     if not model.existFrame(name):
-        raise FrameNotFoundError("frame", name, [frame.name for frame in model.frames], f"model {model.name!r}")
+        # Links first, from the ends of the tree: who misspells a frame of an arm most often means its tip.
+        frames = list(model.frames)[::-1]
+        frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
+        raise FrameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
     return int(model.getFrameId(name))
 
 

@@ -34,7 +34,7 @@ def motion_figure(result: RunResult) -> Figure:
         for panel, view in zip(panels, views, strict=True):
             _draw(panel, result, view)
         panels[-1].set_xlabel("x (m)")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

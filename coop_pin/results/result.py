@@ -144,11 +144,12 @@ class RunResult:
         """
         path = Path(path)
         if not path.is_file():
-            raise ResultFileError(f"there is no result file at {path}")
+            hint = "; it is a folder: name the result.nc in it" if path.is_dir() else ""
+            raise ResultFileError(f"there is no result file at {path}{hint}")
         try:
             data = xr.load_dataset(path, engine="h5netcdf")
         except (OSError, ValueError, KeyError) as error:
-            raise ResultFileError(f"{path} cannot be read as netCDF ({error}); it is damaged or not a result file") from None
+            raise ResultFileError(f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run") from None
         text = data.attrs.pop("coop_pin_scenario", None)
         if text is None:
             raise ResultFileError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")

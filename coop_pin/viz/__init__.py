@@ -10,13 +10,15 @@ from typing import Any
 from coop_pin.lazy import load_public
 
 _PUBLIC = {
-    "LiveView": "coop_pin.viz.viewer",
+    "LiveView": "coop_pin.viz.live_view",
     "LiveRun": "coop_pin.viz.live_run",
     "NotebookView": "coop_pin.viz.notebook",
     "Panel": "coop_pin.viz.panel",
     "Viewer": "coop_pin.viz.viewer",
+    "ViserView": "coop_pin.viz.viser_view",
     "notebook_view": "coop_pin.viz.notebook",
-    "open_view": "coop_pin.viz.viewer",
+    "open_viser": "coop_pin.viz.viser_view",
+    "open_view": "coop_pin.viz.live_view",
     "replay_html": "coop_pin.viz.replay",
     "save_image": "coop_pin.viz.pictures",
     "save_replay": "coop_pin.viz.replay",

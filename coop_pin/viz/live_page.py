@@ -9,8 +9,7 @@ from coop_pin.viz.live_scene import LiveScene
 from coop_pin.viz.meshcat_door import scene_messages
 from coop_pin.viz.page_parts import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
 from coop_pin.viz.tints import COLOURS
-
-_MOST_TRAIL_POINTS = 1500
+from coop_pin.viz.trail import MOST_POINTS
 
 
 def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -> str:
@@ -27,7 +26,7 @@ def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -
         "nodes": scene.nodes,
         "bodies": scene.bodies,
         "colours": COLOURS,
-        "trail": {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M, "most": _MOST_TRAIL_POINTS},
+        "trail": {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M, "most": MOST_POINTS},
         "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
         "frame": as_text(frame.packed()),
         "still": still,

@@ -8,6 +8,7 @@ from coop_pin.arrays import Array
 from coop_pin.model.shapes import Mesh
 
 _TUBE_SIDES = 6
+_CONE_SIDES = 24
 
 
 def thinned(mesh: Mesh, most_vertices: int) -> Mesh:
@@ -60,6 +61,21 @@ def tube(points: Array, radius: float, spacing: float) -> Mesh | None:
     here, beside = ring * _TUBE_SIDES + side, ring * _TUBE_SIDES + (side + 1) % _TUBE_SIDES
     quads = np.stack((here, beside, beside + _TUBE_SIDES, here + _TUBE_SIDES), axis=-1).reshape(-1, 4)
     return Mesh(rings.reshape(-1, 3), np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]])))
+
+
+def cone_mesh(radius: float, length: float) -> Mesh:
+    """Return a cone about z with its base at z = 0 and its tip at z = length.
+
+    Args:
+        radius: of the base, m.
+        length: m.
+    """
+    angles = 2.0 * np.pi * np.arange(_CONE_SIDES) / _CONE_SIDES
+    base = np.column_stack((radius * np.cos(angles), radius * np.sin(angles), np.zeros(_CONE_SIDES)))
+    here, beside = np.arange(_CONE_SIDES), np.roll(np.arange(_CONE_SIDES), -1)
+    tip, centre = np.full(_CONE_SIDES, _CONE_SIDES), np.full(_CONE_SIDES, _CONE_SIDES + 1)
+    faces = np.concatenate((np.column_stack((here, beside, tip)), np.column_stack((beside, here, centre))))
+    return Mesh(np.vstack((base, (0.0, 0.0, length), (0.0, 0.0, 0.0))), faces)
 
 
 def grid_points(half_edge: float, step: float) -> Array:

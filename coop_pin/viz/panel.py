@@ -15,7 +15,7 @@ from coop_pin.errors import CoopPinError, MissingExtraError
 from coop_pin.results import RunResult
 from coop_pin.viz.knobs import Knob, gain_knobs
 from coop_pin.viz.live_run import LiveRun
-from coop_pin.viz.viewer import open_view
+from coop_pin.viz.live_view import open_view
 
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 _SHOVE_N, _LARGEST_SHOVE_N, _SHOVE_S = 150.0, 500.0, 0.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.clock import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.results import Moment
+from coop_pin.results import Moment, RunResult
 from coop_pin.spatial import rotate_vector6
 
 _PATH_SAMPLES = 400
@@ -33,6 +34,24 @@ class Standing(NamedTuple):
     plant: PlantOptions
     moment: Moment
     desired_path: Array
+
+
+def standing_of(what: Cell | Scenario | RunResult | str | Path) -> tuple[str, Standing]:
+    """Return the name and the start of whatever has a cell.
+
+    Args:
+        what: a Cell, a Scenario, a result, a name in the catalogue or the path of a TOML file.
+
+    Raises:
+        ScenarioError: the scenario has mistakes.
+        UnreachablePoseError: an arm does not reach its grasp at the start.
+    """
+    if isinstance(what, Cell):
+        return "cell", standing_cell(what)
+    if isinstance(what, RunResult):
+        what = what.scenario
+    scenario = what if isinstance(what, Scenario) else Scenario.load(what)
+    return scenario.name, standing_scenario(scenario)
 
 
 def standing_scenario(scenario: Scenario) -> Standing:

@@ -111,10 +111,29 @@ class ViewServer:
         return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
 
 
+def loopback_socket(port: int) -> socket.socket:
+    """Return a listening socket on this machine's loopback.
+
+    Args:
+        port: 0 for any free one.
+
+    Raises:
+        PortTakenError: the chosen port cannot be had.
+        OSError: there is no free one.
+    """
+    try:
+        return socket.create_server(("127.0.0.1", port), backlog=64)
+    except (OSError, OverflowError) as error:  # a number that no port has is an OverflowError
+        if port == 0:
+            raise
+        number = getattr(error, "errno", None)
+        raise PortTakenError(port, os.strerror(number) if number else str(error)) from error
+
+
 def _start(page: str, port: int, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
     """Return the page's address and the process that serves it."""
     secret = secrets.token_urlsafe(16)
-    with _bound_socket(port) as bound, _nameless_file() as file:
+    with loopback_socket(port) as bound, _nameless_file() as file:
         file.write(page.encode())
         file.flush()
         process = subprocess.Popen(
@@ -127,16 +146,6 @@ def _start(page: str, port: int, complaints: IO[bytes]) -> tuple[str, subprocess
             start_new_session=True,  # Ctrl-C in the terminal is meant for the run, not for its view
         )
         return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
-
-
-def _bound_socket(port: int) -> socket.socket:
-    """Return a listening socket on this machine's loopback."""
-    try:
-        return socket.create_server(("127.0.0.1", port), backlog=64)
-    except (OSError, OverflowError) as error:  # a number that no port has is an OverflowError
-        if port == 0:
-            raise
-        raise PortTakenError(port, getattr(error, "strerror", None) or str(error)) from error
 
 
 def _nameless_file() -> IO[bytes]:

@@ -15,10 +15,24 @@ of a chain of 20 000 links. Every defect has a code here, its link or joint, and
 **Physical** findings are warnings, and errors when strict: no such body exists.
 
 - ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``, ``inertia_not_psd``, ``inertia_triangle``
+
+**Doubtful** findings are warnings always: they can be read, but are hardly meant.
+
+- ``limit_degrees``, ``origin_far``, and of a file ``mesh_missing``
 """
 
-from coop_pin.description.urdf.check import check_urdf, load_checked, text_checked
+from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
 from coop_pin.description.urdf.files import UrdfFile, bundled_urdf_folder, find_urdf
 from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
 
-__all__ = ["UrdfFile", "UrdfFinding", "UrdfReport", "bundled_urdf_folder", "check_urdf", "find_urdf", "load_checked", "text_checked"]
+__all__ = [
+    "UrdfFile",
+    "UrdfFinding",
+    "UrdfReport",
+    "bundled_urdf_folder",
+    "check_file",
+    "check_urdf",
+    "find_urdf",
+    "load_checked",
+    "text_checked",
+]

@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 from coop_pin.description.urdf.document import MAX_BYTES, read_document
+from coop_pin.description.urdf.doubtful import mesh_findings
 from coop_pin.description.urdf.elements import element_findings
 from coop_pin.description.urdf.files import UrdfFile
 from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
@@ -32,10 +33,24 @@ def check_urdf(text_or_path: str | bytes | Path) -> UrdfReport:
     return UrdfReport("the text", _findings(data))
 
 
+def check_file(urdf: UrdfFile) -> UrdfReport:
+    """Return every defect of a file, and the meshes that it names and that are not there; a xacro file is expanded first.
+
+    Raises:
+        UrdfNotFoundError: the file is gone.
+        MissingExtraError: it is a xacro file and xacrodoc is not installed.
+        UrdfError: it is a xacro file that cannot be expanded, or it cannot be read from the disk.
+    """
+    data = _text(urdf)
+    robot = read_document(data).robot
+    meshes = () if robot is None else tuple(mesh_findings(robot, urdf.package_dirs))
+    return UrdfReport(str(urdf.path), tuple(sorted((*_findings(data), *meshes), key=lambda finding: finding.line)))
+
+
 def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
     """Return the text of a URDF that Pinocchio reads as it is written.
 
-    Physical findings in a user's file are warned of (UrdfWarning); bundled files and example-robot-data are known.
+    Physical and doubtful findings in a user's file are warned of (UrdfWarning); bundled files and example-robot-data are known.
 
     Args:
         urdf: the file.
@@ -46,7 +61,7 @@ def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
         UrdfError: the file has errors, all of which the message names, or cannot be read from the disk.
     """
-    data = expanded(urdf.path, dict(urdf.xacro_args), urdf.package_dirs) if urdf.is_xacro else _read(urdf.path)
+    data = _text(urdf)
     _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
     return data.decode("utf-8")
 
@@ -54,7 +69,7 @@ def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
 def text_checked(text: str) -> str:
     """Return URDF text itself, once it is sure that Pinocchio reads it as it is written.
 
-    Physical findings are warned of (UrdfWarning).
+    Physical and doubtful findings are warned of (UrdfWarning).
 
     Raises:
         UrdfError: it has errors, all of which the message names.
@@ -67,7 +82,11 @@ def _require_usable(report: UrdfReport, strict: bool, warn: bool) -> None:
     if report.errors(strict):
         raise UrdfError("\n".join(("the URDF cannot be used:", *report.lines(strict))))
     if report.warnings(strict) and warn:
-        warnings.warn("\n".join(("the URDF describes bodies that cannot exist:", *report.lines())), UrdfWarning, stacklevel=3)
+        warnings.warn("\n".join(("the URDF says what can hardly be meant:", *report.lines())), UrdfWarning, stacklevel=3)
+
+
+def _text(urdf: UrdfFile) -> bytes:
+    return expanded(urdf.path, dict(urdf.xacro_args), urdf.package_dirs) if urdf.is_xacro else _read(urdf.path)
 
 
 def _read(path: Path) -> bytes:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 from xml.parsers import expat
 
-from coop_pin.description.urdf.findings import UrdfFinding, quoted, structural
+from coop_pin.description.urdf.findings import EXPAND, UrdfFinding, quoted, structural
 
 MAX_BYTES = 5_000_000
 """Largest file that is read; the largest of example-robot-data has 0.2 MB."""
@@ -17,6 +17,15 @@ MAX_ELEMENTS = 100_000
 
 MAX_NESTING = 100
 """Deepest nesting of XML elements; real files stay below 10."""
+
+_XML_WORDS = {
+    expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]: "the file ends before all elements are closed; is </robot> missing?",
+    expat.errors.codes[
+        expat.errors.XML_ERROR_TAG_MISMATCH
+    ]: "this end tag does not fit the element that is open; is an end tag missing above?",
+    expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]: "something follows </robot>; remove it",
+}
+"""The commonest complaints of the XML reader in plain words."""
 
 _READ = frozenset({"link", "joint", "material"})
 """Children of <robot> that Pinocchio reads; gazebo, transmission and the like are passed over."""
@@ -139,7 +148,9 @@ class _Reader:
         try:
             self._parser.Parse(self._data, True)
         except expat.ExpatError as error:
-            raise _refuse("not_xml", error.lineno, f"not well-formed XML: {expat.ErrorString(error.code)}") from None
+            raise _refuse(
+                "not_xml", error.lineno, f"not well-formed XML: {_XML_WORDS.get(error.code) or expat.ErrorString(error.code)}"
+            ) from None
 
     def _doctype(self, *_: object) -> None:
         line = self._parser.CurrentLineNumber
@@ -153,7 +164,7 @@ class _Reader:
         if len(self._path) >= MAX_NESTING:
             raise _refuse("nesting", line, f"XML elements nest deeper than {MAX_NESTING}")
         if tag.startswith("xacro:"):
-            raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; run xacro on the file and use its output")
+            raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
         if not self._path and tag != "robot":
             raise _refuse("root", line, f"the root element is {quoted(tag)}; that of a URDF is 'robot'")
         self._path.append(self._keep(tag, attributes, line))

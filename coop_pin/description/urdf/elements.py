@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from coop_pin.description.urdf.document import Node
-from coop_pin.description.urdf.findings import UrdfFinding, quoted, structural
+from coop_pin.description.urdf.doubtful import unit_findings
+from coop_pin.description.urdf.findings import EXPAND, UrdfFinding, quoted, structural
 from coop_pin.description.urdf.numbers import is_unexpanded, number, number_findings, numbers
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -39,6 +40,7 @@ def element_findings(robot: Node) -> Iterator[UrdfFinding]:
         if node.tag == "joint":
             yield from _joint_findings(node)
             yield from _mimic_findings(node, joint_names)
+            yield from unit_findings(node)
 
 
 def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
@@ -72,7 +74,7 @@ def _content_findings(owner: Node) -> Iterator[UrdfFinding]:
         if node.broken:
             yield structural("line_break", owner.label, node.line, f"a value of <{node.tag}> holds a tab or a line break; use blanks")
         for text in filter(is_unexpanded, node.attributes.values()):
-            message = f"{quoted(text)} in <{node.tag}> is a xacro expression that is not expanded; run xacro on the file and use its output"
+            message = f"{quoted(text)} in <{node.tag}> is a xacro expression that is not expanded; {EXPAND}"
             yield structural("xacro", owner.label, node.line, message)
 
 

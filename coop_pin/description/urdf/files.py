@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -67,31 +67,34 @@ def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> Urdf
     Raises:
         UrdfNotFoundError: there is none; the message says where it was looked for and which names are close.
     """
-    folders = (Path.cwd(),) if relative_to is None else (relative_to, Path.cwd())
+    folders = tuple(dict.fromkeys((relative_to or Path.cwd(), Path.cwd())))
     for folder in folders:
         path = folder / name_or_path  # an absolute path stays itself
-        if _is_file(path):
+        if _is(Path.is_file, path):
             return _described(path.resolve())
     name = str(name_or_path)
     bundled = {path.stem: path for path in sorted(bundled_urdf_folder().glob("*.urdf"))}
     found = bundled.get(name) or example_urdfs().get(name)
     if found is not None:
         return _described(found.resolve())
-    if Path(name).suffix in _SUFFIXES or len(Path(name).parts) != 1:
-        raise UrdfNotFoundError(_no_file(name, [folder / name for folder in dict.fromkeys(folders)]))
-    places = [*map(str, dict.fromkeys(folders)), f"the robots of coop_pin ({bundled_urdf_folder()})"]
+    robots = sorted({*bundled, *example_urdfs()})
+    parts = Path(name).parts
+    if len(parts) > 1 or Path(name).suffix in _SUFFIXES:
+        raise UrdfNotFoundError(_no_file(name, [folder / name for folder in folders], robots if len(parts) == 1 else []))
+    places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
     places.append(f"example-robot-data ({example_folder() or 'not installed'})")
-    raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, sorted({*bundled, *example_urdfs()}))}")
+    raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, robots)}")
 
 
-def _no_file(name: str, paths: Iterable[Path]) -> str:
+def _no_file(name: str, paths: Iterable[Path], robots: list[str]) -> str:
     """Say that a path leads to no file, and which robot files stand where it leads."""
-    looked = list(dict.fromkeys(map(_tidied, paths)))
+    looked = list(dict.fromkeys(Path(os.path.normpath(path)) for path in paths))
     for path in looked:
-        if path.is_dir():
+        if _is(Path.is_dir, path):
             return f"{path} is a folder; name the URDF or xacro file in it"
-    beside = {file.name for path in looked if path.parent.is_dir() for file in path.parent.iterdir() if file.suffix in _SUFFIXES}
-    hint = suggestion(Path(name).name, sorted(beside)) if beside else "no URDF or xacro file stands there"
+    folders = [path.parent for path in looked if _is(Path.is_dir, path.parent)]
+    beside = sorted({file.name for folder in folders for suffix in _SUFFIXES for file in folder.glob(f"*{suffix}")})
+    hint = suggestion(Path(name).name, [*beside, *robots]) if beside or robots else "no URDF or xacro file stands there"
     return f"there is no file {' or '.join(map(str, looked))}; {hint}"
 
 
@@ -107,13 +110,8 @@ def _described(path: Path) -> UrdfFile:
     return UrdfFile(path, tuple(path.parents[:_PACKAGE_LEVELS]))
 
 
-def _tidied(path: Path) -> Path:
-    """Return a path without its dots; links stay, so that the message holds the words that were typed."""
-    return Path(os.path.normpath(path))
-
-
-def _is_file(path: Path) -> bool:
+def _is(kind: Callable[[Path], bool], path: Path) -> bool:
     try:
-        return path.is_file()
+        return kind(path)
     except OSError:  # a name too long for the file system is no file
         return False

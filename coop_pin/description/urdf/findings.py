@@ -13,18 +13,23 @@ SHOWN_FINDINGS = 100
 """Most findings that a report writes out; the rest are counted."""
 
 
+EXPAND = "give the file a name that ends in .xacro, or run xacro on it and use its output"
+"""What to do about a xacro that stands where a URDF should."""
+
+
 class UrdfFinding(NamedTuple):
     """One defect of a URDF.
 
     Attributes:
-        kind: "structural" (the file does not say what Pinocchio would read) or "physical" (no such body exists).
+        kind: "structural" (the file does not say what Pinocchio would read), "physical" (no such body exists) or "doubtful" (it can be
+            read, but is hardly meant).
         code: short name of the defect; the package's docstring lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
         line: line of the file, from 1; 0 where the file as a whole is meant.
         message: what is wrong, with value, allowed and what to do.
     """
 
-    kind: Literal["structural", "physical"]
+    kind: Literal["structural", "physical", "doubtful"]
     code: str
     element: str
     line: int
@@ -49,11 +54,11 @@ class UrdfReport:
 
     def errors(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
         """Return the findings that forbid the file: the structural ones, and the physical ones when strict."""
-        return tuple(finding for finding in self.findings if strict or finding.kind == "structural")
+        return tuple(finding for finding in self.findings if finding.kind == "structural" or (strict and finding.kind == "physical"))
 
     def warnings(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
-        """Return the findings that only call for attention: the physical ones, none when strict."""
-        return tuple(finding for finding in self.findings if not strict and finding.kind == "physical")
+        """Return the findings that only call for attention: the doubtful ones, and the physical ones unless strict."""
+        return tuple(finding for finding in self.findings if finding.kind == "doubtful" or (not strict and finding.kind == "physical"))
 
     def lines(self, strict: bool = False) -> tuple[str, ...]:
         """Return the report as lines of plain text: errors, warnings, and a closing count."""
@@ -76,6 +81,11 @@ def structural(code: str, element: str, line: int, message: str) -> UrdfFinding:
 def physical(code: str, element: str, line: int, message: str) -> UrdfFinding:
     """Return a physical finding."""
     return UrdfFinding("physical", code, element, line, message)
+
+
+def doubtful(code: str, element: str, line: int, message: str) -> UrdfFinding:
+    """Return a doubtful finding."""
+    return UrdfFinding("doubtful", code, element, line, message)
 
 
 def quoted(text: str) -> str:

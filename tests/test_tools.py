@@ -1,0 +1,162 @@
+"""The tools: what they install, run and write, with stand-ins for what takes long."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+STAND_IN = """#!/bin/sh
+case "$1 $2 $3" in
+    "-m pip --version") ;;
+    "-m pip "*|"-m ensurepip "*|"-m ruff "*|"-m mypy "*|"-m pytest "*|"-m sphinx "*) echo "$@" >>"$CALLS"; [ "$2" != "$FAILS" ];;
+    *) exec {python} "$@";;
+esac
+"""
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    """A copy of the tools with an environment that notes what it is asked for instead of doing it; coop-pin is real."""
+    folder = tmp_path / "a clone"
+    shutil.copytree(REPOSITORY / "tools", folder / "tools")
+    for name in ("pyproject.toml", "constraints.txt"):
+        shutil.copy(REPOSITORY / name, folder)
+    binaries = folder / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    for name, text in (
+        ("python", STAND_IN.format(python=sys.executable)),
+        ("coop-pin", f'#!/bin/sh\nexec {sys.executable} -m coop_pin "$@"\n'),
+    ):
+        (binaries / name).write_text(text)
+        (binaries / name).chmod(0o755)
+    return folder
+
+
+def use(workshop, tool, *words, cwd=None, fails=""):
+    """Call a tool; return what was asked for, and how it ended."""
+    calls = workshop / "calls"
+    calls.unlink(missing_ok=True)
+    environment = os.environ | {"CALLS": str(calls), "FAILS": fails, "CHROMIUM": "/bin/true"}
+    command = ["bash", str(workshop / "tools" / tool), *words]
+    done = subprocess.run(command, cwd=cwd or workshop, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    asked = calls.read_text().splitlines() if calls.exists() else []
+    return [line.removeprefix("-m ") for line in asked], done
+
+
+def test_the_gate_installs_and_checks_everything_in_this_order(workshop):
+    asked, done = use(workshop, "gate.sh")
+    assert done.returncode == 0, done.stderr
+    install, *stages = asked
+    assert install.startswith("pip install ")
+    assert "-e .[test,docs,bench] -c constraints.txt" in install
+    assert stages == ["ruff format --check .", "ruff check .", "mypy", "pytest -n auto --dist loadgroup -q"]
+    assert done.stdout.endswith("== gate passed\n")
+
+
+@pytest.mark.parametrize("stage", ["pip", "ruff", "mypy", "pytest"])
+def test_the_gate_stops_where_something_fails(workshop, stage):
+    asked, done = use(workshop, "gate.sh", fails=stage)
+    assert done.returncode != 0
+    assert asked[-1].split()[0] == stage
+    assert "gate passed" not in done.stdout
+
+
+def test_what_is_installed_is_installed_again_only_where_something_changed(workshop):
+    for tool, name in (("gate.sh", "pyproject.toml"), ("docs.sh", "constraints.txt")):
+        assert use(workshop, tool)[0][0].startswith("pip install")
+        assert not use(workshop, tool)[0][0].startswith("pip")
+        with (workshop / name).open("a") as file:
+            file.write("\n# changed\n")
+        assert use(workshop, tool)[0][0].startswith("pip install")
+    assert not use(workshop, "gate.sh", fails="pip")[1].stdout.startswith("== gate passed")
+
+
+def test_an_installation_that_failed_is_tried_again(workshop):
+    assert use(workshop, "docs.sh", fails="pip")[1].returncode != 0
+    assert use(workshop, "docs.sh")[0][0].startswith("pip install")
+
+
+def test_the_site_is_built_with_warnings_as_errors(workshop):
+    asked, done = use(workshop, "docs.sh", "-D", "nb_execution_mode=off")
+    assert done.returncode == 0, done.stderr
+    words = asked[-1].split()
+    assert words[:1] == ["sphinx"]
+    assert {"-W", "-n", "--keep-going"} <= set(words)
+    assert asked[-1].endswith("-D nb_execution_mode=off docs out/docs")
+    assert use(workshop, "docs.sh", fails="sphinx")[1].returncode != 0
+
+
+def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    _, done = use(workshop, "run.sh", "mine", cwd=elsewhere)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (elsewhere / "mine").iterdir()} == {
+        name
+        for names in re.findall(r"^\| (`[\w.]+`(?:, `[\w.]+`)*)", (REPOSITORY / "README.md").read_text(), re.MULTILINE)
+        for name in re.findall(r"[\w.]+", names)
+    } | {"figure2.svg", "figure3.svg", "errors.svg"}
+
+
+# ---------------------------------------------------------------- tools/measure.py
+
+
+@pytest.fixture(scope="module")
+def measure():
+    spec = importlib.util.spec_from_file_location("measure", REPOSITORY / "tools" / "measure.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_difference_is_the_largest_and_its_share_is_of_what_is_allowed_there(measure):
+    found = measure.difference([1.0, 2.0, np.nan], [1.1, 2.05, np.nan], rtol=0.0, atol=0.2)
+    assert found.difference == pytest.approx(0.1)
+    assert found.share == pytest.approx(0.5)
+    assert measure.difference(3.0, 3.0, 0.0, 0.0) == (0.0, 0.0)
+    assert measure.difference([100.0, 0.0], [101.0, 0.0], rtol=0.1, atol=0.0).share == pytest.approx(1.0 / 10.1)
+
+
+def test_the_page_is_filled_row_by_row_and_nothing_else_of_it_changes(measure):
+    page = "x\n\n| claim | found |\n| --- | --- |\n| `test_a`, `test_b` | old |\n| `test_c` | |\n\n| other |\n| --- |\n| `test_a` |\n"
+    found = {"test_a": measure.Found(1e-12, 0.001), "test_b": measure.Found(3e-9, 0.25)}
+    filled = page.replace("| old |", "| 3e-09 (25%) |").replace("| `test_c` | |", "| `test_c` | – |")
+    assert measure.fill(page, found) == filled
+    assert measure.fill(filled, found) == filled
+
+
+def test_every_row_of_the_verification_page_says_what_was_found(measure):
+    page = measure.PAGE.read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("|") and measure.NAMED.search(line)]
+    assert len(rows) > 30
+    for row in rows:
+        assert re.search(r"\| (–|\d+e[+-]\d\d \((< 1|\d{1,2}|100)%\)) \|$", row), row
+    assert "see test" not in page
+
+
+def test_what_the_page_says_is_what_is_found(measure):
+    """The quick ones of its rows, measured again: the same order of magnitude."""
+    names = {
+        "test_tip_pose_is_what_yourdfpy_says",
+        "test_a_cut_and_closed_arm_moves_as_the_uncut_one",
+        "test_mass_matrix_is_the_kinetic_energy_of_the_links",
+        "test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate",
+    }
+    code = f"import sys; sys.path.insert(0, 'tools'); import measure; print(repr(dict(measure.measure({names}))))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stdout
+    found = eval(done.stdout.splitlines()[-1], {"Found": measure.Found})
+    assert set(found) == names
+    page = measure.PAGE.read_text(encoding="utf-8")
+    for name, now in found.items():
+        (row,) = [line for line in page.splitlines() if f"`{name}`" in line]
+        written = float(row.split("|")[-2].split()[0])
+        assert 0.1 < max(now.difference, 1e-15) / max(written, 1e-15) < 10.0, name

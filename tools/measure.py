@@ -1,0 +1,127 @@
+"""Writes into docs/verification.md what the tests named there find, so that no number of its last column is typed by hand.
+
+    python tools/measure.py
+
+Every test named on the page runs; of all its ``assert_allclose`` the largest difference between what is and what should be is kept,
+in the unit that is compared, and the largest share of what the test allows. Rows whose tests compare no numbers get a dash.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PAGE = REPOSITORY / "docs" / "verification.md"
+NAMED = re.compile(r"`(test_\w+)`")
+NOTHING = "–"
+
+
+class Found(NamedTuple):
+    """How far numbers were from what they should be.
+
+    Attributes:
+        difference: the largest difference, in the unit that was compared.
+        share: the largest share of the allowed difference.
+    """
+
+    difference: float
+    share: float
+
+
+class Recorder:
+    """A pytest plugin that keeps what ``numpy.testing.assert_allclose`` sees, by the name of the test."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, list[Found]] = defaultdict(list)
+        self._test = ""
+
+    def pytest_runtest_call(self, item: Any) -> None:
+        """Remember whose comparisons follow."""
+        self._test = item.originalname
+
+    def watch(self) -> None:
+        """Stand in for assert_allclose; test files must be imported after this."""
+        compare = np.testing.assert_allclose
+
+        @functools.wraps(compare)
+        def watched(actual: Any, desired: Any, rtol: float = 1e-7, atol: float = 0.0, **options: Any) -> None:
+            self.found[self._test].append(difference(actual, desired, rtol, atol))
+            compare(actual, desired, rtol, atol, **options)
+
+        np.testing.assert_allclose = watched
+
+
+def difference(actual: Any, desired: Any, rtol: float, atol: float) -> Found:
+    """Return the largest difference of two arrays and the largest share of |a - d| <= atol + rtol |d|; NaN counts as equal to NaN."""
+    a, d = np.broadcast_arrays(np.asarray(actual, dtype=float), np.asarray(desired, dtype=float))
+    off, allowed = np.abs(a - d), atol + rtol * np.abs(d)
+    shares = np.divide(off, allowed, out=np.zeros_like(off), where=off > 0.0)
+    return Found(float(np.nanmax(off, initial=0.0)), float(np.nanmax(shares, initial=0.0)))
+
+
+def fill(page: str, found: Mapping[str, Found]) -> str:
+    """Return the page with the last column of each table whose heading is "found" written anew.
+
+    Args:
+        page: the page's text.
+        found: the largest of each test.
+    """
+    lines, inside = [], False
+    for line in page.splitlines():
+        if not line.startswith("|"):
+            inside = False
+        elif line.rstrip().endswith("| found |"):
+            inside = True
+        elif inside and not line.startswith("| ---"):
+            *cells, _, end = line.split("|")
+            line = "|".join((*cells, f" {cell(NAMED.findall(line), found)} ", end))
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def cell(tests: list[str], found: Mapping[str, Found]) -> str:
+    """Return what a row's tests found: the largest difference, and its share of what is allowed."""
+    numbers = [found[test] for test in tests if test in found]
+    if not numbers:
+        return NOTHING
+    share = max(one.share for one in numbers)
+    return f"{max(one.difference for one in numbers):.0e} ({f'{share:.0%}' if share >= 0.01 else '< 1%'})"
+
+
+def measure(names: set[str]) -> dict[str, Found]:
+    """Run tests and return the largest that each found; a test that compares no numbers is left out.
+
+    Args:
+        names: the functions' names.
+
+    Raises:
+        SystemExit: a test failed, or does not exist.
+    """
+    places = [
+        f"{file}::{name}"
+        for file in sorted((REPOSITORY / "tests").glob("test_*.py"))
+        for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+        if name in names
+    ]
+    recorder = Recorder()
+    recorder.watch()
+    code = pytest.main(["-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", "--rootdir", str(REPOSITORY), *places], [recorder])
+    if code != pytest.ExitCode.OK:
+        sys.exit(int(code))
+    return {
+        name: Found(max(one.difference for one in seen), max(one.share for one in seen)) for name, seen in recorder.found.items() if seen
+    }
+
+
+if __name__ == "__main__":
+    text = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(fill(text, measure(set(NAMED.findall(text)))), encoding="utf-8")
