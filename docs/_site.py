@@ -3,6 +3,7 @@
 
 import importlib
 import inspect
+import re
 from typing import Any
 
 import coop_pin
@@ -31,10 +32,18 @@ def _skip(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) ->
     return True if name in _NOT_OURS or doc.startswith("Alias for field number") else None
 
 
-def _signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returned: str) -> tuple[str, None] | None:
-    """Descriptions show the names of their fields: their types stand below, and those of their validators are nobody's business."""
+def _signature(
+    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Descriptions show the names of their fields: their types stand below, and those of their validators are nobody's business.
+
+    Names of types inside others, as ``dict[str, ArrayLike]``, show as names too.
+    """
     fields = getattr(obj, "model_fields", None) if what == "class" else None
-    return None if fields is None else (f"(*, {', '.join(fields)})", None)
+    if fields is not None:
+        return f"(*, {', '.join(fields)})", None
+    signature, returned = (text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returned))
+    return signature, returned
 
 
 def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

@@ -36,6 +36,7 @@ nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_ipywidgets_js = {}  # else every notebook asks a server elsewhere for require.js
+nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]  # a panel's still picture, not its widget
 nb_merge_streams = True
 
 # ---------------------------------------------------------------- reference

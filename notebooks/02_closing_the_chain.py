@@ -136,6 +136,7 @@ for part, values in (("internal", internal), ("desired", desired)):
     axes.plot(result.data["time"], np.linalg.norm(values, axis=1), "-" if part == "internal" else "--", label=part)
 axes.set(xlabel="time (s)", ylabel="size of the force (N)", title="internal force on the left arm")
 axes.legend()
+plt.show()
 
 # %% [markdown]
 # ## Try

@@ -93,7 +93,8 @@ print(check.text())
 
 # %%
 result = cp.run(scenario)
-pd.Series({name: value for name, value in result.metrics().items() if name != "window_s"}, name="value").to_frame()
+metrics = {name: f"{value:.4g}" for name, value in result.metrics().items() if name != "window_s"}
+pd.Series(metrics, name="value").to_frame()
 
 # %%
 print(result.limit_violations() or "no joint and no drive went beyond its limits")

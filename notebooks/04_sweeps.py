@@ -54,9 +54,9 @@ for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), stric
 
 # %% [markdown]
 # ## A map
-# How much feedback of the internal force does the loop bear? The force passes a low-pass with pole p, and the law feeds it back
-# with K_f. In a rigid chain this loop is pure gain with a delay, so it should break at K_f = (1 + p) / (1 - p). The scenario would
-# refuse such gains; `beyond_bound` insists.
+# How much feedback of the internal force does the loop bear? The force passes a low-pass with pole $p$, and the law feeds it back
+# with $K_f$. In a rigid chain this loop is pure gain with a delay, so it should break at $K_f = (1 + p) / (1 - p)$. The scenario
+# would refuse such gains; `beyond_bound` insists.
 
 # %%
 field, pole = "controller.gains.force_gain", "controller.force_path.pole"
@@ -71,10 +71,11 @@ chart = sweep(
 )
 stable = chart.data["status"] == "ok"
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
-axes.pcolormesh(chart.data[field], chart.data[pole], stable, cmap="RdYlGn", shading="nearest", alpha=0.6)
+axes.pcolormesh(chart.data[field], chart.data[pole], stable, cmap="Blues", vmin=-0.2, vmax=1.8, shading="nearest")
 axes.plot([force_gain_bound(p) for p in np.linspace(0.0, 0.88, 60)], np.linspace(0.0, 0.88, 60), "k", label="(1 + p) / (1 - p)")
-axes.set(xscale="log", xlabel="force gain $K_f$", ylabel="pole p", xlim=(0.35, 21.0), title="green: the run came to its end")
+axes.set(xscale="log", xlabel="force gain $K_f$", ylabel="pole p", xlim=(0.35, 21.0), title="dark: the run came to its end")
 axes.legend(loc="lower right")
+plt.show()
 
 # %% [markdown]
 # Runs that diverge do not stop a sweep: each is recorded with what it said.

@@ -4,6 +4,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +18,8 @@ ARGUMENTS = (
     "--disable-sync",
 )
 PATIENCE_MS = 90_000
+OURS = ("file:", "data:", "blob:", "about:", "http://127.0.0.1:", "ws://127.0.0.1:")
+"""How the addresses begin that a page may ask for: on no test's behalf does anything leave the machine."""
 
 
 def chromium() -> str:
@@ -29,7 +32,7 @@ def chromium() -> str:
 
 @contextmanager
 def browser_page(width: int = 1200, height: int = 720, **context: object) -> Iterator[object]:
-    """A page of a browser of its own, and what it complained about, which must be nothing in the end."""
+    """A page of a browser of its own. In the end it must have complained about nothing and asked nobody elsewhere for anything."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[test]'")
     path, complaints = chromium(), []
     with playwright.sync_playwright() as driver:
@@ -37,6 +40,18 @@ def browser_page(width: int = 1200, height: int = 720, **context: object) -> Ite
         page = browser.new_context(viewport={"width": width, "height": height}, **context).new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.context.on("request", lambda request: None if request.url.startswith(OURS) else complaints.append(f"asked for {request.url}"))
         yield page
         browser.close()
     assert complaints == []
+
+
+@contextmanager
+def offline_page(file: Path, width: int = 1400, height: int = 900) -> Iterator[object]:
+    """A file, opened with the network off; its console must have no errors either."""
+    with browser_page(width, height, offline=True) as page:
+        said = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.goto(file.resolve().as_uri())
+        yield page
+        assert said == []

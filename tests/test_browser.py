@@ -14,23 +14,27 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from browser import browser_page
+from browser import PATIENCE_MS, browser_page, offline_page
 from cells import SCENARIOS, planar_scenario
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
+from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
 from coop_pin.viz.arrow_scales import recorded_scales
 from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.live_scene import LiveScene
 from coop_pin.viz.standing import standing_scenario
 
-NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "05_live_gains.ipynb"
+REPOSITORY = Path(__file__).parents[1]
+NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"
+NOTEBOOKS = sorted(path.stem for path in NOTEBOOK.parent.glob("*.ipynb"))
 
 MESHES = """() => { let meshes = 0; coopPin.viewer.scene_tree.find(["meshcat"]).object.traverse(part => { meshes += part.isMesh ? 1 : 0; });
     return meshes; }"""
 SHOWN = "coopPin.shown.time"
+WRONG = '[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="application/vnd.jupyter.error"]'
 AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
 
@@ -122,10 +126,7 @@ def test_saturated_links_change_their_colour_and_get_it_back():
 def test_the_replay_plays_with_the_network_off(tmp_path):
     result = cp.run(planar_scenario().replace(duration=2.0, events=()))
     save_replay(result, tmp_path / "replay.html")
-    with browser_page(offline=True) as page:
-        asked = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto((tmp_path / "replay.html").as_uri())
+    with offline_page(tmp_path / "replay.html", 1200, 720) as page:
         page.wait_for_function("window.coopPin !== undefined")
         page.wait_for_function("Number(document.getElementById('time').value) > 0.5")  # it plays by itself
         page.evaluate("coopPin.seek(1.0)")
@@ -136,7 +137,94 @@ def test_the_replay_plays_with_the_network_off(tmp_path):
         assert_allclose(arrow(page, "moments/left/internal", scales.newton_metres_per_metre), internal[3:], atol=0.1)
         assert page.locator("#clock").text_content().startswith("t = 1.00 s")
         assert_not_blank(drawn(page))
-        assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tmp_path):
+    result = cp.run(planar_scenario().replace(duration=2.0, events=()))
+    save_report(result, tmp_path / "report.html")
+    with offline_page(tmp_path / "report.html") as page:
+        assert shown_widths(page, "main img") == [pytest.approx(832, abs=1)] * 5  # the drawing of the motion is for paper
+        assert page.locator("#judgements tbody tr").count() == len(result.metrics()) - 1  # the window is told below the table
+        assert page.locator("#scenario tbody tr").count() > 5
+        assert_plays(page.locator("#motion iframe"))
+        assert_fits(page)
+        page.set_viewport_size({"width": 420, "height": 900})
+        assert_fits(page)
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 720, "height": 1000})
+        assert len(shown_widths(page, "main img")) == 6
+        assert not page.locator("#motion iframe").is_visible()
+        assert not page.locator("nav").is_visible()
+        assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) in (5, 6)
+
+
+def shown_widths(page, images: str) -> list[float]:
+    """The widths at which images are shown, pixels; each of them must have been read."""
+    read = "all => all.filter(image => image.offsetWidth).map(image => [image.naturalWidth, image.naturalHeight, image.offsetWidth])"
+    found = page.eval_on_selector_all(images, read)
+    assert all(min(sizes) > 0 for sizes in found)
+    return [width for _, _, width in found]
+
+
+def assert_plays(element) -> None:
+    """The replay in a frame draws the arms and lets its time go by."""
+    element.scroll_into_view_if_needed()
+    frame = element.element_handle().content_frame()
+    frame.wait_for_function("window.coopPin !== undefined && Number(document.getElementById('time').value) > 0.1")
+    assert frame.evaluate(MESHES) > 10
+
+
+def assert_fits(page) -> None:
+    """Nothing makes the page wider than its window."""
+    assert page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth") == 0
+
+
+# ---------------------------------------------------------------- the documentation
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built from copies so that nobody else is in the way, with its notebooks executed."""
+    pytest.importorskip("sphinx", reason="sphinx is not installed: pip install 'coop-pin[docs]'")
+    copy = tmp_path_factory.mktemp("site")
+    for folder in ("docs", "notebooks"):
+        shutil.copytree(REPOSITORY / folder, copy / folder)
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-b", "html", "-q", str(copy / "docs"), str(copy / "html")],
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return copy / "html"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [420, 1400])
+def test_the_pages_of_the_site_show_their_equations_and_pictures_with_the_network_off(site, width):
+    pages = [site / "index.html", site / "quickstart.html", site / "verification.html", site / "api" / "index.html"]
+    pages += [*sorted((site / "concepts").glob("*.html")), *sorted((site / "howto").glob("*.html"))]
+    equations = 0
+    for path in pages:
+        with offline_page(path, width) as page:
+            page.wait_for_function("[...document.querySelectorAll('.math')].every(one => one.querySelector('mjx-container'))")
+            equations += page.locator("mjx-container").count()
+            assert page.locator("mjx-merror").count() == 0
+            shown_widths(page, "article img")
+            assert page.locator("article h1").inner_text()
+            assert_fits(page)
+    assert equations > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_of_the_site_shows_what_it_computed_with_the_network_off(site, name):
+    with offline_page(site / "notebooks" / f"{name}.html") as page:
+        assert page.locator(".cell_output .traceback, .cell_output .stderr").count() == 0
+        assert len(shown_widths(page, ".cell_output img")) > 0
+        assert_plays(page.locator(".cell_output iframe[title='coop_pin replay']").last)
+        assert_fits(page)
 
 
 # ---------------------------------------------------------------- JupyterLab
@@ -144,9 +232,10 @@ def test_the_replay_plays_with_the_network_off(tmp_path):
 
 @pytest.fixture
 def lab(tmp_path):
-    """The address of a JupyterLab of its own, which has the live notebook."""
+    """The address of a JupyterLab of its own, which has the notebooks."""
     pytest.importorskip("jupyterlab", reason="jupyterlab is not installed: pip install 'coop-pin[test]'")
-    shutil.copy(NOTEBOOK, tmp_path)
+    for name in NOTEBOOKS:
+        shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), tmp_path)
     own = {name: str(tmp_path / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")}
     options = ("--no-browser", "--allow-root", "--ip=127.0.0.1", "--port=0", f"--ServerApp.root_dir={tmp_path}", "--expose-app-in-browser")
     server = subprocess.Popen(
@@ -171,22 +260,26 @@ def lab(tmp_path):
     server.stderr.close()
 
 
-def run_cells(page, *beginnings: str) -> None:
-    """Run the code cells that begin so, one after the other, and see each through to its end.
+def wait_for_the_notebook(page) -> None:
+    """Wait for a kernel, and for the last cell of a notebook.
 
-    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a kernel: so wait for the last
-    cell and for a kernel, and choose each cell by what stands in it, not by its place.
+    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a kernel. Who runs "the first
+    four cells" too early runs others, or none.
     """
     page.get_by_text(re.compile(r"\(ipykernel\) \| Idle")).wait_for()
-    page.locator(".jp-MarkdownCell.jp-mod-rendered", has_text="Try").last.wait_for(state="attached")
+    page.locator(".jp-MarkdownCell.jp-mod-rendered", has=page.locator("#Try")).wait_for(state="attached")
+
+
+def run_cells(page, *words: str) -> None:
+    """Run the code cells in which these words stand, one after the other, and see each through to its end."""
+    wait_for_the_notebook(page)
     page.evaluate("jupyterapp.commands.execute('notebook:clear-all-cell-outputs')")  # and the numbers of cells that ran before
-    for beginning in beginnings:
-        cell = page.locator(".jp-CodeCell", has_text=beginning)
+    for word in words:
+        cell = page.locator(".jp-CodeCell", has_text=word)
         cell.locator(".jp-InputArea-prompt").click()
         page.keyboard.press("Shift+Enter")
         cell.locator(".jp-InputArea-prompt", has_text=re.compile(r"\[\d+\]")).wait_for()
-        wrong = cell.locator('[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="application/vnd.jupyter.error"]')
-        assert wrong.all_inner_texts() == []
+        assert cell.locator(WRONG).all_inner_texts() == []
 
 
 def live_frame(page):
@@ -232,3 +325,19 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
         frame.wait_for_function("coopPin.shown.time > 0.5")  # a new kernel, a new view
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_runs_and_is_shown_in_jupyterlab(lab, name):
+    with browser_page(width=1400, height=5500) as page:  # JupyterLab draws only what is in sight
+        page.goto(lab.replace("/lab?", f"/lab/tree/{name}.ipynb?"))
+        wait_for_the_notebook(page)
+        page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+        done = "[...document.querySelectorAll('.jp-CodeCell .jp-InputArea-prompt')].every(one => /\\[\\d+\\]/.test(one.textContent))"
+        page.wait_for_function(done, timeout=4 * PATIENCE_MS)
+        assert page.locator(WRONG).all_inner_texts() == []
+        assert len(shown_widths(page, ".jp-OutputArea-output img")) > 0
+        assert_plays(page.locator("iframe[title='coop_pin replay']"))
+        if folder := os.environ.get("COOP_PIN_PICTURES"):
+            page.screenshot(path=Path(folder) / f"{name}.png")

@@ -245,6 +245,11 @@ def test_python_on_a_page_compiles_and_uses_names_that_exist(page):
         tomllib.loads(block)
 
 
+def shell_lines(page):
+    """The commands of a page, one a line."""
+    return "\n".join(blocks(page, "sh")).replace("\\\n", " ").splitlines()
+
+
 def words_of(command):
     """The words of a command line without its comment."""
     import shlex
@@ -254,11 +259,21 @@ def words_of(command):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_commands_on_a_page_are_understood(page):
-    for line in "\n".join(blocks(page, "sh")).splitlines():
+    for line in shell_lines(page):
         if words_of(line)[:1] == ["coop-pin"]:
             assert parse(words_of(line)[1:])
     for name in re.findall(r"python (examples/\w+\.py|benchmarks/\w+\.py)", page.read_text()):
         assert (REPOSITORY / name).is_file(), name
+
+
+def test_the_line_for_conda_names_all_that_the_package_needs_but_pinocchio():
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = shell_lines(DOCS / "quickstart.md")
+    (given,) = [words_of(line)[2:] for line in lines if line.startswith("pip install 'example-robot-data")]
+    assert given == [requirement for requirement in project["dependencies"] if not requirement.startswith("pin>=")]
+    (conda,) = [words_of(line)[-1] for line in lines if line.startswith("conda install")]
+    (pin,) = set(project["dependencies"]) - set(given)
+    assert conda.removeprefix("pinocchio") == pin.removeprefix("pin").partition(";")[0]
 
 
 RUNNABLE = {"howto/arm.md", "howto/scenario.md", "howto/mechanism.md", "quickstart.md"}

@@ -65,6 +65,48 @@ def test_the_help_of_every_command_named_in_the_readme_is_there(capsys):
         assert "usage" in capsys.readouterr().out
 
 
+LIGHT = {"coop_pin", "tyro", "docstring_parser", "typing_extensions", "typeguard"}
+"""What may be loaded to print help; cmeel's .pth file loads its own part whenever Python starts."""
+
+HELP = """
+import sys
+before = set(sys.modules)
+import coop_pin
+print("import coop_pin:", *(set(sys.modules) - before))
+from coop_pin.cli import main
+for words in {words}:
+    try:
+        main(words)
+    except SystemExit as ended:
+        assert ended.code == 0
+    print("loaded:", *(set(sys.modules) - before))
+"""
+
+
+def loaded(line):
+    """Packages from elsewhere among the modules that a line names."""
+    names = {name.partition(".")[0] for name in line.partition(":")[2].split()}
+    return {name for name in names if name not in sys.stdlib_module_names and not name.startswith("_")}
+
+
+def test_importing_the_package_and_asking_for_help_load_nothing_heavy():
+    """Whatever takes long to load, numpy and Pinocchio first of all, waits until something is done."""
+    subcommands = re.findall(r"subcommand\(\"([\w-]+)\"\)", (REPOSITORY / "coop_pin" / "cli" / "parsing.py").read_text(encoding="utf-8"))
+    assert {"run", "list", "check", "sweep"} <= set(subcommands)
+    asked = [["--version"], ["--help"], *([name, "--help"] for name in subcommands)]
+    code = HELP.replace("{words}", repr(asked))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    (imported,) = [line for line in lines if line.startswith("import coop_pin:")]
+    assert loaded(imported) == {"coop_pin"}
+    after = [line for line in lines if line.startswith("loaded:")]
+    assert len(after) == len(asked)
+    assert loaded(after[0]) == {"coop_pin"}
+    for words, line in zip(asked, after, strict=True):
+        assert loaded(line) <= LIGHT, words
+
+
 def test_python_in_the_readme_runs(tmp_path):
     """All blocks one after the other, as somebody who pastes them."""
     code = "\n".join(blocks("python"))

@@ -51,7 +51,7 @@ MISTAKES = {
     "pose of three rows": ({"cell.arms.left.base": np.eye(3).tolist()}, errors.FieldError, "cell.arms.left.base", "shape (3, 3)"),
     "pose in words": ({"cell.arms.left.base": "0 0 0"}, errors.FieldError, "cell.arms.left.base", "a position of 3 numbers"),
     "number for a vector": ({"cell.gravity": 9.81}, errors.FieldError, "cell.gravity", "is 9.81; it must be a list"),
-    "text for a number": ({"duration": "long"}, errors.FieldError, "duration", "is 'long'; it must be a number"),
+    "text for a duration": ({"duration": "long"}, errors.FieldError, "duration", "is 'long'; it must be a number"),
     "gains of another law": (
         {"controller": {"kind": "payload-space"}},
         errors.MissingFieldError,
@@ -435,7 +435,7 @@ def test_spatial_scenario_is_read_as_written():
 
 
 def test_a_mistake_in_no_single_field_starts_with_no_colon():
-    with pytest.raises(errors.FieldShapeError, match="^entries per joint disagree"):
+    with pytest.raises(errors.FieldShapeError, match=r"^entries per joint disagree"):
         cp.Arm.from_urdf("ur5", "tool0", posture=(0.0,) * 6, torque_limits=(1.0, 2.0))
 
 

@@ -12,7 +12,8 @@ from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
 from coop_pin.sweeps.key import run_key
-from coop_pin.sweeps.user_code import UserCode, source_files
+from coop_pin.sweeps.source_files import source_files
+from coop_pin.sweeps.user_code import UserCode
 
 SHORT = {"duration": 0.1, "events": []}
 LAW = """
@@ -66,7 +67,7 @@ def test_a_module_brings_what_it_imports_from_beside_it_at_any_depth(place):
     write(place, {"own_d.py": "import own_a\n", "unused.py": ""})
     assert names(place, "own_a:f") == ["own_a.py", "own_b.py", "own_c.py"]
     assert names(place, "own_c") == ["own_c.py"]
-    assert names(place, "nowhere:f") == []
+    assert names(place, "nowhere:f") == names(place, ".:f") == []
 
 
 def test_packages_relative_imports_and_cycles_are_followed(place):
@@ -83,6 +84,13 @@ def test_what_is_installed_and_coop_pin_itself_are_left_out(place):
     write(place, {"own_e.py": "import coop_pin\nimport scipy\n"})
     assert names(place, "own_e") == ["own_e.py"]
     assert source_files("sys:exit") == ()
+
+
+def test_packages_are_not_imported_to_find_their_files(place):
+    write(place, {"broken/__init__.py": "1 / 0\n", "broken/law.py": ""})
+    assert names(place, "broken.law:f") == ["broken/__init__.py", "broken/law.py"]
+    assert names(place, "broken.none:f") == names(place, "broken.law.deeper:f") == []
+    assert "broken" not in sys.modules
 
 
 def test_a_module_that_python_cannot_read_is_one_file(place):
@@ -144,9 +152,10 @@ def test_a_process_that_loaded_the_old_code_does_not_compute_what_is_kept_as_the
     write(place, {"own_old.py": LAW.format(gains="own_older"), "own_older.py": "TORQUE = 1.0\n"})
     plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_old:Push"))
     assert sweep(plan, out=place / "kept", workers=0, quiet=True).values("torque_peak_Nm") == 1.0
-    write(place, {"own_older.py": "TORQUE = 2.0\n"})
-    with pytest.raises(CodeChangedError, match="own_old:Push"):
-        sweep(plan, out=place / "kept", workers=0, quiet=True)
+    write(place, {"own_older.py": "TORQUE = 2.0\n", "own_newer.py": "from own_old import Push\n"})
+    for name in ("own_old:Push", "own_newer:Push"):
+        with pytest.raises(CodeChangedError, match=name):
+            sweep(plan.replace(changes=SHORT | user(name)), out=place / "kept", workers=0, quiet=True)
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
     pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
     assert sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0  # its process is new

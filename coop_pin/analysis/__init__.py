@@ -3,6 +3,7 @@
 import coop_pin.model.pinocchio_door  # noqa: F401  first, so that a missing Pinocchio is told in words
 from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, LimitApproach, NearlySingular, ReachLoss
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary
+from coop_pin.analysis.held_damping import HeldDamping, held_damping
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_damping import sampled_damping
 
@@ -10,11 +11,13 @@ __all__ = [
     "ArmReach",
     "CellSummary",
     "FastestJoint",
+    "HeldDamping",
     "LimitApproach",
     "NearlySingular",
     "ReachLoss",
     "Reachability",
     "cell_summary",
+    "held_damping",
     "reachability",
     "sampled_damping",
 ]

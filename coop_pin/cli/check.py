@@ -14,6 +14,8 @@ from coop_pin.cli.exit_codes import FAILED, OK
 class Check:
     """Look along the desired motion without simulating: is it within reach, how near to singular, which limits are met when?
 
+    And at the start: can the control rate bear the damping that the gains ask for? A controller of your own is not asked.
+
     Attributes:
         scenario: a name that 'coop-pin list' shows, or a TOML file.
         poses: how many poses along the motion are looked at.
@@ -24,9 +26,14 @@ class Check:
 
     def execute(self) -> int:
         """Print what was found; return whether the motion can be held as an exit code."""
-        from coop_pin.analysis import reachability
+        from coop_pin.analysis import held_damping, reachability
         from coop_pin.description import Scenario
 
-        found = reachability(Scenario.load(self.scenario), self.poses)
+        scenario = Scenario.load(self.scenario)
+        found = reachability(scenario, self.poses)
         print(found.text())
-        return OK if found.ok else FAILED
+        if not found.ok or scenario.controller.kind == "user":
+            return OK if found.ok else FAILED
+        held = held_damping(scenario)
+        print(f"  {held.text()}")
+        return OK if held.ok else FAILED

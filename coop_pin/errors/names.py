@@ -75,6 +75,7 @@ class MissingPinocchioError(CoopPinError, ImportError):
     def __init__(self, found: str) -> None:
         self.found = found
         super().__init__(
-            f"{found}. On Linux (glibc 2.28 or later) and macOS: pip install 'pin>=4.1,<5'. On Windows and elsewhere, where PyPI has no "
-            "wheel of pin: conda install -c conda-forge 'pinocchio>=4.1,<5'. Only conda-forge calls it pinocchio; on PyPI it is pin"
+            f"{found}. On Linux (glibc 2.28 or later, not musl) and macOS: pip install 'pin>=4.1,<5'. With conda, and on Windows, where "
+            "PyPI has no wheel of pin: conda install -c conda-forge 'pinocchio>=4.1,<5'. Only conda-forge calls it pinocchio; on PyPI it "
+            "is pin"
         )

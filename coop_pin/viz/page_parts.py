@@ -25,6 +25,8 @@ PUSH = (palette.EXTERNAL, "", "push on the payload")
 SATURATED = (palette.SATURATED, "box", "link whose drive is at its torque limit")
 SINGULAR = (palette.SINGULAR, "box", f"arm near a singular pose (condition over {NEAR_SINGULAR:g})")
 
+WHOSE_WRENCH = "by the payload on the arm, drawn at its grasp; moments are about the payload's centre of mass"
+
 _NOTED_LENGTH_M = 0.1
 _FORCE_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h14M14 0l8 4-8 4z"/></svg>'
 _MOMENT_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h9M8 0l7 4-7 4zM15 0l7 4-7 4z"/></svg>'
@@ -74,7 +76,7 @@ def arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
 
 def _arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
     notes = (icon + html.escape(note) for icon, note in zip((_FORCE_ICON, _MOMENT_ICON), arrow_notes(scales), strict=False))
-    return (*notes, "by the payload on the arm, drawn at its grasp; moments are about the payload's centre of mass")
+    return (*notes, html.escape(WHOSE_WRENCH))
 
 
 def _file(name: str) -> str:

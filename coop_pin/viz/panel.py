@@ -16,6 +16,7 @@ from coop_pin.results import RunResult
 from coop_pin.viz.knobs import Knob, gain_knobs
 from coop_pin.viz.live_run import LiveRun
 from coop_pin.viz.live_view import open_view
+from coop_pin.viz.notebook import page_frame
 
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 _SHOVE_N, _LARGEST_SHOVE_N, _SHOVE_S = 150.0, 500.0, 0.2
@@ -76,7 +77,9 @@ class Panel:
         self.view.close()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        return self.widget._repr_mimebundle_(**options)
+        """Return the widget, and for pages without a kernel behind them a still picture that says so."""
+        still = page_frame(self.view.still_html("still picture: buttons and sliders need a running notebook"), _HEIGHT, "coop_pin")
+        return self.widget._repr_mimebundle_(**options) | {"text/html": still}
 
     # ------------------------------------------------------------ layout
 

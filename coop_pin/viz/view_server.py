@@ -20,6 +20,7 @@ from coop_pin.errors import PortTakenError, ViewWarning
 _PROCESS = Path(__file__).with_name("view_server_process.py")
 _END_S = 1.0
 _SHOWN_CHARACTERS = 400
+_LAST_PORT = 65535
 
 
 class ViewServer:
@@ -121,13 +122,14 @@ def loopback_socket(port: int) -> socket.socket:
         PortTakenError: the chosen port cannot be had.
         OSError: there is no free one.
     """
+    if not 0 <= port <= _LAST_PORT:
+        raise PortTakenError(port, "no port has this number")
     try:
         return socket.create_server(("127.0.0.1", port), backlog=64)
-    except (OSError, OverflowError) as error:  # a number that no port has is an OverflowError
+    except OSError as error:
         if port == 0:
             raise
-        number = getattr(error, "errno", None)
-        raise PortTakenError(port, os.strerror(number) if number else str(error)) from error
+        raise PortTakenError(port, os.strerror(error.errno) if error.errno else str(error)) from error
 
 
 def _start(page: str, port: int, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:

@@ -23,6 +23,12 @@ function coopPinStage(pane, messages, colours) {
     }
   }
 
+  // The floor fades into the background before the lamp's light ends.
+  function haze() {
+    const distance = viewer.camera.getWorldPosition(new MeshCat.THREE.Vector3()).length();
+    viewer.scene.fog = new MeshCat.THREE.Fog(0xe9edf2, 1.15 * distance, 2.1 * distance);
+  }
+
   // Give a body the colour of a code; 0 is its own.
   function tint(path, code) {
     node(path).traverse((part) => {
@@ -36,5 +42,6 @@ function coopPinStage(pane, messages, colours) {
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   for (const message of messages) { viewer.handle_command_bytearray(bytes(message)); }
   light();
+  haze();
   return { viewer, node, tint, bytes };
 }

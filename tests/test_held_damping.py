@@ -1,0 +1,97 @@
+"""Held damping: against the closed form of square arms, against runs on both sides of the bound, and what is told of it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.analysis import HeldDamping, held_damping, sampled_damping
+from coop_pin.cli import main
+from coop_pin.control.contract import ArmController, Command
+from coop_pin.errors import CoopPinError
+
+QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
+
+
+def paper(changes=()):
+    return cp.Scenario.load("adept-paper", QUIET | dict(changes))
+
+
+def with_damping(factor, changes=()):
+    return paper({"controller.gains.damping_gain": [60.0 * factor, 60.0 * factor, 10.0 * factor]} | dict(changes))
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
+def test_of_square_arms_it_is_the_closed_form(factor):
+    scenario = with_damping(factor)
+    gains = dict.fromkeys(scenario.cell.arms, np.diag([60.0 * factor, 60.0 * factor, 10.0 * factor]))
+    expected = sampled_damping(scenario.cell, scenario.start.matrix, gains, scenario.clock.period)
+    assert_allclose(held_damping(scenario).value, expected, rtol=1e-6)
+
+
+def test_signs_events_and_the_way_the_payload_is_held_do_not_change_it():
+    value = held_damping(paper()).value
+    assert_allclose(held_damping(cp.Scenario.load("adept-paper", {"controller.gains.sign_gain": 1e-3})).value, value, rtol=1e-4)
+    assert_allclose(held_damping(paper({"plant.payload": "free"})).value, value, rtol=1e-6)
+
+
+def last_speed(scenario):
+    """The largest joint speed of the last half second, rad/s; infinite for a run that breaks off."""
+    try:
+        result = cp.run(scenario)
+    except CoopPinError:
+        return np.inf
+    return float(np.abs(result.data.velocity.values[result.data.time.values > 1.0]).max())
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.6, 2.9, 3.4])
+def test_runs_on_both_sides_of_the_bound_do_as_it_says(factor):
+    scenario = with_damping(factor)
+    scenario = scenario.override({"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "cell.arms.left.torque_limits": "none"})
+    held = held_damping(scenario)
+    assert held.ok == (factor < 2.75)
+    assert (last_speed(scenario) < 0.05) == held.ok
+
+
+def test_spare_joints_count_as_well():
+    """The posture's damper acts on what does not move the payload."""
+    pandas = cp.Scenario.load("two-pandas-box")
+    stiff = pandas.override({"controller.posture.damping": 200.0})
+    assert held_damping(pandas).ok
+    assert not held_damping(stiff).ok
+    assert all("panda_joint" in joint for joint in held_damping(stiff).joints)
+
+
+class Drives(ArmController):
+    """Speeds a moving arm up."""
+
+    def __init__(self, scenario, arm):
+        pass
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        return Command(0.1 * measurement.v, state)
+
+
+def test_a_law_that_drives_the_motion_is_told_without_a_rate():
+    held = held_damping(paper().override({"controller": {"kind": "user", "target": f"{__name__}:Drives"}}))
+    assert held.value == np.inf
+    assert "Raise clock.rate_hz, or lower the gains" in held.text()
+
+
+def test_what_is_told_of_it():
+    text = HeldDamping(3.0, 100.0, ("left/wrist",)).text()
+    assert "must be less than 2" in text
+    assert "left/wrist" in text
+    assert "above 150 Hz" in text
+
+
+def test_check_fails_where_the_rate_cannot_bear_the_gains(tmp_path, capsys):
+    paper().save(tmp_path / "fast.toml")
+    paper({"clock.rate_hz": 25.0}).save(tmp_path / "slow.toml")
+    assert main(["check", str(tmp_path / "fast.toml"), "--poses", "21"]) == 0
+    assert "held damping: " in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "slow.toml"), "--poses", "21"]) == 1
+    assert "shake" in capsys.readouterr().out
