@@ -267,7 +267,7 @@ def wait_for_the_notebook(page) -> None:
     four cells" too early runs others, or none.
     """
     page.get_by_text(re.compile(r"\(ipykernel\) \| Idle")).wait_for()
-    page.locator(".jp-MarkdownCell.jp-mod-rendered", has=page.locator("#Try")).wait_for(state="attached")
+    page.locator(".jp-MarkdownCell.jp-mod-rendered", has=page.locator("h2", has_text=re.compile("^Try"))).wait_for(state="attached")
 
 
 def run_cells(page, *words: str) -> None:

@@ -19,6 +19,7 @@ from urllib.parse import unquote, urlparse
 
 import pytest
 from browser import browser_page
+from built_once import built_once
 
 import coop_pin
 from coop_pin.cli.parsing import parse
@@ -331,32 +332,31 @@ class Site(NamedTuple):
     pages: dict[Path, Page]
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The site as tools/docs.sh builds it, but for the notebooks, which are run by tests of their own."""
-    pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
-    folder = tmp_path_factory.mktemp("site")
+def build_site(folder):
+    """As tools/docs.sh does, but for the notebooks, which are run by tests of their own."""
     options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-D", "nb_execution_mode=off", "-d", str(folder / "trees")]
     command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
+    (folder / "warnings").write_text(done.stderr)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
+    folder = built_once(tmp_path_factory, "site", build_site)
     files = [path.resolve() for path in (folder / "html").rglob("*.html") if "_static" not in path.parts]
-    return Site(folder / "html", done.stderr, {path: Page(path.read_text(encoding="utf-8")) for path in files})
+    return Site(folder / "html", (folder / "warnings").read_text(), {path: Page(path.read_text(encoding="utf-8")) for path in files})
 
-
-ON_ONE_WORKER = pytest.mark.xdist_group("site")
-"""The site is built once."""
 
 FROM_ELSEWHERE = r"""@import\s*(?:url\()?\s*['"]?(?:https?:)?//|url\(\s*['"]?(?:https?:)?//"""
 
 
-@ON_ONE_WORKER
 def test_the_site_builds_without_warnings(site):
     assert site.warnings == ""
     assert len(site.pages) > 30
 
 
-@ON_ONE_WORKER
 def test_nothing_on_the_site_is_loaded_from_elsewhere(site):
     for page, found in site.pages.items():
         for target in found.loaded:
@@ -368,7 +368,6 @@ def test_nothing_on_the_site_is_loaded_from_elsewhere(site):
         assert not re.search(FROM_ELSEWHERE, style.read_text(encoding="utf-8")), style
 
 
-@ON_ONE_WORKER
 def test_links_within_the_site_lead_to_a_page_and_an_anchor_and_others_are_well_formed(site):
     checked = 0
     for page, found in site.pages.items():
@@ -393,7 +392,6 @@ def members_of(thing):
     return [name for name, value in vars(thing).items() if isinstance(value, kinds) and not name.startswith("_") and name not in hidden]
 
 
-@ON_ONE_WORKER
 def test_every_public_name_and_every_member_of_a_public_class_is_on_the_site(site):
     ids = set().union(*(found.ids for found in site.pages.values()))
     for name, thing in public().items():
@@ -405,13 +403,11 @@ def test_every_public_name_and_every_member_of_a_public_class_is_on_the_site(sit
             assert [member for member in members_of(thing) if f"{here[0]}.{member}" not in ids] == [], name
 
 
-@ON_ONE_WORKER
 def test_the_reference_tells_how_a_class_is_made(site):
     text = (site.folder / "api" / "model.html").read_text(encoding="utf-8")
     assert "pose of the tip in the payload frame" in text
 
 
-@ON_ONE_WORKER
 def test_a_browser_opens_the_site_from_its_folder_and_asks_nobody_else(site):
     """Formulas are set, and no request leaves the folder."""
     asked = []

@@ -457,3 +457,14 @@ def test_a_wrong_path_names_the_scenario_files_where_it_leads(tmp_path):
     for wrong in (tmp_path / "mien.toml", tmp_path):
         with pytest.raises(errors.EntryNotFoundError, match=r"mine\.toml'"):
             cp.Scenario.load(wrong)
+
+
+def test_a_misspelt_urdf_is_looked_for_beside_the_scenarios_file(tmp_path, monkeypatch):
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "cell" / "stork.urdf").touch()
+    text = cp.Scenario.load("adept-paper").to_toml().replace('urdf = "adept_3dof"', 'urdf = "strok.urdf"')
+    (tmp_path / "cell" / "mine.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    scenario = cp.Scenario.load("cell/mine.toml")
+    with pytest.raises(errors.UrdfNotFoundError, match=r"cell.strok\.urdf; did you mean 'stork\.urdf'"):
+        _ = scenario.cell.arms["left"].file

@@ -9,6 +9,7 @@ import sys
 import time
 
 import numpy as np
+import psutil
 import pytest
 from faulty import law
 from numpy.testing import assert_allclose, assert_array_equal
@@ -250,6 +251,26 @@ def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_no
     assert SweepResult.load(tmp_path / "out").counts() == {"ok": 5, "failed": 0, "missing": 5}
 
 
+def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(tmp_path, searches, monkeypatch, clusters):
+    from coop_pin.sweeps.tuning.goal import Goal
+
+    original, killed = Goal.costs, []
+
+    def costs(self, result):
+        workers = [child for child in psutil.Process().children(recursive=True) if "multiprocessing" in " ".join(child.cmdline())]
+        killed.extend(worker.pid for worker in workers if "spawn" in " ".join(worker.cmdline()))
+        for worker in workers:
+            worker.kill()
+        return original(self, result)
+
+    monkeypatch.setattr(Goal, "costs", costs)
+    found = cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"workers": 1})
+    assert killed
+    assert clusters == [1]
+    assert repr(found.best) == repr(searches("evolution")[0].best)
+    assert table(tmp_path) == table(searches("evolution")[1])
+
+
 def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
     out = tmp_path / "out"
     with pytest.raises(FieldError, match="lower and a higher"):
@@ -384,8 +405,11 @@ def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers)
         assert time.monotonic() < end
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert (len(children) > 2) == (workers == 2)
     os.kill(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
+    assert psutil.wait_procs(children, timeout=30)[1] == []
     assert process.returncode == 130
     assert "Traceback" not in said
     assert "of 246 runs are kept in kept; go on with: coop-pin tune short.toml" in said

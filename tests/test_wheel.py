@@ -15,13 +15,13 @@ from email import message_from_string
 from pathlib import Path
 
 import pytest
+from built_once import built_once
 
 import coop_pin
 from coop_pin.description import scenario_names
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-pytestmark = pytest.mark.xdist_group("wheel")  # built once
 NEVER_INSIDE = {"out", ".venv", ".git", "__pycache__", ".hypothesis", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
 
 
@@ -33,42 +33,50 @@ def run(*command, cwd, **environment):
     return done.stdout
 
 
-def build(target, source, folder):
-    run(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder, cwd=source)
-    (made,) = folder.iterdir()
-    return made
+def only_entry(folder):
+    (entry,) = folder.iterdir()
+    return entry
 
 
-@pytest.fixture(scope="module")
-def sdist(tmp_path_factory):
-    """The unpacked sdist."""
-    pytest.importorskip("hatchling", reason="hatchling is not installed (extra 'test')")
-    archive = build("sdist", REPOSITORY, tmp_path_factory.mktemp("sdist"))
-    folder = tmp_path_factory.mktemp("unpacked")
-    with tarfile.open(archive) as packed:
-        packed.extractall(folder, filter="data")
-    (top,) = folder.iterdir()
-    assert top.name == f"coop_pin-{coop_pin.__version__}"
-    return top
-
-
-@pytest.fixture(scope="module")
-def wheel(sdist, tmp_path_factory):
-    """The wheel that the sdist builds."""
-    return build("wheel", sdist, tmp_path_factory.mktemp("wheel"))
-
-
-@pytest.fixture(scope="module")
-def installed(wheel, tmp_path_factory):
-    """The Python of a throw-away environment: the wheel, the dependencies of this one, and no way into the repository."""
-    folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=False, symlinks=True)
-    python = folder / "bin" / "python"
+def build_all(folder):
+    """The sdist, unpacked; from it the wheel; an environment with it, the dependencies of this one, and no way into the repository."""
+    for name in ("sdist", "unpacked", "wheel"):
+        (folder / name).mkdir()
+    run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder / "sdist", cwd=REPOSITORY)
+    with tarfile.open(only_entry(folder / "sdist")) as packed:
+        packed.extractall(folder / "unpacked", filter="data")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=only_entry(folder / "unpacked"))
+    venv.create(folder / "environment", with_pip=False, symlinks=True)
+    python = folder / "environment" / "bin" / "python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
     # Folders named in a .pth file are searched, but their own .pth files, an editable coop_pin among them, are not read.
     (site / "dependencies.pth").write_text("\n".join(entry for entry in sys.path if entry.endswith(("site-packages", "dist-packages"))))
-    run(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel, cwd=folder)
-    return python
+    command = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index"]
+    run(*command, only_entry(folder / "wheel"), cwd=folder)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    pytest.importorskip("hatchling", reason="hatchling is not installed (extra 'test')")
+    return built_once(tmp_path_factory, "distributions", build_all)
+
+
+@pytest.fixture
+def sdist(built):
+    """The unpacked sdist."""
+    return only_entry(built / "unpacked")
+
+
+@pytest.fixture
+def wheel(built):
+    """The wheel that the sdist builds."""
+    return only_entry(built / "wheel")
+
+
+@pytest.fixture
+def installed(built):
+    """The Python of the environment in which the wheel is installed."""
+    return built / "environment" / "bin" / "python"
 
 
 def files_of(folder):
@@ -115,6 +123,7 @@ def test_the_wheel_is_for_any_platform_and_says_what_pyproject_says(wheel):
 
 def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(sdist):
     names = set(files_of(sdist))
+    assert sdist.name == f"coop_pin-{coop_pin.__version__}"
     if (REPOSITORY / ".git").exists():
         listed = run("git", "ls-files", "-z", cwd=REPOSITORY).split("\0")
         assert {name for name in listed if name and (REPOSITORY / name).exists()} - names == set()

@@ -19,5 +19,5 @@ setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
-stage "tests" pytest -n auto --dist loadgroup -q # a group stays on one worker: what it builds is built once
+stage "tests" pytest -n auto -q
 echo "== gate passed"

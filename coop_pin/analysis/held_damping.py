@@ -24,7 +24,7 @@ class HeldDamping(NamedTuple):
     """How near the held torques come to shaking the cell.
 
     Attributes:
-        value: T |lambda|^2 / Re lambda, the largest of all ways to move; T lambda where lambda is real. Below 2 the motion decays.
+        value: ``T |lambda|^2 / Re lambda``, the largest of all ways to move; T lambda where lambda is real. Below 2 the motion decays.
         rate_hz: the control rate, Hz.
         joints: the joints that move most in that way, as arm/joint.
     """
@@ -53,7 +53,7 @@ def held_damping(scenario: Scenario) -> HeldDamping:
     """Return how much damping the controller holds over a tick, at the start of the run and to first order.
 
     With D = -d(acceleration)/dv through the torques alone, closures kept, the speeds go from tick to tick as v[k+1] = (I - T D) v[k].
-    An eigenvalue lambda of D decays while |1 - T lambda| < 1, which is T |lambda|^2 / Re lambda < 2.
+    The mode of an eigenvalue lambda of D decays while ``|1 - T lambda| < 1``, which is ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
         scenario: what would be run. Friction, torque limits and what a law adds up over many ticks play no part.
@@ -81,7 +81,7 @@ def held_damping(scenario: Scenario) -> HeldDamping:
 
 
 def _held(entry: complex) -> float:
-    """Return |T lambda|^2 / Re(T lambda); nothing where there is no damping, infinity where it drives the motion."""
+    """Return ``|T lambda|^2 / Re(T lambda)``; nothing where there is no damping, infinity where it drives the motion."""
     if abs(entry) < _NOTHING:
         return 0.0
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")

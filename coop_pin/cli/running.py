@@ -68,6 +68,8 @@ def table(result: RunResult, timing: Timing) -> str:
     lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"]
     for name, value in result.metrics().items():
         lines.append(f"  {name:<30} {_said(value)}")
+    if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
+        lines.append("  it never settled: 'coop-pin check' tells whether the control rate can bear the gains")
     for beyond in result.limit_violations():
         where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"
         lines.append(f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s")

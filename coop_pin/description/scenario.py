@@ -175,16 +175,25 @@ def _missing(path: Path) -> EntryNotFoundError:
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
-    """Make paths of URDF, mesh and CSV files and of package folders that exist beside the scenario's file absolute."""
+    """Make paths of URDF, mesh and CSV files and of package folders that exist beside the scenario's file absolute.
+
+    A URDF that exists nowhere is taken for one beside the file as well: the error then names the folder that was meant.
+    """
     cell = data["cell"] if isinstance(data.get("cell"), dict) else {}
     arms = cell.get("arms", {})
     for arm in arms.values() if isinstance(arms, dict) else ():
         _anchor(arm, "urdf", folder)
+        if isinstance(arm, dict) and isinstance(arm.get("urdf"), str) and _is_missing_robot(Path(arm["urdf"])):
+            arm["urdf"] = str((folder / arm["urdf"]).absolute())
         if isinstance(arm, dict) and isinstance(arm.get("package_dirs"), list):
             arm["package_dirs"] = [_beside(folder, entry) for entry in arm["package_dirs"]]
     for field in ("path", "mesh_file"):
         _anchor(cell.get("payload"), field, folder)
     _anchor(data.get("motion"), "path", folder)
+
+
+def _is_missing_robot(path: Path) -> bool:
+    return path.suffix in (".urdf", ".xacro") and not path.exists()
 
 
 def _anchor(table: Any, field: str, folder: Path) -> None:

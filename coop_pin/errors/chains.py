@@ -69,7 +69,7 @@ class ConstraintSolveError(CoopPinError, ArithmeticError):
         self.residual, self.allowed = residual, allowed
         super().__init__(
             f"the constraint solver left a residual of {residual:.3g} (allowed {allowed:.3g});"
-            " the state is far off the closures or the closures contradict each other"
+            " the state is far off the closures or the closures contradict each other; check grasps and starting angles, or lower the gains"
         )
 
 

@@ -34,7 +34,7 @@ class DivergedError(CoopPinError, ArithmeticError):
         self.time, self.quantity, self.value, self.limit = time, quantity, value, limit
         super().__init__(
             f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
-            " lower the gains or raise the control rate; the result up to then is kept"
+            " lower the gains or raise the control rate ('coop-pin check' tells how far); the result up to then is kept"
         )
 
 

@@ -49,12 +49,37 @@ class Cluster(NamedTuple):
         Raises:
             WorkersLostError: the scheduler is gone.
         """
-        try:
+        with self._answering():
             return max(1, sum(self.client.nthreads().values()))
-        except (OSError, RuntimeError) as error:  # RuntimeError: the client has given up already
-            raise WorkersLostError(
-                f"the scheduler does not answer ({error}); start the same command again: finished runs are kept"
-            ) from None
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the future of a call on a worker.
+
+        Raises:
+            WorkersLostError: the scheduler is gone.
+        """
+        with self._answering():
+            return self.client.submit(function, *arguments, pure=False)
+
+    def listen(self, topic: str, handler: Callable[[tuple[float, Any]], None]) -> None:
+        """Call a function with the time and the content of every event that workers report under a topic.
+
+        Raises:
+            WorkersLostError: the scheduler is gone.
+        """
+        with self._answering():
+            self.client.subscribe_topic(topic, handler)
+
+    @contextlib.contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Say in our words that a scheduler is gone; dask says it in several, by its version and by how far it has noticed."""
+        try:
+            yield
+        except Exception as error:
+            if self.client.status == "running" and not isinstance(error, OSError):
+                raise
+            reason = f"the scheduler does not answer ({error}); start the same command again: finished runs are kept"
+            raise WorkersLostError(reason) from error
 
 
 @contextlib.contextmanager

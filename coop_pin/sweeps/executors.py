@@ -64,7 +64,7 @@ class ClusterExecutor:
             WorkersLostError: the scheduler is gone, or local workers cannot be started.
             CodeChangedError: a worker runs other code than a job's key stands for.
         """
-        self._cluster.client.subscribe_topic(BEGUN, self._note_begun)
+        self._cluster.listen(BEGUN, self._note_begun)
         while True:
             self._fill(jobs)
             if not self._under_way:
@@ -89,9 +89,8 @@ class ClusterExecutor:
         return max(1, min(_LARGEST_BATCH, round(_TASK_S / self._mean_s)))
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
-        client, ticket = self._cluster.client, uuid.uuid4().hex
-        call: tuple[Any, ...] = (run_suspect, jobs[0], ticket) if deaths else (run_jobs, jobs)
-        future = client.submit(*call, pure=False)
+        ticket = uuid.uuid4().hex
+        future = self._cluster.submit(run_suspect, jobs[0], ticket) if deaths else self._cluster.submit(run_jobs, jobs)
         self._under_way[future] = _Task(jobs, deaths, ticket)
         future.add_done_callback(self._done.put)
 

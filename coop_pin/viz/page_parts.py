@@ -25,11 +25,15 @@ PUSH = (palette.EXTERNAL, "", "push on the payload")
 SATURATED = (palette.SATURATED, "box", "link whose drive is at its torque limit")
 SINGULAR = (palette.SINGULAR, "box", f"arm near a singular pose (condition over {NEAR_SINGULAR:g})")
 
-WHOSE_WRENCH = "by the payload on the arm, drawn at its grasp; moments are about the payload's centre of mass"
+FORCE, MOMENT, WHOSE = "force", "moment", "whose"
+"""What the notes on arrows are about."""
 
 _NOTED_LENGTH_M = 0.1
-_FORCE_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h14M14 0l8 4-8 4z"/></svg>'
-_MOMENT_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h9M8 0l7 4-7 4zM15 0l7 4-7 4z"/></svg>'
+_ICONS = {
+    FORCE: '<svg viewBox="0 0 22 8"><path d="M0 4h14M14 0l8 4-8 4z"/></svg>',
+    MOMENT: '<svg viewBox="0 0 22 8"><path d="M0 4h9M8 0l7 4-7 4zM15 0l7 4-7 4z"/></svg>',
+    WHOSE: "",
+}
 
 
 def page_html(kind: str, title: str, summary: str, entries: Sequence[tuple[str, str, str]], scales: ArrowScales, data: Any) -> str:
@@ -55,7 +59,7 @@ def page_html(kind: str, title: str, summary: str, entries: Sequence[tuple[str, 
         "legend": "\n".join(
             f'<li><i class="{swatch}" style="background:{colour}"></i>{html.escape(text)}</li>' for colour, swatch, text in entries
         ),
-        "arrows": "\n".join(f"<li>{note}</li>" for note in _arrow_notes(scales)),
+        "arrows": "\n".join(f"<li>{_ICONS[about]}{html.escape(note)}</li>" for about, note in arrow_notes(scales).items()),
         "data": json.dumps(data).replace("<", "\\u003c"),
     }
     return Template(_file("page.html")).substitute(parts)
@@ -66,17 +70,14 @@ def as_text(message: bytes) -> str:
     return base64.b64encode(message).decode("ascii")
 
 
-def arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
-    """Return what the arrows mean, in sentences: forces, and moments where there are any."""
-    forces = f"force: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newtons_per_metre:g} N"
+def arrow_notes(scales: ArrowScales) -> dict[str, str]:
+    """Return what the arrows mean, by what each note is about: forces, moments where there are any, and whose they are."""
+    notes = {FORCE: f"force: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newtons_per_metre:g} N"}
+    whose = "arrows are by the payload on the arm, drawn at its grasp"
     if scales.newton_metres_per_metre is None:
-        return (forces,)
-    return (forces, f"moment: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newton_metres_per_metre:g} N m")
-
-
-def _arrow_notes(scales: ArrowScales) -> tuple[str, ...]:
-    notes = (icon + html.escape(note) for icon, note in zip((_FORCE_ICON, _MOMENT_ICON), arrow_notes(scales), strict=False))
-    return (*notes, html.escape(WHOSE_WRENCH))
+        return {**notes, WHOSE: whose}
+    moment = f"moment: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newton_metres_per_metre:g} N m"
+    return {**notes, MOMENT: moment, WHOSE: f"{whose}; moments are about the payload's centre of mass"}
 
 
 def _file(name: str) -> str:

@@ -13,11 +13,13 @@ from coop_pin.errors import MissingExtraError, PortTakenError
 from coop_pin.results import Moment, RunResult
 from coop_pin.viz.live_frame import LiveFrame
 from coop_pin.viz.live_scene import LiveScene
-from coop_pin.viz.page_parts import LEGEND, PUSH, SATURATED, SINGULAR, WHOSE_WRENCH, arrow_notes
+from coop_pin.viz.page_parts import FORCE, LEGEND, MOMENT, PUSH, SATURATED, SINGULAR, WHOSE, arrow_notes
 from coop_pin.viz.standing import Standing, standing_of
 from coop_pin.viz.view_server import loopback_socket
 from coop_pin.viz.viewer import FRAMES_PER_SECOND, FrameRate
 from coop_pin.viz.viser_scene import ViserScene
+
+_ARROWS = {FORCE: "&#8594;", MOMENT: "&#8608;", WHOSE: ""}
 
 
 class ViserView:
@@ -130,8 +132,8 @@ def _clock(frame: LiveFrame) -> str:
 def _legend(live: LiveScene) -> str:
     entries = (*LEGEND, PUSH, SATURATED, SINGULAR)
     colours = (f'<span style="color: {colour}">&#9632;</span> {html.escape(text)}' for colour, _, text in entries)
-    notes = (f"{arrow} {note}" for arrow, note in zip(("&#8594;", "&#8608;"), arrow_notes(live.scales), strict=False))
-    return _block((*colours, *notes, WHOSE_WRENCH))
+    notes = (f"{_ARROWS[about]} {html.escape(note)}" for about, note in arrow_notes(live.scales).items())
+    return _block((*colours, *notes))
 
 
 def _block(lines: tuple[str, ...]) -> str:

@@ -160,9 +160,11 @@ class _Reader:
         line = self._parser.CurrentLineNumber
         self._count += 1
         if self._count > MAX_ELEMENTS:
-            raise _refuse("elements", line, f"more than {MAX_ELEMENTS} XML elements")
+            raise _refuse(
+                "elements", line, f"more than {MAX_ELEMENTS} XML elements; the robots of a whole scene belong in files of their own"
+            )
         if len(self._path) >= MAX_NESTING:
-            raise _refuse("nesting", line, f"XML elements nest deeper than {MAX_NESTING}")
+            raise _refuse("nesting", line, f"XML elements nest deeper than {MAX_NESTING}; those of a URDF nest 5 deep or so")
         if tag.startswith("xacro:"):
             raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
         if not self._path and tag != "robot":

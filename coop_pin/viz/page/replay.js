@@ -10,6 +10,14 @@
   viewer.animator.pause(); // the actions stay ready; time is ours
   viewer.animator.folder.domElement.style.display = "none"; // one set of buttons is enough
 
+  // The caption stands on the left, so the scene moves a little to the right, at any size of the window.
+  function makeRoom() {
+    const { camera } = viewer, { aspect } = camera;
+    camera.setViewOffset(1, 1, -0.05, 0, 1, 1);
+    camera.aspect = aspect;
+    camera.updateProjectionMatrix();
+  }
+
   let time = 0, playing = false, last = null;
   const tints = run.bodies.map(() => 0);
 
@@ -72,6 +80,7 @@
   }
 
   window.coopPin = { viewer, seek: (to) => { setPlaying(false); seek(to); }, play: () => setPlaying(true), duration: run.duration };
+  makeRoom();
   seek(0);
   setPlaying(true);
   requestAnimationFrame(tick);
