@@ -241,7 +241,10 @@ def test_a_panel_that_is_asked_for_nonsense_says_so_below(panel):
 def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_picture_that_says_so(panel, monkeypatch):
     frame = panel.widget.children[0].value
     assert f'src="{panel.view.url}"' in frame
-    assert "application/vnd.jupyter.widget-view+json" in panel._repr_mimebundle_()
+    shown = panel._repr_mimebundle_()
+    assert "application/vnd.jupyter.widget-view+json" in shown
+    assert "still picture: buttons and sliders need a running notebook" in shown["text/html"]  # where no kernel stands behind the page
+    assert panel.view.url not in shown["text/html"]
     monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/somebody/")
     still = panel.view._repr_html_()
     assert panel.view.url not in still

@@ -1,12 +1,16 @@
 """The view through viser shows what the one through meshcat shows, on this machine only, and gives its port back."""
 
+import io
 import socket
 import sys
 import urllib.parse
+from contextlib import closing
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
+from browser import browser_page
 from cells import SCENARIOS
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -21,6 +25,7 @@ from coop_pin.viz.palette import SATURATED, SINGULAR
 from coop_pin.viz.scene import Segments
 from coop_pin.viz.standing import standing_scenario
 from coop_pin.viz.trail import MOST_POINTS, Trail
+from coop_pin.viz.viewer import Viewer
 
 
 @pytest.fixture(params=SCENARIOS)
@@ -127,6 +132,14 @@ def test_watching_through_viser_changes_nothing(scenario, view):
     assert cp.run(scenario, view=view).data.identical(cp.run(scenario).data)
 
 
+@pytest.mark.parametrize("kind", [cp.viz.LiveView, cp.viz.ViserView])
+def test_both_views_do_what_a_viewer_does(kind):
+    asked = {name for name in vars(Viewer) if not name.startswith("_")} | {"__call__"}
+    assert asked == {"url", "is_alive", "show", "close", "__call__"}
+    for name in asked:
+        assert isinstance(getattr(kind, name), property) == isinstance(getattr(Viewer, name), property)
+
+
 def test_it_listens_on_loopback_only_and_the_port_is_gone_after_close(scenario, view):
     port = urllib.parse.urlsplit(view.url).port
     listening = [line.split()[1:4] for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
@@ -159,6 +172,24 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'coop-pin\[viser\]'"):
         cp.viz.open_viser("adept-paper")
+
+
+@pytest.mark.slow
+def test_a_browser_draws_the_cell_and_its_arrows():
+    pytest.importorskip("viser", reason="viser is not installed: pip install 'coop-pin[viser]'")
+    scenario = SCENARIOS["planar"]().replace(duration=1.0, events=())
+    with closing(cp.viz.open_viser(scenario)) as view, browser_page() as page:
+        page.goto(view.url)
+        moment = last_moment(scenario, view)
+        page.get_by_text(f"t = {moment.time:.2f} s").wait_for()
+        page.wait_for_selector("canvas")
+        for _ in range(200):  # it fetches its parts one after the other
+            page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            red, green, blue, *_ = np.moveaxis(matplotlib.image.imread(io.BytesIO(page.screenshot()))[150:, 330:860], -1, 0)
+            orange = (red > 0.5) & (green < 0.7 * red) & (blue < 0.35 * red)  # internal forces, lit or in the shade
+            if orange.sum() > 200:
+                break
+        assert orange.sum() > 200
 
 
 # ---------------------------------------------------------------- what only viser needs
