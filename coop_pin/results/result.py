@@ -13,7 +13,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
 from coop_pin.results import judgements
 from coop_pin.results.dataset import dataset
-from coop_pin.results.judgements import InternalForceError, Window
+from coop_pin.results.judgements import InternalForceJudgement, Window
 from coop_pin.results.limits import LimitTable, LimitViolation, limit_violations
 from coop_pin.results.samples import RunSamples
 from coop_pin.results.storage import write_atomically
@@ -83,7 +83,7 @@ class RunResult:
         """Return the rms of the orientation error over the steady window, rad."""
         return self._error_rms(slice(3, 6))
 
-    def internal_force(self) -> InternalForceError:
+    def internal_force(self) -> InternalForceJudgement:
         """Return the judgements of the internal wrench over the steady window."""
         return judgements.internal_force(self.data, self.steady_window)
 
