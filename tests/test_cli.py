@@ -360,7 +360,9 @@ def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     with urllib.request.urlopen(url, timeout=30) as page:
         assert b"coopPinStage" in page.read()
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=30) == (b"", b"")
+    said, hint = process.communicate(timeout=30)
+    assert said == b""
+    assert hint.splitlines() == [b"coop-pin: open this address in a browser on this machine; Ctrl-C ends the view"]
     assert process.returncode == 0
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)

@@ -200,3 +200,8 @@ def test_ctrl_c_stops_the_thread_that_draws():
         in_own_thread(draw)
     assert told == [True]
     assert "coop_pin pictures" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_view_refuses_a_time_that_nothing_shows(tmp_path, capsys):
+    assert main(["view", str(tmp_path), "--time", "0.2"]) == 2
+    assert "--time: says what an image shows" in capsys.readouterr().err

@@ -44,8 +44,13 @@ class View:
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
 
     def execute(self) -> int:
-        """Print the address and open it; or write pictures and print their names."""
+        """Print the address and open it; or write pictures and print their names.
+
+        Raises:
+            FieldError: a time is given, but no image to show it.
+        """
         from coop_pin.description import scenario_names
+        from coop_pin.errors import FieldError
 
         path = Path(self.what)
         if self.image is not None or self.video is not None:
@@ -53,6 +58,8 @@ class View:
 
             write_pictures(path, self.image, self.time, self.video)
             return OK
+        if self.time is not None:
+            raise FieldError("says what an image shows; give --image FILE with it", "--time")
         if self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
             return self._live()
         replay = _replay(path).resolve()
@@ -64,8 +71,12 @@ class View:
         from coop_pin.description import Scenario
 
         pace = self.pace if self.run else None
-        view_until_interrupted(Scenario.load(self.what), pace, self.port, lambda url: self._show(url, url))
+        view_until_interrupted(Scenario.load(self.what), pace, self.port, self._show_live)
         return OK
+
+    def _show_live(self, url: str) -> None:
+        self._show(url, url)
+        print("coop-pin: open this address in a browser on this machine; Ctrl-C ends the view", file=sys.stderr)
 
     def _show(self, text: str, address: str) -> None:
         print(text, flush=True)
