@@ -208,7 +208,8 @@ class Drill:
                 content[self.random.randrange(len(content))] ^= 1 << self.random.randrange(8)
                 path.write_bytes(content)
         if session:
-            session.end(signal.SIGINT, INTERRUPTED, -signal.SIGINT)
+            session.progress(1)  # see _interrupt
+            session.end(signal.SIGINT, INTERRUPTED)
         self._interrupt()
         return {path.stem for path in hurt}
 

@@ -23,11 +23,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         print(f"coop-pin {__version__}")
         return OK
-    from coop_pin.cli.parsing import parse  # what follows takes longer to load
     from coop_pin.errors import CoopPinError
 
     pythons_own, warnings.formatwarning = warnings.formatwarning, _worded
     try:
+        from coop_pin.cli.parsing import parse  # takes long enough to load for somebody to press Ctrl-C
+
         return parse(words).execute()
     except CoopPinError as error:
         return _report(str(error), BAD_INPUT)
