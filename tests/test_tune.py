@@ -257,10 +257,11 @@ def test_workers_that_die_between_generations_are_replaced_and_the_history_stays
     original, killed = Goal.costs, []
 
     def costs(self, result):
-        workers = [child for child in psutil.Process().children(recursive=True) if "multiprocessing" in " ".join(child.cmdline())]
-        killed.extend(worker.pid for worker in workers if "spawn" in " ".join(worker.cmdline()))
-        for worker in workers:
-            worker.kill()
+        for child in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):  # one that ended by itself meanwhile
+                if "multiprocessing.spawn" in " ".join(child.cmdline()):
+                    child.kill()
+                    killed.append(child.pid)
         return original(self, result)
 
     monkeypatch.setattr(Goal, "costs", costs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -209,8 +210,8 @@ class SweepResult:
         """Return what was run and how it ended, for people."""
         counts = self.counts()
         lines = [str(self.plan), ", ".join(f"{count} {status}" for status, count in counts.items())]
-        kinds, numbers = np.unique(self.data["failure"].values, return_counts=True)
-        lines += [f"  {number} {kind}" for kind, number in zip(kinds, numbers, strict=True) if kind]
+        if counts["failed"]:
+            lines += self._failure_lines()
         for name in self.metric_names:
             values = self.data[name].values[np.isfinite(self.data[name].values)]
             if values.size:
@@ -221,6 +222,15 @@ class SweepResult:
         for row in rows(self.plan, self.store):
             if row.record is not None and row.record.failure is not None:
                 yield PointFailure(row.point.number, row.point.parameters, row.record.failure.kind, row.record.failure.message)
+
+    def _failure_lines(self) -> list[str]:
+        """Say how many runs failed of each kind of error, and what the first of each said."""
+        first: dict[str, PointFailure] = {}
+        numbers: Counter[str] = Counter()
+        for failure in self._failures():
+            numbers[failure.kind] += 1
+            first.setdefault(failure.kind, failure)
+        return [f"  {numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items())]
 
     def _require_coordinate(self, field: str) -> None:
         if field not in self.data.coords:
