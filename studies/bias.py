@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
@@ -11,19 +11,33 @@ from coop_pin.viz.figures import sweep_figure
 
 ERROR = "internal_axial_rms_error_N"
 SIGN_GAIN = "controller.gains.sign_gain"
+BIAS = "cell.arms.left.calibration_error.xyz"
+RATE = "clock.rate_hz"
 
 
 def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
     """Return the error over the length of the run, a line for each law and alpha."""
-    return sweep_figure(results["bias"], ERROR, over="duration")
+    return sweep_figure(results["law"], ERROR, over="duration")
 
 
 def numbers(results: Mapping[str, cp.SweepResult]) -> str:
-    """Return the table of the figure."""
-    error = results["bias"].values(ERROR)
-    lines = [f"{ERROR} over the length of the run, s", f"{'':42}" + "".join(f"{length:9g}" for length in error.duration.values)]
+    """Return the table of the figure, and that of sgn by rate and bias."""
+    error = results["law"].values(ERROR)
+    lines = [_header(error.duration.values)]
     for law in error.law.values:
         for alpha in error[SIGN_GAIN].values:
-            row = error.sel({"law": law, SIGN_GAIN: alpha}).values
-            lines.append(f"{law:30} alpha {alpha:<5g}" + "".join(f"{value:9.3f}" for value in row))
+            lines.append(_line(f"{law}, alpha {alpha:g}", error.sel({"law": law, SIGN_GAIN: alpha}).values))
+    error = results["sign"].values(ERROR)
+    lines.append(_header(error.duration.values))
+    for shift in error[BIAS].values:
+        for rate in error[RATE].values:
+            lines.append(_line(f"payload space, sgn, {shift} m, {rate:g} Hz", error.sel({BIAS: shift, RATE: rate}).values))
     return "\n".join(lines)
+
+
+def _header(lengths: Sequence[float]) -> str:
+    return f"{ERROR + ' over the length of the run, s':54}" + "".join(f"{length:9g}" for length in lengths)
+
+
+def _line(name: str, values: Sequence[float]) -> str:
+    return f"{name:54}" + "".join(f"{value:9.3f}" for value in values)

@@ -16,7 +16,7 @@ ERROR, ALPHA = "internal_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
     "force_gain": {"force_gain": 114},
     "payload": {"with_sign": 36, "without_sign": 36},
-    "bias": {"bias": 30},
+    "bias": {"law": 30, "sign": 8},
     "internal_force": {"bias": 2, "force_gain": 6, "sign_gain": 18},
 }
 
@@ -127,16 +127,17 @@ def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tm
     assert_allclose([float(word) for word in row.split()], [0.0, 1.0, 0.5, 2.0, errors[1] / errors[0]], atol=0.05)
 
 
-def test_the_bias_table_holds_every_line_of_its_figure(draw, tiny):
+def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(draw, tiny):
     results = tiny("bias")
-    error = results["bias"].values(ERROR)
-    _, head, *rows = draw.STUDIES["bias"].numbers(results).splitlines()
-    assert [float(word) for word in head.split()] == [4.1, 4.2]
-    assert len(rows) == 6
-    for row, line in zip(rows, error.values.reshape(-1, 2), strict=True):
+    by_law, by_rate = (results[part].values(ERROR) for part in ("law", "sign"))
+    head, *rows = draw.STUDIES["bias"].numbers(results).splitlines()
+    assert [float(word) for word in head.split()[-2:]] == [4.1, 4.2]
+    assert rows.pop(6) == head
+    expected = np.vstack([by_law.values.reshape(-1, 2), by_rate.transpose(..., "duration").values.reshape(-1, 2)])
+    for row, line in zip(rows, expected, strict=True):
         assert_allclose([float(word) for word in row.split()[-2:]], line, atol=5e-4)
     curves = [line for line in draw.STUDIES["bias"].figure(results).axes[0].lines if len(line.get_xdata()) == 2]
-    assert_allclose([line.get_ydata() for line in curves], error.values.reshape(-1, 2))
+    assert_allclose([line.get_ydata() for line in curves], by_law.values.reshape(-1, 2))
 
 
 def test_the_payload_numbers_are_means_and_spreads_over_the_masses(draw, tiny):
