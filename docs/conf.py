@@ -1,5 +1,6 @@
 """Sphinx builds the site from here: ``bash tools/docs.sh``. Nothing in it is loaded from elsewhere."""
 
+import hashlib
 import shutil
 import sys
 from pathlib import Path
@@ -9,6 +10,16 @@ import coop_pin
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parent
 sys.path.insert(0, str(HERE))
+
+
+def package_digest() -> str:
+    """Return a digest of everything that the package consists of."""
+    digest = hashlib.sha256()
+    for file in sorted(path for folder in ("coop_pin", "urdf") for path in (REPOSITORY / folder).rglob("*") if path.is_file()):
+        if "__pycache__" not in file.parts:
+            digest.update(str(file.relative_to(REPOSITORY)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
 
 # Sphinx reads notebooks below its own folder only; the copies are not kept in the repository.
 shutil.rmtree(HERE / "notebooks", ignore_errors=True)
@@ -31,7 +42,8 @@ language = "en"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 nb_execution_mode = "cache"
-nb_execution_cache_path = str(REPOSITORY / "out" / "docs-cache")
+# The cache knows the text of a notebook, not the package that it shows: each state of the package has a cache of its own.
+nb_execution_cache_path = str(REPOSITORY / "out" / "docs-cache" / package_digest())
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True

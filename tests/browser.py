@@ -1,42 +1,43 @@
 """A real browser for tests; where there is none, they skip and say so."""
 
+import functools
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-ARGUMENTS = (
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-sandbox",
-    "--disable-quic",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
+from coop_pin.errors import BrowserNotFoundError
+from coop_pin.viz.browser import find_browser, launch
+
 PATIENCE_MS = 90_000
 OURS = ("file:", "data:", "blob:", "about:", "http://127.0.0.1:", "ws://127.0.0.1:")
 """How the addresses begin that a page may ask for: on no test's behalf does anything leave the machine."""
 
 
+@functools.cache
 def chromium() -> str:
-    """The path of a Chromium; skips the test where there is none."""
-    path = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if path is None:
-        pytest.skip("there is no Chromium on this machine: apt-get install chromium, or say where it is in CHROMIUM")
-    return path
+    """The path of the Chromium that pictures are drawn with; skips the test where there is none, or no playwright."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[test]'")
+    with playwright.sync_playwright() as driver:
+        own = Path(driver.chromium.executable_path)
+    try:
+        return find_browser(own)
+    except BrowserNotFoundError as error:
+        if os.environ.get("CHROMIUM"):
+            raise  # named, but not there
+        pytest.skip(str(error))
 
 
 @contextmanager
 def browser_page(width: int = 1200, height: int = 720, **context: object) -> Iterator[object]:
     """A page of a browser of its own. In the end it must have complained about nothing and asked nobody elsewhere for anything."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[test]'")
     path, complaints = chromium(), []
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+    from playwright import sync_api
+
+    with sync_api.sync_playwright() as driver:
+        browser = launch(driver, path)
         page = browser.new_context(viewport={"width": width, "height": height}, **context).new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: complaints.append(str(error)))

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from coop_pin.cli.exit_codes import OK
+from coop_pin.cli.exit_codes import FAILED, OK
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,13 +50,17 @@ class View:
             FieldError: a time is given, but no image to show it.
         """
         from coop_pin.description import scenario_names
-        from coop_pin.errors import FieldError
+        from coop_pin.errors import FieldError, VideoError
 
         path = Path(self.what)
         if self.image is not None or self.video is not None:
             from coop_pin.cli.view_pictures import write_pictures
 
-            write_pictures(path, self.image, self.time, self.video)
+            try:
+                write_pictures(path, self.image, self.time, self.video)
+            except VideoError as error:
+                print(f"coop-pin: {error}", file=sys.stderr)
+                return FAILED
             return OK
         if self.time is not None:
             raise FieldError("says what an image shows; give --image FILE with it", "--time")

@@ -70,7 +70,7 @@ from coop_pin.errors.sweeps import (
     WorkerDiedError,
     WorkersLostError,
 )
-from coop_pin.errors.views import BrowserError, BrowserNotFoundError, PictureSizeError, PortTakenError, TimeOutsideRunError
+from coop_pin.errors.views import BrowserError, BrowserNotFoundError, PictureSizeError, PortTakenError, TimeOutsideRunError, VideoError
 from coop_pin.errors.warnings import GeometryWarning, UrdfWarning, ViewWarning
 
 __all__ = [
@@ -140,6 +140,7 @@ __all__ = [
     "UrdfNotFoundError",
     "UrdfWarning",
     "UserCodeError",
+    "VideoError",
     "ViewWarning",
     "WorkerDiedError",
     "WorkersLostError",

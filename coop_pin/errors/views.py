@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from coop_pin.errors.arguments import ArgumentError
 from coop_pin.errors.root import CoopPinError
@@ -34,6 +35,20 @@ class BrowserError(CoopPinError, RuntimeError):
     def __init__(self, browser: str, complaint: str) -> None:
         self.browser, self.complaint = browser, complaint
         super().__init__(f"{browser} drew no picture: {complaint}; name another Chromium or Chrome in the variable CHROMIUM")
+
+
+class VideoError(CoopPinError, OSError):
+    """The encoder did not write a whole video: the disk is full, or it ended early.
+
+    Attributes:
+        path: of the video.
+        frames: that were written.
+        wanted: frames of the whole video.
+    """
+
+    def __init__(self, path: Path, frames: int, wanted: int) -> None:
+        self.path, self.frames, self.wanted = path, frames, wanted
+        super().__init__(f"{path} was not written: the encoder wrote {frames} of {wanted} frames and said why above; is the disk full?")
 
 
 class TimeOutsideRunError(ArgumentError):

@@ -12,7 +12,9 @@ from coop_pin.viz import palette
 from coop_pin.viz.figures.style import ACTUAL, DESIRED, label, styled
 
 _MOMENTS = 6
-_WIDTH, _LARGEST_HEIGHT = 6.6, 7.0
+_WIDTH, _LEAST_WIDTH, _LARGEST_HEIGHT = 6.6, 4.6, 7.0
+"""Inches; a cell that is narrow seen from above still leaves room for its legend."""
+
 _ROOM = 0.45
 
 
@@ -29,7 +31,7 @@ def motion_figure(result: RunResult) -> Figure:
     scale = min(_WIDTH / extent[0], _LARGEST_HEIGHT / sum(extent[second] for _, second in views))
     heights = [scale * extent[second] + _ROOM for _, second in views]
     with styled():
-        figure = Figure(figsize=(scale * extent[0] + 2.0 * _ROOM, sum(heights) + 2.0 * _ROOM), layout="constrained")
+        figure = Figure(figsize=(max(scale * extent[0], _LEAST_WIDTH) + 2.0 * _ROOM, sum(heights) + 2.0 * _ROOM), layout="constrained")
         panels = figure.subplots(len(views), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for panel, view in zip(panels, views, strict=True):
             _draw(panel, result, view)

@@ -38,7 +38,7 @@ class FieldsDimension(NamedTuple):
 
     def describe(self) -> str:
         """Return one line for people."""
-        shown = [str(label(value)) for value in self.fields[self.name][:6]]
+        shown = [_short(label(value)) for value in self.fields[self.name][:6]]
         more = ", ..." if self.size > len(shown) else ""
         together = f" together with {', '.join(list(self.fields)[1:])}" if len(self.fields) > 1 else ""
         return f"{self.size} values: {', '.join(shown)}{more}{together}"
@@ -134,3 +134,7 @@ class RepeatDimension(NamedTuple):
 
 
 Dimension = FieldsDimension | CasesDimension | SampleDimension | RepeatDimension
+
+
+def _short(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -47,7 +47,7 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
     with sync_api.sync_playwright() as driver:
         path = find_browser(Path(driver.chromium.executable_path))
         try:
-            browser = driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=_without_display())
+            browser = launch(driver, path)
             page = browser.new_context(viewport={"width": width, "height": height}, offline=True).new_page()
             page.set_default_timeout(_PATIENCE_MS)
             page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -57,6 +57,16 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
             raise BrowserError(path, "; ".join((*complaints, str(error).strip().split("\n")[0]))) from error
     if complaints:
         raise BrowserError(path, "; ".join(complaints))
+
+
+def launch(driver: Any, path: str) -> Any:
+    """Start a browser and return playwright's handle on it.
+
+    Args:
+        driver: playwright's.
+        path: of the browser.
+    """
+    return driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=_without_display())
 
 
 def find_browser(own: Path) -> str:

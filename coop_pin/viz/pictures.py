@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.errors import MissingExtraError, NotPositiveError, PictureSizeError, TimeOutsideRunError
+from coop_pin.errors import MissingExtraError, NotPositiveError, PictureSizeError, TimeOutsideRunError, VideoError
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
 from coop_pin.viz.browser import in_own_thread, offline_page
@@ -70,6 +70,7 @@ def save_video(
         BrowserError: it drew nothing.
         NotPositiveError: the frame rate is not greater than zero.
         PictureSizeError: width or height is too small, or odd.
+        VideoError: the encoder did not write all of it.
     """
     times = frame_times(result.end, frames_per_second)
     for name, value in (("width", width), ("height", height)):
@@ -85,15 +86,22 @@ def save_video(
         video.send(None)  # starts it
 
         def encode(stop: Any) -> None:
-            for picture in page_pictures(page, times, width, height):
+            for number, picture in enumerate(page_pictures(page, times, width, height)):
                 if stop.is_set():
                     return
-                video.send(np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3]))
+                pixels = np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3])
+                try:
+                    video.send(pixels)
+                except OSError as error:
+                    raise VideoError(Path(path), number, len(times)) from error
 
         try:
             in_own_thread(encode)
         finally:
             video.close()
+        written = _frames_of(encoder, part)
+        if written < len(times):
+            raise VideoError(Path(path), written, len(times))
 
     write_atomically(Path(path), write)
 
@@ -138,6 +146,15 @@ def page_pictures(page: str, times: Iterable[float], width: int, height: int) ->
             browser_page.evaluate("time => window.coopPin.seek(time)", float(time))
             browser_page.evaluate(_DRAWN)
             yield browser_page.screenshot(type="png")
+
+
+def _frames_of(encoder: Any, video: Path) -> int:
+    """Return how many frames a video holds: its encoder tells nobody that it could not write to the end."""
+    try:
+        frames, _ = encoder.count_frames_and_secs(str(video))
+    except RuntimeError:  # it cannot be read
+        return 0
+    return int(frames)
 
 
 def _video_packages() -> tuple[Any, Any]:
