@@ -255,8 +255,8 @@ def lab(tmp_path):
     drain.start()
     yield address[0]
     os.killpg(server.pid, signal.SIGTERM)
-    server.wait(20)
-    drain.join(20)
+    server.wait(PATIENCE_MS / 1e3)
+    drain.join(PATIENCE_MS / 1e3)
     server.stderr.close()
 
 

@@ -122,6 +122,25 @@ def test_an_observer_sees_what_the_result_holds(scenario):
         seen[0].configuration[0] = 1.0
 
 
+class Dozing:
+    """Leaves every moment out that it may leave out."""
+
+    def __init__(self):
+        self.shown = []
+
+    def __call__(self, moment):
+        pass
+
+    def show(self, moment):
+        self.shown.append(moment.time)
+
+
+def test_the_last_moment_of_a_run_is_shown_however_fast_it_went_by(scenario):
+    view = Dozing()
+    result = cp.run(scenario, view=view, pace=math.inf)
+    assert view.shown == [result.end]
+
+
 def test_watching_changes_nothing(scenario):
     _, watched = moments(scenario)
     alone = cp.simulate(scenario, build_controller(scenario))

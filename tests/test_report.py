@@ -12,7 +12,8 @@ from cells import SCENARIOS
 import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.errors import DivergedError
-from coop_pin.report import internal_force_figure, report_html, save_report, singularity_figure
+from coop_pin.report import internal_force_figure, motion_figure, report_html, save_report, singularity_figure
+from coop_pin.results import RunResult
 
 SHORT = {"duration": 0.5, "events": ()}
 SECTIONS = ["judgements", "scenario", "motion", "tracking", "internal", "torque", "exactness", "singular", "limits"]
@@ -167,3 +168,20 @@ def test_run_writes_a_report_when_asked_and_leaves_no_old_one(tmp_path):
 def test_a_report_of_nothing_is_bad_input(tmp_path, capsys):
     assert main(["report", str(tmp_path)]) == 2
     assert "there is no result file" in capsys.readouterr().err
+
+
+def test_the_legend_of_the_motion_fits_beside_a_narrow_cell():
+    """Two arms that face each other along y, seen from above, leave a tall and narrow picture."""
+    run = result("planar")
+    data, turn = run.data.copy(deep=True), np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    for name in ("tip_position", "payload_position", "desired_position"):
+        data[name] = data[name].copy(data=data[name].values @ turn.T)
+    cell = run.scenario.cell
+    arms = {name: arm.replace(base=cp.Pose(xyz=tuple(turn @ arm.base.xyz))) for name, arm in cell.arms.items()}
+    narrow = RunResult(run.scenario.replace(cell=cell.replace(arms=arms)), data)
+    for figure in (motion_figure(run), motion_figure(narrow)):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        left, _, right, _ = legend.get_window_extent().extents
+        assert 0.0 <= left < right <= figure.bbox.width
+        assert figure.bbox.width <= 7.5 * figure.dpi

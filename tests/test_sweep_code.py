@@ -8,12 +8,13 @@ import pytest
 from test_sweep_cluster import scheduler_elsewhere
 
 import coop_pin as cp
+import coop_pin.sweeps.engine as engine
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
 from coop_pin.sweeps.key import run_key
 from coop_pin.sweeps.source_files import source_files
-from coop_pin.sweeps.user_code import UserCode
+from coop_pin.sweeps.user_code import UserCode, user_code
 
 SHORT = {"duration": 0.1, "events": []}
 LAW = """
@@ -93,6 +94,14 @@ def test_packages_are_not_imported_to_find_their_files(place):
     assert "broken" not in sys.modules
 
 
+def test_a_module_run_with_python_m_brings_its_package(place):
+    says = "from coop_pin.sweeps.source_files import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
+    write(place, {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"})
+    write(place, {"lab/gains.py": "K = 1\n", "lab/tools.py": ""})
+    done = subprocess.run([sys.executable, "-m", "lab.study"], cwd=place, capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == ["__init__.py", "gains.py", "study.py", "tools.py"]
+
+
 def test_a_module_that_python_cannot_read_is_one_file(place):
     write(place, {"own_f.py": "def (:\n"})
     assert names(place, "own_f") == ["own_f.py"]
@@ -159,6 +168,21 @@ def test_a_process_that_loaded_the_old_code_does_not_compute_what_is_kept_as_the
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
     pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
     assert sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0  # its process is new
+
+
+def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(place, monkeypatch):
+    write(place, {"own_race.py": LAW.format(gains="own_racing"), "own_racing.py": "TORQUE = 1.0\n"})
+    plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_race:Push"))
+    sweep(plan, out=place / "kept", workers=0, quiet=True)
+
+    def edited_meanwhile(*read):
+        code = user_code(*read)
+        write(place, {"own_racing.py": "TORQUE = 2.0\n"})
+        return code
+
+    monkeypatch.setattr(engine, "user_code", edited_meanwhile)
+    assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {"ok": 0, "failed": 0, "missing": 1}
+    assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
 
 
 def test_workers_elsewhere_that_loaded_the_old_code_refuse_the_new(place):

@@ -4,7 +4,8 @@ import pytest
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
-from coop_pin.errors import WorkersLostError
+import coop_pin as cp
+from coop_pin.errors import FieldError, WorkersLostError
 from coop_pin.sweeps.cluster import Cluster
 
 
@@ -44,3 +45,14 @@ def test_a_scheduler_that_is_gone_is_a_typed_error(call, status, error):
 def test_another_mistake_is_left_as_it_is(call):
     with pytest.raises(TypeError, match="pickle"):
         CALLS[call](Cluster(Client("running", TypeError("cannot pickle")), lambda: None))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "localhost:port", "nonsense://127.0.0.1:1"])
+def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
+    with pytest.raises(FieldError, match=rf"^scheduler: is '{address}' \(.*\); it must be an address such as tcp://127.0.0.1:8786"):
+        cp.sweep("adept-paper", out=tmp_path, scheduler=address, quiet=True)
+
+
+def test_a_host_that_is_not_known_is_one_without_a_scheduler(tmp_path):
+    with pytest.raises(WorkersLostError, match=r"no dask scheduler at 'no-such-host\.invalid:8786'"):
+        cp.sweep("adept-paper", out=tmp_path, scheduler="no-such-host.invalid:8786", quiet=True)

@@ -154,4 +154,17 @@ def test_a_summary_says_how_many_and_why(grid):
     text = grid.summary()
     failed = len(grid.failures)
     assert f"{16 - failed} ok, {failed} failed, 0 missing" in text
-    assert f"{failed} DivergedError" in text
+    assert f"  {failed} DivergedError; run {grid.failures[0].number}: gone\n" in text
+
+
+def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_lines_together(tmp_path):
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4]})
+    store = SweepStore(tmp_path)
+    for number, kind, message in (
+        (0, "WorkerDiedError", "dead"),
+        (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
+        (2, "ScenarioError", "no"),
+    ):
+        store.write(Record(key_of(plan, number), "", {}, Failure(kind, message, {})))
+    lines = SweepResult(plan, store).summary().splitlines()
+    assert lines[-4:] == ["  2 ScenarioError; run 1: 2 mistakes:", "      a", "      b", "  1 WorkerDiedError; run 0: dead"]

@@ -142,6 +142,11 @@ def test_every_row_of_the_verification_page_says_what_was_found(measure):
     assert "see test" not in page
 
 
+def test_a_test_that_does_not_exist_is_not_measured_as_nothing(measure):
+    with pytest.raises(SystemExit, match="there is no test named test_of_nothing"):
+        measure.measure({"test_of_nothing"})
+
+
 def test_what_the_page_says_is_what_is_found(measure):
     """The quick ones of its rows, measured again: the same order of magnitude."""
     names = {

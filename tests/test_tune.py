@@ -11,6 +11,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+import xarray as xr
 from faulty import law
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_cluster import scheduler_elsewhere
@@ -31,6 +32,7 @@ from coop_pin.sweeps import SweepResult
 from coop_pin.sweeps.lock import FolderLock
 from coop_pin.sweeps.tuning.bound import Bound
 from coop_pin.sweeps.tuning.effort import Effort, first_generation
+from coop_pin.sweeps.tuning.goal import Goal
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})
@@ -127,14 +129,34 @@ def test_nothing_within_the_bounds_is_an_error_and_the_runs_are_kept(tmp_path, s
     shutil.copytree(searches("evolution")[1], tmp_path, dirs_exist_ok=True)
     with pytest.raises(NothingFeasibleError, match="none of 10 runs") as caught:
         cp.tune(SHORT, RANGES, out=tmp_path, subject_to=[f"{PEAK}<1e-3"], **OPTIONS)
-    assert (caught.value.tried, caught.value.failed) == (10, 0)
+    assert (caught.value.tried, caught.value.failed, caught.value.folder) == (10, 0, str(tmp_path))
     assert len(list((tmp_path / "runs").rglob("*.json"))) == 10
 
 
-def test_failed_runs_are_the_worst(tmp_path):
+def test_where_all_runs_fail_the_error_says_what_the_first_of_them_said(tmp_path):
     wild = SHORT.override(law("raise"))
-    with pytest.raises(NothingFeasibleError, match=r"5 runs \(5 failed\)"):
+    with pytest.raises(NothingFeasibleError, match=r"5 runs \(5 failed\).* the first that failed said: UserCodeError: at t = "):
         cp.tune(wild, {"cell.payload.mass": (1.0, 2.0)}, out=tmp_path, **OPTIONS | {"generations": 0})
+
+
+class Table:
+    """What a goal asks of a sweep."""
+
+    def __init__(self, **values):
+        self.metric_names, self.plan = list(values), range(len(next(iter(values.values()))))
+        self._values = {name: xr.DataArray(value) for name, value in values.items()}
+
+    def values(self, name):
+        return self._values[name]
+
+
+def test_a_run_within_the_bounds_costs_less_than_one_outside_that_less_than_one_further_out_and_a_failed_one_the_most():
+    runs = Table(small=[5.0, 1.0, 0.5, np.nan, 0.1], bounded=[1.9, 2.0, 3.0, np.nan, 5.0])
+    goal = Goal("small", (Bound("bounded", 1, 2.0),))
+    costs = goal.costs(runs)
+    assert_array_equal(np.argsort(costs), [1, 0, 2, 4, 3])
+    assert_array_equal(costs[:2], [5.0, 1.0])
+    assert [goal.met(cost) for cost in costs] == [True, True, False, False, False]
 
 
 # ---------------------------------------------------------------- a function of its arguments
@@ -235,8 +257,6 @@ def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_pat
 
 def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_nothing(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
-    from coop_pin.sweeps.tuning.goal import Goal
-
     original = Goal.costs
     with contextlib.ExitStack() as stack:
         address = stack.enter_context(scheduler_elsewhere(tmp_path))
@@ -252,8 +272,6 @@ def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_no
 
 
 def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(tmp_path, searches, monkeypatch, clusters):
-    from coop_pin.sweeps.tuning.goal import Goal
-
     original, killed = Goal.costs, []
 
     def costs(self, result):
@@ -278,6 +296,9 @@ def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
         cp.tune(SHORT, {GAIN: (2.0, 1.0)}, out=out, **OPTIONS)
     with pytest.raises(FieldError, match="lower and a higher"):
         cp.tune(SHORT, {GAIN: (0.0, np.inf)}, out=out, **OPTIONS)
+    for ends in ((1.0, 2.0, 3.0), ("low", "high"), 3.0):
+        with pytest.raises(FieldError, match="must be a lowest and a highest number"):
+            cp.tune(SHORT, {GAIN: ends}, out=out, **OPTIONS)
     with pytest.raises(FieldError, match="METRIC<NUMBER"):
         cp.tune(SHORT, RANGES, out=out, subject_to=["fast"], **OPTIONS)
     with pytest.raises(FieldError, match="names no field"):
@@ -334,7 +355,7 @@ def test_optuna_says_nothing_and_is_left_as_it_was(tmp_path, capfd):
 def test_bounds_are_read_as_written():
     assert Bound.parse("settling_time_s<2.5") == Bound("settling_time_s", 1, 2.5)
     assert Bound.parse(" a >= -1e-3 ") == Bound("a", -1, -1e-3)
-    for text in ("a", "a<", "a<b", "<1", "a<1<2", "a=1"):
+    for text in ("a", "a<", "a<b", "<1", "a<1<2", "a=1", "a<inf", "a>nan"):
         with pytest.raises(FieldError):
             Bound.parse(text)
     assert Bound("a", 1, 10.0).excess(15.0) == 0.5
@@ -383,6 +404,13 @@ def test_mistakes_are_one_line_and_an_exit_code(capsys, words, message):
     said = capsys.readouterr().err
     assert said.startswith("coop-pin: ")
     assert message in said
+
+
+def test_a_search_that_finds_nothing_fails_and_says_where_its_runs_are(folder, capsys):
+    assert main(["tune", "short.toml", *WORDS, "--subject-to", f"{PEAK}<1e-3", *SIZE, "--out", "kept"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("coop-pin: none of 6 runs (0 failed), kept in kept, keeps ")
+    assert SweepResult.load(folder / "kept").counts()["ok"] == 6
 
 
 @pytest.mark.usefixtures("folder")

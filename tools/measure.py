@@ -112,6 +112,9 @@ def measure(names: set[str]) -> dict[str, Found]:
         for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
         if name in names
     ]
+    missing = names - {place.rpartition("::")[2] for place in places}
+    if missing:
+        sys.exit(f"there is no test named {', '.join(sorted(missing))}")
     recorder = Recorder()
     recorder.watch()
     code = pytest.main(["-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", "--rootdir", str(REPOSITORY), *places], [recorder])

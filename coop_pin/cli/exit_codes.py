@@ -2,6 +2,6 @@
 
 OK = 0
 FAILED = 1
-"""A run diverged, a check found errors, a file cannot be written."""
+"""A run diverged, a check found errors, a search found nothing within its bounds, a file cannot be written."""
 BAD_INPUT = 2
 INTERRUPTED = 130

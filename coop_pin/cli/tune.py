@@ -27,7 +27,7 @@ class Tune:
         out: the folder that keeps the runs and their table; out/tune- and the scenario's name when omitted.
         method: how to search: evolution is differential evolution; optuna needs pip install 'coop-pin[tune]'.
         generations: how many, after the first one.
-        population: runs in a generation for each field: there are (generations + 1) x population x fields runs in all.
+        population: runs in a generation for each field, at least 5 together: there are (generations + 1) x population x fields runs in all.
         seed: of the search; another seed tries other values.
         workers: number of processes, 0 for this one; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes, for example tcp://127.0.0.1:8786.

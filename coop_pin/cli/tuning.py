@@ -10,7 +10,15 @@ from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.tune import Tune
 from coop_pin.cli.values import field_path
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CodeChangedError, FieldError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
+from coop_pin.errors import (
+    CodeChangedError,
+    FieldError,
+    NothingFeasibleError,
+    StoreLockedError,
+    StoreWriteError,
+    SweepInterruptedError,
+    WorkersLostError,
+)
 from coop_pin.sweeps.tuning.bound import Bound
 from coop_pin.sweeps.tuning.effort import Ranges
 from coop_pin.sweeps.tuning.tuner import TuneResult, tune
@@ -20,7 +28,7 @@ def run_tune(command: Tune) -> int:
     """Search, print the best run, and return the exit code.
 
     Raises:
-        CoopPinError: the search cannot begin, or nothing is within the bounds.
+        CoopPinError: the search cannot begin.
     """
     sys.path.append(str(Path.cwd()))  # users' own controllers are found as python -m finds them
     folder = command.out or Path("out") / f"tune-{Path(command.scenario).stem}"
@@ -40,7 +48,7 @@ def run_tune(command: Tune) -> int:
             scheduler=command.scheduler,
             quiet=command.quiet,
         )
-    except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
+    except (CodeChangedError, NothingFeasibleError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED
     except SweepInterruptedError as interrupt:

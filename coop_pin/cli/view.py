@@ -53,6 +53,8 @@ class View:
         from coop_pin.errors import FieldError, VideoError
 
         path = Path(self.what)
+        if self.time is not None and self.image is None:
+            raise FieldError("says what an image shows; give --image FILE with it", "--time")
         if self.image is not None or self.video is not None:
             from coop_pin.cli.view_pictures import write_pictures
 
@@ -62,8 +64,6 @@ class View:
                 print(f"coop-pin: {error}", file=sys.stderr)
                 return FAILED
             return OK
-        if self.time is not None:
-            raise FieldError("says what an image shows; give --image FILE with it", "--time")
         if self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
             return self._live()
         replay = _replay(path).resolve()

@@ -96,12 +96,17 @@ class NothingFeasibleError(CoopPinError, ValueError):
     Attributes:
         tried: number of runs.
         failed: how many of them failed.
+        folder: where they are kept.
     """
 
-    def __init__(self, tried: int, failed: int, bounds: Sequence[str]) -> None:
-        self.tried, self.failed = tried, failed
-        wanted = ", ".join(bounds) or "a finite metric"
-        super().__init__(f"none of {tried} runs ({failed} failed) keeps {wanted}; widen the ranges, loosen the bounds or search longer")
+    def __init__(self, tried: int, failed: int, bounds: Sequence[str], folder: str, complaint: str = "") -> None:
+        self.tried, self.failed, self.folder = tried, failed, folder
+        wanted = "keeps " + ", ".join(bounds) if bounds else "has a finite metric"
+        said = f"; the first that failed said: {complaint}" if complaint else ""
+        super().__init__(
+            f"none of {tried} runs ({failed} failed), kept in {folder}, {wanted};"
+            f" change the ranges, loosen the bounds or search longer{said}"
+        )
 
 
 class SweepInterruptedError(KeyboardInterrupt):

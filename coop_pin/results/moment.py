@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from coop_pin.arrays import Array, Mask
 
@@ -42,3 +42,14 @@ class Moment(NamedTuple):
 
 Observer = Callable[[Moment], None]
 """Sees a run after every tick; it changes nothing."""
+
+
+@runtime_checkable
+class Viewing(Protocol):
+    """An Observer that leaves moments out where they come too fast; it is shown the last one of a run in any case."""
+
+    def __call__(self, moment: Moment) -> None:
+        """See a moment, or leave it out."""
+
+    def show(self, moment: Moment) -> None:
+        """Show a moment now."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from coop_pin.control.contract import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
-from coop_pin.results import Observer, RunResult
+from coop_pin.results import Observer, RunResult, Viewing
 from coop_pin.simulation.pace import Pace
 from coop_pin.simulation.simulation import Simulation
 
@@ -50,6 +50,8 @@ def simulate(
                 view(run.moment())
             if progress is not None:
                 progress(run.ticks_done - 1, run.timeline.ticks)
+        if isinstance(view, Viewing):
+            view.show(run.moment())
     except CoopPinError as error:
         error.result = run.result() if run.ticks_done else None
         raise

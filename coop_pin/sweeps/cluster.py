@@ -7,12 +7,13 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from coop_pin.errors import MissingExtraError, WorkersLostError
+from coop_pin.errors import FieldError, MissingExtraError, WorkersLostError
 from coop_pin.sweeps.workers import LocalWorkers
 
 try:
     import dask
     import distributed
+    from distributed.comm.addressing import resolve_address
 except ImportError:
     raise MissingExtraError("distributed", "sweep", "to run a sweep on several processes") from None
 
@@ -116,12 +117,22 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
     """Yield a scheduler that is there already, with the workers it has and gets.
 
     Raises:
+        FieldError: it is not an address.
         WorkersLostError: there is no scheduler at that address.
     """
     with dask.config.set(_SETTINGS), _quiet():
         try:
+            _require_address(address)
             client = _CLIENT(address, set_as_default=False, timeout="5s")
-        except (OSError, TimeoutError) as error:
+        except OSError as error:
             raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
         with client:
             yield Cluster(client, lambda: None)
+
+
+def _require_address(address: str) -> None:
+    """Refuse what is no address before a client is made of it, which would wait ten seconds for itself to close."""
+    try:
+        resolve_address(address)
+    except ValueError as error:
+        raise FieldError(f"is {address!r} ({error}); it must be an address such as tcp://127.0.0.1:8786", "scheduler") from None

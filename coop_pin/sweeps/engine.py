@@ -42,7 +42,8 @@ class Session:
             retry_failed: run again what failed for want of time or of a worker.
 
         Raises:
-            FieldError: it names code that stands in no module.
+            FieldError: it names code of the user's own that stands in no file or that workers cannot import, or the scheduler's address is
+                none.
             CodeChangedError: code of the user's own was edited after it was loaded.
             StoreWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
@@ -126,7 +127,7 @@ class _Pass:
                 continue
             code = user_code(scenario, self._plan.metrics)
             _require_in_a_file(code, elsewhere)
-            key = run_key(scenario, self._plan.metrics)
+            key = run_key(scenario, self._plan.metrics, code)
             if key in self._under_way:
                 self._under_way[key] += 1
                 continue

@@ -14,19 +14,25 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import CoopPinError
 from coop_pin.sweeps.digest import file_digest
-from coop_pin.sweeps.user_code import user_code
+from coop_pin.sweeps.user_code import UserCode, user_code
 
 
-def run_key(scenario: Scenario, metrics: tuple[str, ...] = ()) -> str:
+def run_key(scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[UserCode, ...] | None = None) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
     It stands for the resolved scenario with its seed, the contents of the files it names (robot descriptions, tables of poses), the
     source of the user's own code and of what that imports from beside it, the user's own metrics, and the version of coop_pin. It does
     not stand for the source of coop_pin, for files that a xacro or a mesh refers to, or for the versions of other packages.
+
+    Args:
+        scenario: the resolved scenario.
+        metrics: the user's own metrics, "module:function".
+        code: the user's own code as ``user_code`` read it; read now when omitted.
     """
+    code = user_code(scenario, metrics) if code is None else code
     content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
     files = {name: file_digest(path) for name, path in _files(scenario)}
-    return _hash(content | {"files": files, "code": dict(user_code(scenario, metrics))})
+    return _hash(content | {"files": files, "code": dict(code)})
 
 
 def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:

@@ -44,7 +44,8 @@ def sweep(
 
     Raises:
         ScenarioError: the plan has mistakes.
-        FieldError: it names code of the user's own that stands in no file, or that workers cannot import.
+        FieldError: it names code of the user's own that stands in no file or that workers cannot import, or the scheduler's
+            address is none.
         CodeChangedError: code of the user's own was edited after it was loaded.
         StoreLockedError: another process works on the folder.
         StoreWriteError: the disk is full; every run written before is kept.

@@ -230,7 +230,8 @@ class SweepResult:
         for failure in self._failures():
             numbers[failure.kind] += 1
             first.setdefault(failure.kind, failure)
-        return [f"  {numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items())]
+        lines = (f"{numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items()))
+        return ["  " + line.replace("\n", "\n    ") for line in lines]
 
     def _require_coordinate(self, field: str) -> None:
         if field not in self.data.coords:

@@ -24,7 +24,7 @@ def source_files(name: str) -> tuple[Path, ...]:
     Returns:
         The files in order of their paths, those of its packages included; none where there is no such module, or where no file holds it.
     """
-    module = name.partition(":")[0]
+    module = _full_name(name.partition(":")[0])
     first = _file_of(module)
     if first is None:
         return ()
@@ -39,6 +39,12 @@ def source_files(name: str) -> tuple[Path, ...]:
             wanted = [entry for entry in _imported(path, module) if _may_change(entry.partition(".")[0], own)]
             waiting += [(entry, file) for entry in wanted if (file := _beside(root, entry))]
     return tuple(sorted(found))
+
+
+def _full_name(module: str) -> str:
+    """Return a module's name in its package, which only ``python -m`` hides: it calls the module __main__."""
+    spec = getattr(sys.modules.get(module), "__spec__", None) if module == "__main__" else None
+    return spec.name if spec else module
 
 
 def _file_of(module: str) -> Path | None:

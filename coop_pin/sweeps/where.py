@@ -71,6 +71,7 @@ class Workers:
         """Yield the outcome of every job as it finishes.
 
         Raises:
+            FieldError: the scheduler's address is none.
             WorkersLostError: no worker is left, or there is no scheduler.
         """
         first = next(jobs, None)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import itertools
+import threading
+from collections.abc import Generator, Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.errors import MissingExtraError, NotPositiveError, PictureSizeError, TimeOutsideRunError, VideoError
+from coop_pin.errors import MissingExtraError, NotFiniteError, NotPositiveError, PictureSizeError, TimeOutsideRunError, VideoError
 from coop_pin.results import RunResult
 from coop_pin.results.storage import write_atomically
 from coop_pin.viz.browser import in_own_thread, offline_page
@@ -69,6 +72,7 @@ def save_video(
         BrowserNotFoundError: there is no browser.
         BrowserError: it drew nothing.
         NotPositiveError: the frame rate is not greater than zero.
+        NotFiniteError: it is infinite.
         PictureSizeError: width or height is too small, or odd.
         VideoError: the encoder did not write all of it.
     """
@@ -76,32 +80,17 @@ def save_video(
     for name, value in (("width", width), ("height", height)):
         if value % 2:
             raise PictureSizeError(name, value, "even in a video")
-    encoder, reader = _video_packages()
-    page = replay_html(result)
+    packages, page = _video_packages(), replay_html(result)
+
+    def encode(stop: threading.Event, part: Path) -> int:
+        with closing(page_pictures(page, times, width, height)) as pictures:
+            wanted = itertools.takewhile(lambda _: not stop.is_set(), pictures)
+            return _encode(wanted, part, (width, height), frames_per_second, packages)
 
     def write(part: Path) -> None:
-        video = encoder.write_frames(
-            str(part), (width, height), fps=frames_per_second, quality=_QUALITY, macro_block_size=2, output_params=["-f", "mp4"]
-        )
-        video.send(None)  # starts it
-
-        def encode(stop: Any) -> None:
-            for number, picture in enumerate(page_pictures(page, times, width, height)):
-                if stop.is_set():
-                    return
-                pixels = np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3])
-                try:
-                    video.send(pixels)
-                except OSError as error:
-                    raise VideoError(Path(path), number, len(times)) from error
-
-        try:
-            in_own_thread(encode)
-        finally:
-            video.close()
-        written = _frames_of(encoder, part)
-        if written < len(times):
-            raise VideoError(Path(path), written, len(times))
+        frames = in_own_thread(lambda stop: encode(stop, part))
+        if frames < len(times):
+            raise VideoError(Path(path), frames, len(times))
 
     write_atomically(Path(path), write)
 
@@ -115,13 +104,16 @@ def frame_times(end: float, frames_per_second: float) -> Array:
 
     Raises:
         NotPositiveError: the rate is not greater than zero.
+        NotFiniteError: it is infinite.
     """
     if not frames_per_second > 0.0:
         raise NotPositiveError("frames_per_second", frames_per_second)
+    if not np.isfinite(frames_per_second):
+        raise NotFiniteError("frames_per_second", (), frames_per_second)
     return np.arange(int(end * frames_per_second + _ROUNDING) + 1) / frames_per_second
 
 
-def page_pictures(page: str, times: Iterable[float], width: int, height: int) -> Iterator[bytes]:
+def page_pictures(page: str, times: Iterable[float], width: int, height: int) -> Generator[bytes, None, None]:
     """Draw a replay page at one time after the other, each as PNG; not in a thread that has an event loop.
 
     Args:
@@ -148,11 +140,26 @@ def page_pictures(page: str, times: Iterable[float], width: int, height: int) ->
             yield browser_page.screenshot(type="png")
 
 
-def _frames_of(encoder: Any, video: Path) -> int:
-    """Return how many frames a video holds: its encoder tells nobody that it could not write to the end."""
+def _encode(pictures: Iterable[bytes], part: Path, size: tuple[int, int], frames_per_second: float, packages: tuple[Any, Any]) -> int:
+    """Write pictures as a video and return how many frames it holds.
+
+    They are counted: an encoder that could not write to the end, because the disk is full, tells nobody.
+    """
+    encoder, reader = packages
+    video = encoder.write_frames(str(part), size, fps=frames_per_second, quality=_QUALITY, macro_block_size=2, output_params=["-f", "mp4"])
+    video.send(None)  # starts it
     try:
-        frames, _ = encoder.count_frames_and_secs(str(video))
-    except RuntimeError:  # it cannot be read
+        for picture in pictures:
+            pixels = np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3])
+            try:
+                video.send(pixels)
+            except OSError:  # it has ended
+                break
+    finally:
+        video.close()
+    try:
+        frames, _ = encoder.count_frames_and_secs(str(part))
+    except RuntimeError:  # what there is cannot be read
         return 0
     return int(frames)
 

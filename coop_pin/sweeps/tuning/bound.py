@@ -32,7 +32,7 @@ class Bound(NamedTuple):
         Raises:
             FieldError: the text does not say that.
         """
-        mistake = FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER", "subject_to")
+        mistake = FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER, with a finite number", "subject_to")
         form = _FORM.fullmatch(text)
         if form is None:
             raise mistake
@@ -40,6 +40,8 @@ class Bound(NamedTuple):
             bound = float(form["bound"])
         except ValueError:
             raise mistake from None
+        if not np.isfinite(bound):
+            raise mistake
         return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
 
     def excess(self, value: float) -> float:

@@ -13,7 +13,6 @@ from coop_pin.errors import FieldError, NothingFeasibleError
 from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import PointResult, SweepResult
-from coop_pin.sweeps.table import FAILED
 from coop_pin.sweeps.tuning.bound import Bound
 from coop_pin.sweeps.tuning.by_optuna import search_by_optuna
 from coop_pin.sweeps.tuning.effort import Effort, Ranges, Search
@@ -74,7 +73,7 @@ def tune(
         quiet: no progress bar.
 
     Raises:
-        FieldError: there is no such field or method, a range is empty, or a bound cannot be read.
+        FieldError: there is no such field or method, a range is empty, a bound cannot be read, or the scheduler's address is none.
         EntryNotFoundError: runs have no such metric.
         MissingExtraError: the method's package is not installed.
         NothingFeasibleError: no run is within all bounds; the folder keeps what was tried.
@@ -93,7 +92,9 @@ def tune(
     costs = goal.costs(history)
     best = int(np.argmin(costs))
     if not goal.met(costs[best]):
-        raise NothingFeasibleError(len(costs), history.counts()[FAILED], list(subject_to))
+        failures = history.failures
+        complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
+        raise NothingFeasibleError(len(costs), len(failures), list(subject_to), str(out), complaint)
     return TuneResult(history.point(best), history)
 
 
@@ -105,7 +106,11 @@ def _check(base: Scenario, vary: Ranges, method: str, generations: int, populati
         raise FieldError("names no field; say at least one, with its lowest and highest value", "vary")
     if generations < 0 or population < 1:
         raise FieldError(f"are {generations} and {population}; they must be at least 0 and 1", "generations and population")
-    for field, (low, high) in vary.items():
+    for field, ends in vary.items():
+        try:
+            low, high = map(float, ends)
+        except (TypeError, ValueError):
+            raise FieldError(f"has the range {ends!r}; it must be a lowest and a highest number", field) from None
         if not (np.isfinite([low, high]).all() and low < high):
             raise FieldError(f"goes from {low:g} to {high:g}; the range must have a lower and a higher end", field)
     SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that are not there
