@@ -46,8 +46,9 @@ def test_the_real_one_passes():
         ),
         ("__version__ = '3.9.0'\ndef buildModelFromXML(text): ...", "Pinocchio 3.9.0 is installed; coop_pin needs 4.1 or later, before 5."),
         ("__version__ = '5.0.0'\ndef buildModelFromXML(text): ...", "Pinocchio 5.0.0 is installed; coop_pin needs 4.1 or later, before 5."),
+        ("__version__ = '4'\ndef buildModelFromXML(text): ...", "Pinocchio 4 is installed; coop_pin needs 4.1 or later, before 5."),
     ],
-    ids=["absent", "broken", "nose plugin", "too old", "too new"],
+    ids=["absent", "broken", "nose plugin", "too old", "too new", "short version"],
 )
 def test_whatever_is_asked_for_first_says_what_is_there_and_what_to_install(source, said, tmp_path):
     lines = told_by(tmp_path, source, *(f"import coop_pin.{room}" for room in ROOMS), "import coop_pin; coop_pin.run('adept-paper')")

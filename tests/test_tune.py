@@ -290,6 +290,12 @@ def test_workers_that_die_between_generations_are_replaced_and_the_history_stays
     assert table(tmp_path) == table(searches("evolution")[1])
 
 
+def test_one_bound_may_stand_alone(tmp_path):
+    alone = cp.tune(SHORT, RANGES, out=tmp_path / "a", subject_to="torque_peak_Nm<1e6", **OPTIONS)
+    listed = cp.tune(SHORT, RANGES, out=tmp_path / "b", subject_to=["torque_peak_Nm<1e6"], **OPTIONS)
+    assert repr(alone.best) == repr(listed.best)
+
+
 def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
     out = tmp_path / "out"
     with pytest.raises(FieldError, match="lower and a higher"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from types import ModuleType
 
 from coop_pin.errors import MissingPinocchioError
@@ -33,9 +34,9 @@ def import_pinocchio() -> ModuleType:
 
 
 def _numbers(version: str) -> tuple[int, int]:
-    """Return the first two numbers of a version."""
-    major, minor, *_ = version.split(".")
-    return int(major), int(minor)
+    """Return the first two numbers of a version, "4.1.0", "4.1rc1" or "4"."""
+    major, minor, *_ = [*map(int, re.findall(r"\d+", version)), 0, 0]
+    return major, minor
 
 
 import_pinocchio()

@@ -42,7 +42,7 @@ def tune(
     vary: Ranges,
     *,
     minimize: str,
-    subject_to: Sequence[str] = (),
+    subject_to: str | Sequence[str] = (),
     out: str | Path,
     method: Method = "evolution",
     generations: int = 10,
@@ -62,7 +62,7 @@ def tune(
         scenario: the scenario, its name or path.
         vary: lowest and highest value of each field.
         minimize: name of the metric.
-        subject_to: bounds on metrics, "settling_time_s<2.5".
+        subject_to: one bound on a metric, "settling_time_s<2.5", or several.
         out: the folder that keeps the runs.
         method: "evolution" (differential evolution, scipy's) or "optuna" (its tree-structured Parzen estimator; extra "tune").
         generations: after the first one.
@@ -81,7 +81,8 @@ def tune(
         CoopPinError: whatever else ``sweep`` raises.
     """
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
-    goal = Goal(minimize, tuple(map(Bound.parse, subject_to)))
+    bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
+    goal = Goal(minimize, tuple(map(Bound.parse, bounds)))
     _check(base, vary, method, generations, population)
     effort = Effort.of(generations, population, len(vary), seed)
     with open_session(out, Where.of(workers, scheduler), effort.runs, quiet=quiet) as session:
@@ -94,7 +95,7 @@ def tune(
     if not goal.met(costs[best]):
         failures = history.failures
         complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
-        raise NothingFeasibleError(len(costs), len(failures), list(subject_to), str(out), complaint)
+        raise NothingFeasibleError(len(costs), len(failures), bounds, str(out), complaint)
     return TuneResult(history.point(best), history)
 
 
