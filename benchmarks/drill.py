@@ -76,6 +76,8 @@ class Session:
             self.process.send_signal(sent)
         said = self.process.communicate(timeout=_PATIENCE_S)[1]
         code = self.process.returncode
+        if code == -signal.SIGINT:  # so Python ends when Ctrl-C comes while it compiles what it imports; a shell says 130 of both
+            code = INTERRUPTED
         assert code in (*codes, OK), f"exit code {code}, expected {codes}: {said}"
         assert "Traceback" not in said, said
         return said if code != OK else ""

@@ -1,5 +1,9 @@
 """A scheduler that is gone is said in the package's own words, however far dask has noticed; the package's own mistakes are not."""
 
+import signal
+import subprocess
+import sys
+
 import pytest
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
@@ -56,3 +60,29 @@ def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
 def test_a_host_that_is_not_known_is_one_without_a_scheduler(tmp_path):
     with pytest.raises(WorkersLostError, match=r"no dask scheduler at 'no-such-host\.invalid:8786'"):
         cp.sweep("adept-paper", out=tmp_path, scheduler="no-such-host.invalid:8786", quiet=True)
+
+
+STILLBORN = """
+import asyncio
+import coop_pin.sweeps.worker_host as host
+
+class Stillborn:
+    def __init__(self, *_, **__):
+        pass
+
+    def __await__(self):
+        raise RuntimeError("Nanny failed to start.")
+        yield
+
+host.Nanny = Stillborn
+asyncio.run(host.main("tcp://127.0.0.1:1", 2))
+"""
+
+
+def test_a_worker_that_dies_while_it_is_started_ends_its_keeper_without_a_word():
+    """LocalWorkers then starts the keeper again."""
+    keeper = subprocess.Popen([sys.executable, "-c", STILLBORN], stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    keeper.wait(timeout=60)
+    assert (keeper.returncode, keeper.stderr.read()) == (-signal.SIGKILL, b"")
+    keeper.stdin.close()
+    keeper.stderr.close()

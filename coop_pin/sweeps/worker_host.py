@@ -23,10 +23,16 @@ _GRACE_S = 2.0
 
 
 async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) -> None:
-    """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced."""
+    """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced.
+
+    One that dies while it is being started takes this process and its workers with it; the parent starts all of them again.
+    """
     options: dict[str, Any] = {"nthreads": 1, "host": "127.0.0.1", "worker_class": QuietWorker, "preload": [_PRELOAD], "death_timeout": 60}
     nannies = [Nanny(address, **options) for _ in range(count)]
-    await asyncio.gather(*nannies)
+    try:
+        await asyncio.gather(*nannies)
+    except RuntimeError:
+        os.killpg(0, signal.SIGKILL)
     await parent_ended.wait()
     await asyncio.gather(*(nanny.close(timeout=1) for nanny in nannies), return_exceptions=True)
     os.killpg(0, signal.SIGKILL)

@@ -70,8 +70,10 @@ class LocalWorkers:
             code = self._process.wait()
             if self._closing.is_set():
                 return
+            self._end(self._process)  # its workers may live on
             short_lives = short_lives + 1 if time.monotonic() - started < _SHORT_LIFE_S else 0
             if short_lives >= _TRIES:
-                self.error = WorkersLostError(f"local workers ended {_TRIES} times at once, the last time with exit code {code}")
+                ended = f"local workers ended {_TRIES} times at once, the last time with exit code {code}"
+                self.error = WorkersLostError(f"{ended}; run with workers = 0 to see why")
                 return
             self._process = self._start()
