@@ -153,7 +153,9 @@ def test_events_are_marked_in_every_panel(figure_of, planar: RunResult) -> None:
 
 @pytest.mark.parametrize("figure_of", FIGURES)
 def test_a_run_that_ended_at_once_can_be_drawn(figure_of, planar: RunResult, tmp_path: Path) -> None:
-    save_figure(figure_of(RunResult(planar.scenario, planar.data.isel(time=slice(0, 1)))), tmp_path / "short")
+    figure = figure_of(RunResult(planar.scenario, planar.data.isel(time=slice(0, 1))))
+    assert len(figure.axes) == len(figure_of(planar).axes)
+    assert [file.is_file() for file in save_figure(figure, tmp_path / "short")] == [True, True]
 
 
 @pytest.mark.parametrize("figure_of", FIGURES)

@@ -15,6 +15,7 @@ from browser import browser_page
 from cells import SCENARIOS
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
+from test_live_view import answers
 
 import coop_pin as cp
 from coop_pin.errors import MissingExtraError, NotPositiveError, PortTakenError
@@ -57,15 +58,6 @@ def last_moment(scenario, view):
     cp.run(scenario, view=watch, pace=float("inf"))
     view.show(seen[-1])
     return seen[-1]
-
-
-def answers(url: str) -> bool:
-    address = urllib.parse.urlsplit(url)
-    try:
-        socket.create_connection((address.hostname, address.port), timeout=1).close()
-    except OSError:
-        return False
-    return True
 
 
 def test_everything_of_the_scene_is_a_node_of_viser(scenario, view):
@@ -135,7 +127,7 @@ def test_watching_through_viser_changes_nothing(scenario, view):
 
 @pytest.mark.parametrize("kind", [cp.viz.LiveView, cp.viz.ViserView])
 def test_both_views_do_what_a_viewer_does(kind):
-    asked = {name for name in vars(Viewer) if not name.startswith("_")} | {"__call__"}
+    asked = {name for name in dir(Viewer) if not name.startswith("_")} | {"__call__"}
     assert asked == {"url", "is_alive", "show", "close", "__call__"}
     for name in asked:
         assert isinstance(getattr(kind, name), property) == isinstance(getattr(Viewer, name), property)

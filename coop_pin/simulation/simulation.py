@@ -28,8 +28,6 @@ from coop_pin.simulation.timeline import Timeline
 _SPEED_LIMIT = 1e3
 _GAP_LIMIT = 1e-2
 _TORQUE_LIMIT = 1e7
-
-
 _OPEN_START = 1e-6
 
 

@@ -6,12 +6,12 @@ import time
 from typing import Protocol
 
 from coop_pin.errors import NotPositiveError
-from coop_pin.results import Moment
+from coop_pin.results import Viewing
 
 FRAMES_PER_SECOND = 30.0
 
 
-class Viewer(Protocol):
+class Viewer(Viewing, Protocol):
     """Shows a run while it is under way; an Observer. None of its methods waits for anything or raises because nobody looks.
 
     What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame that says where the nodes of
@@ -25,12 +25,6 @@ class Viewer(Protocol):
     @property
     def is_alive(self) -> bool:
         """Whether frames still go anywhere."""
-
-    def __call__(self, moment: Moment) -> None:
-        """Show a moment, unless the last one was shown too short a time ago."""
-
-    def show(self, moment: Moment) -> None:
-        """Show a moment now."""
 
     def close(self) -> None:
         """End the view and give its port back."""
