@@ -73,7 +73,7 @@ _PUBLIC = {
     "linspace": "coop_pin.sweeps",
     "logspace": "coop_pin.sweeps",
     "reachability": "coop_pin.analysis",
-    "run": "coop_pin.runs",
+    "run": "coop_pin.run_scenario",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
     "sweep": "coop_pin.sweeps",

@@ -29,7 +29,8 @@ import numpy as np
 import pandas as pd
 
 import coop_pin as cp
-from coop_pin.viz import figures, notebook_view
+from coop_pin import figures
+from coop_pin.viz import notebook_view
 
 # %% [markdown]
 # ## Arms

@@ -31,7 +31,8 @@ import time
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.viz import Panel, figures, notebook_view
+from coop_pin import figures
+from coop_pin.viz import Panel, notebook_view
 
 # %% [markdown]
 # ## The run

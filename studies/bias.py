@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.viz.figures import sweep_figure
+from coop_pin.figures import sweep_figure
 
 ERROR = "internal_axial_rms_error_N"
 SIGN_GAIN = "controller.gains.sign_gain"

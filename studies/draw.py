@@ -17,7 +17,7 @@ import payload
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.viz.figures import save_figure
+from coop_pin.figures import save_figure
 
 HERE = Path(__file__).parent
 IMAGES = HERE.parent / "docs" / "images"

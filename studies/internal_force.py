@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.results.judgements import axial_directions
-from coop_pin.viz.figures import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
+from coop_pin.figures import BiasRun, ForceGainRun, InternalForceStudy, SignGainRun, internal_force_study_figure
+from coop_pin.results.metrics import axial_directions
 
 ALPHA, RATE, K_F = "controller.gains.sign_gain", "clock.rate_hz", "controller.gains.force_gain"
 

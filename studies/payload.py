@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.viz.figures import sweep_figure
+from coop_pin.figures import sweep_figure
 
 ERROR = "internal_axial_rms_error_N"
 MASS, FRICTION = "cell.payload.mass", "cell.arms.left.friction.coulomb"

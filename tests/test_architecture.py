@@ -16,7 +16,7 @@ from cells import SCENARIOS
 
 import coop_pin
 from coop_pin.control import ArmMeasurement, CellController
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.simulation import simulate
 
 PACKAGE = Path(coop_pin.__file__).parent

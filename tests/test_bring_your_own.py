@@ -35,12 +35,12 @@ from coop_pin.errors import (
     UrdfError,
     UrdfNotFoundError,
 )
+from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
 from coop_pin.model.arm_alone import arm_alone
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import make_pose
-from coop_pin.viz.figures import error_figure, torque_figure, tracking_figure
 
 FINGERS = {"panda_finger_joint1": 0.02}
 BODY = '<inertial><mass value="{m}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'

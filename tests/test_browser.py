@@ -24,8 +24,8 @@ from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
 from coop_pin.viz.arrow_scales import recorded_scales
 from coop_pin.viz.arrows import HEAD_LENGTH_M
+from coop_pin.viz.initial_scene import standing_scenario
 from coop_pin.viz.live_scene import LiveScene
-from coop_pin.viz.standing import standing_scenario
 
 REPOSITORY = Path(__file__).parents[1]
 NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"

@@ -15,9 +15,9 @@ import pytest
 
 import coop_pin as cp
 from coop_pin.cli import main
+from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
-from coop_pin.cli.values import changes, literal
-from coop_pin.output import RunFolder, Timing
+from coop_pin.run_folder import RunFolder, Timing
 
 NUMBERS = ["--no-replay", "--no-figures"]
 SHORT = ["--duration", "0.5", "--events", "[]"]

@@ -9,7 +9,7 @@ from cells import SCENARIOS, cell_and_start
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure
-from coop_pin.chain.closures import Closures
+from coop_pin.chain.closure_set import Closures
 from coop_pin.description import PlantOptions
 from coop_pin.errors import FieldError, FrameNotFoundError
 

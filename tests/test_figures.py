@@ -15,9 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin import run
-from coop_pin.results import RunResult
-from coop_pin.results.judgements import energy_balance
-from coop_pin.viz.figures import (
+from coop_pin.figures import (
     BiasRun,
     ForceGainRun,
     InternalForceStudy,
@@ -28,6 +26,8 @@ from coop_pin.viz.figures import (
     torque_figure,
     tracking_figure,
 )
+from coop_pin.results import RunResult
+from coop_pin.results.metrics import energy_balance
 
 FIGURES = [tracking_figure, torque_figure, error_figure]
 
@@ -174,7 +174,7 @@ def test_drawing_changes_no_setting_of_matplotlib(spatial: RunResult, tmp_path: 
 
 
 def test_pyplot_stays_out() -> None:
-    code = "import sys, coop_pin.viz.figures; print('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, coop_pin.figures; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

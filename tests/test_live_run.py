@@ -10,7 +10,7 @@ from cells import SCENARIOS, planar_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, DivergedError, EventTimeError, MissingExtraError, RunFinishedError, SqueezeError, UserCodeError
 from coop_pin.simulation import Simulation

@@ -25,14 +25,14 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import coop_pin as cp
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.viz import open_view
 from coop_pin.viz.arrows import HEAD_LENGTH_M
+from coop_pin.viz.initial_scene import standing_scenario
 from coop_pin.viz.live_page import live_html
 from coop_pin.viz.live_scene import LiveScene
-from coop_pin.viz.standing import standing_scenario
-from coop_pin.viz.view_server import ViewServer
+from coop_pin.viz.live_server import ViewServer
 
 PATIENCE_S = 20.0
 
@@ -342,7 +342,7 @@ def test_rates_must_be_positive(scenario):
 
 PARENT = """
 import os, sys, time
-from coop_pin.viz.view_server import ViewServer
+from coop_pin.viz.live_server import ViewServer
 server = ViewServer("page")
 if sys.argv[1] == "forked" and os.fork() == 0:  # somebody else keeps our end of the pipe open
     time.sleep(60)
@@ -391,7 +391,7 @@ def test_the_process_loads_neither_pinocchio_nor_meshcat_nor_files_of_the_workin
     (tmp_path / "tornado.py").write_text("raise SystemExit('the wrong tornado')")
     code = textwrap.dedent("""
         import urllib.request
-        from coop_pin.viz.view_server import ViewServer
+        from coop_pin.viz.live_server import ViewServer
         server = ViewServer("page")
         print(urllib.request.urlopen(server.url, timeout=20).read().decode())
         loaded = open(f"/proc/{server.pid}/maps").read()

@@ -16,7 +16,7 @@ from coop_pin.control import (
     Sign,
     SlidingModeController,
 )
-from coop_pin.control.inverse import right_inverse
+from coop_pin.control.terms import right_inverse
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial import internal_wrenches, make_pose, task_rows
 

@@ -33,7 +33,7 @@ from coop_pin.errors import (
 )
 from coop_pin.viz import replay_html, save_image, save_video
 from coop_pin.viz.browser import find_browser, in_own_thread, offline_page
-from coop_pin.viz.pictures import frame_times, page_pictures
+from coop_pin.viz.export import frame_times, page_pictures
 
 WIDTH, HEIGHT, RATE = 480, 320, 4.0
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from coop_pin.errors import MissingPinocchioError
-from coop_pin.model.pinocchio_door import OLDEST, TOO_NEW, import_pinocchio
+from coop_pin.model.require_pinocchio import OLDEST, TOO_NEW, import_pinocchio
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 REQUIREMENTS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]

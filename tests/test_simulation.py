@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController, Command
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
 from coop_pin.simulation.drives import Drives

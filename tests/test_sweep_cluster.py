@@ -16,7 +16,8 @@ from coop_pin.sweeps import SweepPlan, linspace, sweep
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
-from coop_pin.sweeps import cluster, executors
+from coop_pin.sweeps import backend as executors
+from coop_pin.sweeps import cluster
 from coop_pin.sweeps.job import Job
 from coop_pin.sweeps.on_worker import run_jobs
 

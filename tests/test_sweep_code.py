@@ -13,7 +13,7 @@ from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
 from coop_pin.sweeps.key import run_key
-from coop_pin.sweeps.source_files import source_files
+from coop_pin.sweeps.run_key import source_files
 from coop_pin.sweeps.user_code import UserCode, user_code
 
 SHORT = {"duration": 0.1, "events": []}
@@ -95,7 +95,7 @@ def test_packages_are_not_imported_to_find_their_files(place):
 
 
 def test_a_module_run_with_python_m_brings_its_package(place):
-    says = "from coop_pin.sweeps.source_files import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
+    says = "from coop_pin.sweeps.run_key import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
     write(place, {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"})
     write(place, {"lab/gains.py": "K = 1\n", "lab/tools.py": ""})
     done = subprocess.run([sys.executable, "-m", "lab.study"], cwd=place, capture_output=True, text=True, check=True, timeout=120)

@@ -10,8 +10,8 @@ from test_sweep_result import filled
 
 from coop_pin.cli import main
 from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.figures import pareto_figure, sweep_figure
 from coop_pin.sweeps import SweepPlan
-from coop_pin.viz.figures import pareto_figure, sweep_figure
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 GAINS, RATES = [0.0, 0.2, 0.4, 0.6], [50.0, 100.0, 200.0, 400.0]

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import EntryNotFoundError, FieldError, UnfinishedSweepError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
-from coop_pin.sweeps.answers import not_dominated
 from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.sensitivity import not_dominated
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import key_of
 

@@ -101,7 +101,7 @@ def test_every_search_begins_with_the_same_hypercube(searches, method):
 
 def test_later_generations_come_closer_to_a_known_minimum(method):
     """On a bowl, without runs: the mean cost of the last generation is far below that of the first."""
-    from coop_pin.sweeps.tuning.tuner import _SEARCHES
+    from coop_pin.sweeps.tuner import _SEARCHES
 
     seen = []
 

@@ -182,7 +182,7 @@ def test_the_installed_package_works_where_there_is_no_repository(installed, tmp
 PLACES = """
 import importlib.metadata, importlib.util, json, sys
 import coop_pin
-from coop_pin.description.urdf.files import bundled_urdf_folder
+from coop_pin.description.urdf.find import bundled_urdf_folder
 distribution = importlib.metadata.distribution("coop-pin")
 print(json.dumps({
     "package": coop_pin.__file__, "urdf": str(bundled_urdf_folder()), "distribution": str(distribution.locate_file("")),

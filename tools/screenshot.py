@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from coop_pin.viz.pictures import HEIGHT, WIDTH, page_pictures
+from coop_pin.viz.export import HEIGHT, WIDTH, page_pictures
 
 
 def main() -> None:

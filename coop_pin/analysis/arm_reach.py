@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from coop_pin.arrays import Array
-from coop_pin.control.inverse import CONDITION_LIMIT
+from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.errors import UnreachablePoseError
 
 

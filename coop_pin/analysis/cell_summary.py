@@ -11,8 +11,8 @@ from coop_pin.analysis.arm_extent import arm_extent
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.cell import Cell
-from coop_pin.description.clock import PlantOptions
 from coop_pin.description.payload import Payload
+from coop_pin.description.plant import PlantOptions
 from coop_pin.model.arm_alone import arm_alone
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import ArmPlace

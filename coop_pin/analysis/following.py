@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
+from coop_pin.chain.ik_solver import TipSearch
 from coop_pin.chain.landing import Landing
-from coop_pin.chain.tip_search import TipSearch
 
 _LONGEST_STEP = 0.2
 _HALVINGS = 6

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigvalsh
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.chain.closing import closing_angles
+from coop_pin.chain.inverse_kinematics import closing_angles
 from coop_pin.description.cell import Cell
 from coop_pin.model.arm_model import ArmModel
 

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import Energy
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closing import closing_angles
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closures import Gap
+from coop_pin.chain.closure_set import Gap
+from coop_pin.chain.inverse_kinematics import closing_angles
 from coop_pin.description.cell import Cell
-from coop_pin.description.clock import PlantOptions
 from coop_pin.description.payload import Payload
+from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CELL_MODELS

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.mass_weighted import mass_weighted
+from coop_pin.chain.kkt_solver import mass_weighted
 from coop_pin.model.pinocchio_model import symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
 

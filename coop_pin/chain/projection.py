@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.closures import Closures, ClosureState
-from coop_pin.chain.mass_weighted import MassWeightedClosure, mass_weighted
+from coop_pin.chain.closure_set import Closures, ClosureState
+from coop_pin.chain.kkt_solver import MassWeightedClosure, mass_weighted
 from coop_pin.errors import OpenClosureError
 
 _STEPS = 60

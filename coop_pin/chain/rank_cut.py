@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.closures import Closures, ClosureState
-from coop_pin.chain.mass_weighted import mass_weighted
-from coop_pin.description.clock import Stabilisation
+from coop_pin.chain.closure_set import Closures, ClosureState
+from coop_pin.chain.kkt_solver import mass_weighted
+from coop_pin.description.plant import Stabilisation
 
 
 class RankCutSolver:

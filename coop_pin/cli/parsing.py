@@ -9,8 +9,8 @@ from typing import Annotated, Protocol
 import tyro
 
 from coop_pin.cli.catalogue import Fields, List
-from coop_pin.cli.check import Check
 from coop_pin.cli.check_urdf import CheckUrdf
+from coop_pin.cli.inspect import Check
 from coop_pin.cli.report import Report
 from coop_pin.cli.run import Run
 from coop_pin.cli.show import Show

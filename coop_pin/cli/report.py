@@ -25,9 +25,9 @@ class Report:
 
     def execute(self) -> int:
         """Write the page and print its path."""
-        from coop_pin.output import RunFolder
         from coop_pin.report import save_report
         from coop_pin.results import RunResult
+        from coop_pin.run_folder import RunFolder
 
         file = self.result / RunFolder.RESULT if self.result.is_dir() else self.result
         page = self.out or file.with_name(RunFolder.REPORT)

@@ -7,15 +7,15 @@ import sys
 from pathlib import Path
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
+from coop_pin.cli.overrides import changes
 from coop_pin.cli.progress_bar import ProgressBar
 from coop_pin.cli.run import Run
-from coop_pin.cli.values import changes
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.description import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError
-from coop_pin.output import RunFolder, Stopwatch, Timing
 from coop_pin.report import save_report
 from coop_pin.results import RunResult
+from coop_pin.run_folder import RunFolder, Stopwatch, Timing
 from coop_pin.simulation import simulate
 
 

@@ -69,7 +69,7 @@ def show_sweep(command: SweepShow) -> int:
 
 
 def _draw(result: SweepResult, command: SweepShow, file: Path) -> None:
-    from coop_pin.viz.figures import pareto_figure, save_figure, sweep_figure  # matplotlib is slow to load
+    from coop_pin.figures import pareto_figure, save_figure, sweep_figure  # matplotlib is slow to load
 
     if command.against is not None:
         figure = pareto_figure(result, command.against, command.metric)

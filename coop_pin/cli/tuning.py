@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
+from coop_pin.cli.overrides import field_path
 from coop_pin.cli.tune import Tune
-from coop_pin.cli.values import field_path
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
     CodeChangedError,
@@ -19,9 +19,9 @@ from coop_pin.errors import (
     SweepInterruptedError,
     WorkersLostError,
 )
+from coop_pin.sweeps.tuner import TuneResult, tune
 from coop_pin.sweeps.tuning.bound import Bound
 from coop_pin.sweeps.tuning.effort import Ranges
-from coop_pin.sweeps.tuning.tuner import TuneResult, tune
 
 
 def run_tune(command: Tune) -> int:

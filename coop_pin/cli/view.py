@@ -92,7 +92,7 @@ class View:
 
 def _replay(path: Path) -> Path:
     """Return the replay of a run's folder or result file; it is written where it is missing."""
-    from coop_pin.output import RunFolder
+    from coop_pin.run_folder import RunFolder
 
     if not path.is_file() or path.name == RunFolder.RESULT:
         return RunFolder(path.parent if path.is_file() else path).replay()

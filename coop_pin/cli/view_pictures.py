@@ -20,8 +20,8 @@ def write_pictures(run: Path, image: Path | None, time: float | None, video: Pat
         BrowserNotFoundError: there is no browser.
         TimeOutsideRunError: the run does not have that time.
     """
-    from coop_pin.output import RunFolder
     from coop_pin.results import RunResult
+    from coop_pin.run_folder import RunFolder
     from coop_pin.viz import save_image, save_video
 
     result = RunResult.load(run / RunFolder.RESULT if run.is_dir() else run)

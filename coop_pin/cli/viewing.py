@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 from coop_pin.description import Scenario
-from coop_pin.runs import run
+from coop_pin.run_scenario import run
 from coop_pin.viz import open_view
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from coop_pin.arrays import Array
 from coop_pin.control.contract import ArmController, ArmReference, Command
-from coop_pin.control.inverse import right_inverse
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.control.posture import Posture
 from coop_pin.control.sliding_mode import SlidingModeController, SlidingModeState
+from coop_pin.control.terms import right_inverse
 
 
 @dataclass(frozen=True, eq=False)

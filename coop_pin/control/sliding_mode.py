@@ -11,9 +11,9 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.contract import ArmController, ArmReference, Command
 from coop_pin.control.force_term import force_term
-from coop_pin.control.inverse import jacobian_inverse
 from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.control.switching import Switching
+from coop_pin.control.terms import jacobian_inverse
 from coop_pin.spatial.task_rows import TaskRows
 
 

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Matrix, Vector, number_or_row
 from coop_pin.description.joint_friction import Friction, JointFriction
-from coop_pin.description.pose import Pose
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import AmbiguousTipError, FieldError, FieldShapeError
+from coop_pin.schema.base import Description, Matrix, Vector, number_or_row
+from coop_pin.schema.pose import Pose
 
 
 def _source_or_numbers(value: Any) -> Any:

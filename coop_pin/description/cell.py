@@ -10,12 +10,12 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm
-from coop_pin.description.base import Description, Vector3
 from coop_pin.description.grasps import grasps_from_configuration
 from coop_pin.description.payload import Payload
 from coop_pin.description.payload_source import built
-from coop_pin.description.pose import Pose
 from coop_pin.errors import FieldError, LoadShareError, suggestion
+from coop_pin.schema.base import Description, Vector3
+from coop_pin.schema.pose import Pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from coop_pin.description.base import Description, NotNegative
 from coop_pin.description.force_path import ForcePath, NoForcePath
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.switching import Sign, Switching
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative
 
 
 class SlidingMode(Description):

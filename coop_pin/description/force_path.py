@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from coop_pin.control.bounds import force_gain_bound
-from coop_pin.description.base import Description
+from coop_pin.schema.base import Description
 
 
 class NoForcePath(Description):

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import AfterValidator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 from coop_pin.errors import FieldError, FieldShapeError, SignGainError
+from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 
 Gain = NumberVectorOrMatrix
 """A gain matrix: a number times the identity, a diagonal, or rows."""

@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import as_array
 from coop_pin.description.arm import Arm
-from coop_pin.description.pose import Pose
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArmNotFoundError
 from coop_pin.reference.checks import as_pose
+from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
 
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Tag, field_validator
 
-from coop_pin.description.base import Description, NumberOrVector, Positive
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NumberOrVector, Positive
 
 
 class JointFriction(Description):

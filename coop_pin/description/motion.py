@@ -7,12 +7,12 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from coop_pin.description.base import Description, Positive, Vector3
 from coop_pin.description.motion_about_axis import CircleMotion, SwingMotion, TurnMotion
 from coop_pin.description.motion_given import CsvMotion, UserMotion, Waypoint, WaypointsMotion
-from coop_pin.description.pose import Pose
 from coop_pin.errors import AmbiguousTurnError, FieldShapeError, MotionError
 from coop_pin.reference import Exponentials, Hold, Line, PoseReference
+from coop_pin.schema.base import Description, Positive, Vector3
+from coop_pin.schema.pose import Pose
 
 __all__ = [
     "CircleMotion",

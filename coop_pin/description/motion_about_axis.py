@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator
 
-from coop_pin.description.base import Description, Positive, Vector3
-from coop_pin.description.pose import Pose
 from coop_pin.errors import FieldError
 from coop_pin.reference import Circle, PoseReference, Swing, Turn
+from coop_pin.schema.base import Description, Positive, Vector3
+from coop_pin.schema.pose import Pose
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -7,11 +7,11 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from coop_pin.description.base import Description
-from coop_pin.description.pose import Pose
 from coop_pin.description.user_code import FunctionName, load_function
 from coop_pin.errors import AmbiguousTurnError, FieldShapeError, MotionError
 from coop_pin.reference import FromFunction, PoseReference, Tabulated, Waypoints
+from coop_pin.schema.base import Description
+from coop_pin.schema.pose import Pose
 
 
 class Waypoint(Pose):

@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description, Positive, Vector3, Vector6
-from coop_pin.description.mesh_body import mesh_body
-from coop_pin.description.pose import Pose
+from coop_pin.description.mesh import mesh_body
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.link_body import link_body
 from coop_pin.errors import FieldError, FieldShapeError
+from coop_pin.schema.base import Description, Positive, Vector3, Vector6
+from coop_pin.schema.pose import Pose
 
 
 class Payload(Description):

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
-from coop_pin.description.base import Description, Positive, Vector3
 from coop_pin.description.payload import Payload
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, Positive, Vector3
 
 
 class PayloadSource(Description):

@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.description.base import Description, Positive, Vector6
 from coop_pin.description.cell import check_arm_names
 from coop_pin.description.user_code import FunctionName, load_function
 from coop_pin.errors import ScenarioError, SqueezeError, one_or_all
 from coop_pin.reference import ConstantSqueeze, RampedSqueeze, SqueezeFromFunction, SqueezeReference
+from coop_pin.schema.base import Description, Positive, Vector6
 
 _ALLOWED_SUM = 1e-9
 _SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the other"

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from coop_pin.description.base import Description, Positive
+from coop_pin.schema.base import Description, Positive
 
 
 class Sign(Description):

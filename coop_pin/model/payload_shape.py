@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coop_pin.description.mesh_body import read_mesh
+from coop_pin.description.mesh import read_mesh
 from coop_pin.description.payload import Payload
 from coop_pin.errors import GeometryWarning, MeshError
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from coop_pin.arrays import Array
 from coop_pin.errors import AmbiguousTurnError, NotIncreasingError, ReferenceFileError, suggestion
 from coop_pin.reference.checks import keep
-from coop_pin.reference.pose_spline import PoseSpline
+from coop_pin.reference.splines import PoseSpline
 from coop_pin.reference.target import PoseReference, PoseTarget
 
 POSITION = ("time", "x", "y", "z")

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.reference.checks import as_pose, keep
-from coop_pin.reference.pose_spline import PoseSpline
+from coop_pin.reference.splines import PoseSpline
 from coop_pin.reference.target import PoseReference, PoseTarget
 
 

@@ -11,9 +11,9 @@ from coop_pin.lazy import load_public
 
 _PUBLIC = {
     "internal_force_figure": "coop_pin.report.internal_force",
-    "motion_figure": "coop_pin.report.motion",
-    "report_html": "coop_pin.report.document",
-    "save_report": "coop_pin.report.document",
+    "motion_figure": "coop_pin.figures.motion_figure",
+    "report_html": "coop_pin.report.report",
+    "save_report": "coop_pin.report.report",
     "singularity_figure": "coop_pin.report.singularity",
 }
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from coop_pin.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, legend_above, styled
 from coop_pin.results import RunResult
-from coop_pin.results.judgements import axial_directions
-from coop_pin.viz.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, legend_above, styled
+from coop_pin.results.metrics import axial_directions
 
 
 def internal_force_figure(result: RunResult) -> Figure:

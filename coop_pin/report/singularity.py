@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from coop_pin.figures import palette
+from coop_pin.figures.style import finish, grid_figure, label, legend_above, styled
 from coop_pin.results import RunResult
-from coop_pin.viz import palette
-from coop_pin.viz.figures.style import finish, grid_figure, label, legend_above, styled
 
 
 def singularity_figure(result: RunResult) -> Figure:

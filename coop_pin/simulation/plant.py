@@ -8,7 +8,7 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.configuration_space import configuration_space
 from coop_pin.chain.integrators import INTEGRATORS
-from coop_pin.description.clock import PlantOptions
+from coop_pin.description.plant import PlantOptions
 from coop_pin.simulation.drives import Drives
 
 CHANNELS = ("actuation", "friction", "external")

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.clock import Clock
-from coop_pin.description.event import Event, PayloadChange, WrenchPulse
+from coop_pin.description.events import Event, PayloadChange, WrenchPulse
+from coop_pin.description.plant import Clock
 
 # Two times closer than this part of a plant step are the same instant.
 _SAME = 1e-9

@@ -13,17 +13,17 @@ _PUBLIC = {
     "Estimate": "coop_pin.sweeps.estimates",
     "PointFailure": "coop_pin.sweeps.result",
     "PointResult": "coop_pin.sweeps.result",
-    "Sample": "coop_pin.sweeps.sample",
-    "SobolIndices": "coop_pin.sweeps.answers",
-    "Span": "coop_pin.sweeps.sample",
+    "Sample": "coop_pin.sweeps.sampling",
+    "SobolIndices": "coop_pin.sweeps.sensitivity",
+    "Span": "coop_pin.sweeps.sampling",
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
     "estimate": "coop_pin.sweeps.estimates",
     "linspace": "coop_pin.sweeps.axis",
     "logspace": "coop_pin.sweeps.axis",
     "sweep": "coop_pin.sweeps.one_call",
-    "TuneResult": "coop_pin.sweeps.tuning.tuner",
-    "tune": "coop_pin.sweeps.tuning.tuner",
+    "TuneResult": "coop_pin.sweeps.tuner",
+    "tune": "coop_pin.sweeps.tuner",
 }
 
 __all__ = sorted(_PUBLIC)

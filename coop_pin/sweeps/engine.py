@@ -13,10 +13,10 @@ from coop_pin.sweeps.key import run_key, unresolved_key
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.progress import SweepBar
 from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.record_writer import OutcomeWriter
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.user_code import UserCode, user_code
 from coop_pin.sweeps.where import ThisProcess, Where, Workers
-from coop_pin.sweeps.writer import OutcomeWriter
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 _OF_THE_MACHINE = ("RunTimeoutError", "WorkerDiedError", "MemoryError")

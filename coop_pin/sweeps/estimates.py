@@ -7,7 +7,7 @@ import time
 from typing import NamedTuple
 
 from coop_pin.errors import CoopPinError
-from coop_pin.runs import run
+from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import SweepPlan
 
 _SAMPLE_S = 1.0

@@ -12,7 +12,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
-from coop_pin.runs import run
+from coop_pin.run_scenario import run
 from coop_pin.sweeps.record import Failure, Record, flat
 from coop_pin.sweeps.user_code import UserCode, require_loaded
 

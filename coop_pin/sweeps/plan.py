@@ -12,14 +12,14 @@ from typing import Any, NamedTuple, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from coop_pin.description.base import Description
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import EntryNotFoundError, FieldError, FieldShapeError, ScenarioError, ScenarioFileError, UnknownFieldError, one_or_all
+from coop_pin.schema.base import Description
 from coop_pin.sweeps.axis import Values
 from coop_pin.sweeps.bases import Bases, anchored
-from coop_pin.sweeps.dimension import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
-from coop_pin.sweeps.sample import Sample
+from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
+from coop_pin.sweeps.sampling import Sample
 
 
 class Point(NamedTuple):

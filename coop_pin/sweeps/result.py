@@ -14,10 +14,10 @@ import xarray as xr
 
 from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
 from coop_pin.results import RunResult
-from coop_pin.runs import run
-from coop_pin.sweeps import answers
-from coop_pin.sweeps.answers import SobolIndices
+from coop_pin.run_scenario import run
+from coop_pin.sweeps import sensitivity as answers
 from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.sensitivity import SobolIndices
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import MISSING, OK, dataset, key_of, rows, write_csv, write_times
 

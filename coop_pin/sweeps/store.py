@@ -12,7 +12,7 @@ from pathlib import Path
 
 from coop_pin.errors import ScenarioError, StoreWriteError, SweepStoreError
 from coop_pin.results import RunResult
-from coop_pin.results.storage import write_atomically
+from coop_pin.results.atomic_write import write_atomically
 from coop_pin.sweeps.envelope import seal, unseal
 from coop_pin.sweeps.lock import FolderLock
 from coop_pin.sweeps.plan import SweepPlan

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.errors import ScenarioError, SweepStoreError
-from coop_pin.sweeps.dimension import Dimension
+from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.key import run_key, unresolved_key
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.record import Record

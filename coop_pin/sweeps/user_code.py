@@ -8,7 +8,7 @@ from typing import NamedTuple
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps.digest import file_digest
-from coop_pin.sweeps.source_files import source_files
+from coop_pin.sweeps.run_key import source_files
 
 _FIELDS = ("target", "twist", "acceleration")
 

@@ -78,7 +78,7 @@ class Workers:
         if first is None:  # nothing to do: no need to wait for workers
             return
         cluster = self._cluster
-        from coop_pin.sweeps.executors import ClusterExecutor
+        from coop_pin.sweeps.backend import ClusterExecutor
 
         yield from ClusterExecutor(cluster).outcomes(itertools.chain([first], jobs))
 

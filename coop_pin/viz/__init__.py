@@ -20,9 +20,9 @@ _PUBLIC = {
     "open_viser": "coop_pin.viz.viser_view",
     "open_view": "coop_pin.viz.live_view",
     "replay_html": "coop_pin.viz.replay",
-    "save_image": "coop_pin.viz.pictures",
+    "save_image": "coop_pin.viz.export",
     "save_replay": "coop_pin.viz.replay",
-    "save_video": "coop_pin.viz.pictures",
+    "save_video": "coop_pin.viz.export",
 }
 
 __all__ = sorted(_PUBLIC)

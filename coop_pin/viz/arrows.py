@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.figures import palette
 from coop_pin.model.shapes import Cylinder
-from coop_pin.viz import palette
 from coop_pin.viz.scene import Cone, Item, Paint, Track, translation
 
 HEAD_LENGTH_M = 0.05

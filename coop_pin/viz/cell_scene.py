@@ -6,11 +6,11 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
+from coop_pin.figures import palette
 from coop_pin.model.payload_shape import payload_shape
 from coop_pin.model.shapes import Box, Mesh, half_extents
 from coop_pin.model.visuals import Body, CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.viz import palette
 from coop_pin.viz.arrow_scales import recorded_scales
 from coop_pin.viz.arrows import arrow_items, arrow_tracks
 from coop_pin.viz.camera import camera_on

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from coop_pin.viz import palette
+from coop_pin.figures import palette
 from coop_pin.viz.cell_scene import TRAIL_RADIUS_M, TRAIL_SPACING_M
 from coop_pin.viz.live_frame import LiveFrame
 from coop_pin.viz.live_scene import LiveScene
-from coop_pin.viz.meshcat_door import scene_messages
-from coop_pin.viz.page_parts import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
+from coop_pin.viz.meshcat_commands import scene_messages
+from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
 from coop_pin.viz.tints import COLOURS
 from coop_pin.viz.trail import MOST_POINTS
 

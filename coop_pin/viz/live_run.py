@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.controllers import build_controller
-from coop_pin.description.event import PayloadChange, WrenchPulse
+from coop_pin.controller_factory import build_controller
+from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, SqueezeError, UserCodeError

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
-from coop_pin.description.clock import PlantOptions
+from coop_pin.description.plant import PlantOptions
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import Moment
 from coop_pin.spatial import pose_error

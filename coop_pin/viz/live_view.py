@@ -11,11 +11,11 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import PortTakenError, ViewWarning
 from coop_pin.results import Moment, RunResult
+from coop_pin.viz.initial_scene import Standing, standing_of
 from coop_pin.viz.live_page import live_html
 from coop_pin.viz.live_scene import LiveScene
+from coop_pin.viz.live_server import ViewServer
 from coop_pin.viz.notebook import page_frame
-from coop_pin.viz.standing import Standing, standing_of
-from coop_pin.viz.view_server import ViewServer
 from coop_pin.viz.viewer import FRAMES_PER_SECOND, FrameRate
 
 _PROXIES = ("JUPYTERHUB_SERVICE_PREFIX", "JUPYTERHUB_API_URL", "BINDER_SERVICE_HOST", "COLAB_RELEASE_TAG", "KAGGLE_KERNEL_RUN_TYPE")

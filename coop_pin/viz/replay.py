@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from coop_pin.description.event import Event, PayloadChange
+from coop_pin.description.events import Event, PayloadChange
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.results.storage import write_atomically
+from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.arrow_scales import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
-from coop_pin.viz.meshcat_door import scene_messages
-from coop_pin.viz.page_parts import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
+from coop_pin.viz.meshcat_commands import scene_messages
+from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
 from coop_pin.viz.tints import COLOURS, IS_SATURATED, IS_SINGULAR, body_tints, tint_changes
 
 

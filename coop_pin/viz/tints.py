@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.viz import palette
+from coop_pin.figures import palette
 
 NEAR_SINGULAR = 100.0
 """From this condition number of its payload Jacobian on an arm counts as near a singular pose; healthy arms have 5 to 20."""

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array
+from coop_pin.figures import palette
 from coop_pin.results import Moment
-from coop_pin.viz import palette
 from coop_pin.viz.arrow_scales import ArrowScales
 from coop_pin.viz.arrows import FORCE_FORM, MOMENT_FORM, ArrowForm, ArrowSeries
 

@@ -22,8 +22,8 @@ of a chain of 20 000 links. Every defect has a code here, its link or joint, and
 """
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
-from coop_pin.description.urdf.files import UrdfFile, bundled_urdf_folder, find_urdf
-from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
+from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf
+from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 
 __all__ = [
     "UrdfFile",

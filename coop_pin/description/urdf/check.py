@@ -5,14 +5,14 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from coop_pin.description.urdf.document import MAX_BYTES, read_document
 from coop_pin.description.urdf.doubtful import mesh_findings
-from coop_pin.description.urdf.elements import element_findings
-from coop_pin.description.urdf.files import UrdfFile
-from coop_pin.description.urdf.findings import UrdfFinding, UrdfReport
+from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
+from coop_pin.description.urdf.lint import element_findings
+from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xacro import expanded
+from coop_pin.description.urdf.xml import MAX_BYTES, read_document
 from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from coop_pin.description.urdf.document import Node
-from coop_pin.description.urdf.findings import UrdfFinding, doubtful, listed, quoted
 from coop_pin.description.urdf.numbers import number, numbers
+from coop_pin.description.urdf.report import UrdfFinding, doubtful, listed, quoted
+from coop_pin.description.urdf.xml import Node
 
 _DEGREES = (45.0, 720.0)
 """Size of a revolute joint's limit that is likely in degrees; larger ones stand for "no limit" in many files."""

@@ -7,13 +7,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.document import Node, read_document
-from coop_pin.description.urdf.findings import listed
 from coop_pin.description.urdf.numbers import number, numbers
+from coop_pin.description.urdf.report import listed
+from coop_pin.description.urdf.xml import Node, read_document
 from coop_pin.errors import UrdfError
 from coop_pin.spatial import make_pose
 
-_ZERO = (0.0, 0.0, 0.0)
+_ORIGIN = (0.0, 0.0, 0.0)
 
 
 class LinkBody(NamedTuple):
@@ -83,4 +83,4 @@ def _shape(link: Node, centre: Array) -> tuple[tuple[float, float, float], Liter
 
 def _pose(owner: Node) -> Array:
     origin = owner.child("origin")
-    return make_pose(numbers(origin, "xyz") or _ZERO, numbers(origin, "rpy") or _ZERO)
+    return make_pose(numbers(origin, "xyz") or _ORIGIN, numbers(origin, "rpy") or _ORIGIN)

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from coop_pin.description.urdf.document import Node
-from coop_pin.description.urdf.findings import UrdfFinding, quoted, structural
+from coop_pin.description.urdf.report import UrdfFinding, quoted, structural
+from coop_pin.description.urdf.xml import Node
 
 COUNTS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},

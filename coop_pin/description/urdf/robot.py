@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.document import Node, read_document
 from coop_pin.description.urdf.numbers import number, numbers
 from coop_pin.description.urdf.tree import Edge, Tree, read_tree
+from coop_pin.description.urdf.xml import Node, read_document
 from coop_pin.errors import FrameNotFoundError
 from coop_pin.spatial import make_pose
 

@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from coop_pin.description.urdf.document import Node
-from coop_pin.description.urdf.findings import UrdfFinding, listed, quoted, structural
+from coop_pin.description.urdf.report import UrdfFinding, listed, quoted, structural
+from coop_pin.description.urdf.xml import Node
 
 MAX_DEPTH = 1000
 """Most joints between the root and a link. Pinocchio's reader recurses: 20 000 of them end the process."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.sweeps.sample import Sample, Span
+from coop_pin.sweeps.sampling import Sample, Span
 
 Ranges = Mapping[str, tuple[float, float]]
 """The lowest and the highest value of each field."""

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coop_pin.arrays import Array
+from coop_pin.figures import palette
+from coop_pin.figures.style import ACTUAL, finish, frame_decades, grid_figure, label, legend_above, styled, without_zeros
 from coop_pin.results import RunResult
-from coop_pin.results.judgements import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
-from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, finish, frame_decades, grid_figure, label, legend_above, styled, without_zeros
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 
 
 def error_figure(result: RunResult) -> Figure:

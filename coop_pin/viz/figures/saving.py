@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from coop_pin.results.storage import write_atomically
+from coop_pin.results.atomic_write import write_atomically
 
 _DPI = 150
 _METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Date": None}}

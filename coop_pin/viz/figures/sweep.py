@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.figures.sweep_figures import map_figure
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.viz.figures.sweep_lines import lines_figure
-from coop_pin.viz.figures.sweep_map import map_figure
 from coop_pin.viz.figures.sweep_table import MetricTable
 
 

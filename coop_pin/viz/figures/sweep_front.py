@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from coop_pin.figures import palette
+from coop_pin.figures.style import label, styled
 from coop_pin.sweeps.result import SweepResult
-from coop_pin.viz import palette
 from coop_pin.viz.figures.scale import scale_to_values
-from coop_pin.viz.figures.style import label, styled
 
 
 def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin.errors import FieldError
-from coop_pin.viz import palette
+from coop_pin.figures import palette
+from coop_pin.figures.style import label, styled
 from coop_pin.viz.figures.scale import scale_to_places, scale_to_values
-from coop_pin.viz.figures.style import label, styled
 from coop_pin.viz.figures.sweep_table import MetricTable
 
 _MARKERS = "osDv^P"

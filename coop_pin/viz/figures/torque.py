@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from coop_pin.figures.style import ACTUAL, finish, grid_figure, label, styled
 from coop_pin.results import RunResult
-from coop_pin.viz.figures.style import ACTUAL, finish, grid_figure, label, styled
 
 
 def torque_figure(result: RunResult) -> Figure:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from coop_pin.sweeps.axis import label
-from coop_pin.sweeps.sample import Sample
+from coop_pin.sweeps.sampling import Sample
 
 
 class FieldsDimension(NamedTuple):

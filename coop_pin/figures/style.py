@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.description.event import PayloadChange, WrenchPulse
+from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.figures import palette
 from coop_pin.results import RunResult
-from coop_pin.viz import palette
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",

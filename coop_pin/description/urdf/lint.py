@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from coop_pin.description.urdf.document import Node
 from coop_pin.description.urdf.doubtful import unit_findings
-from coop_pin.description.urdf.findings import EXPAND, UrdfFinding, quoted, structural
 from coop_pin.description.urdf.numbers import is_unexpanded, number, number_findings, numbers
+from coop_pin.description.urdf.report import EXPAND, UrdfFinding, quoted, structural
+from coop_pin.description.urdf.xml import Node
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from coop_pin.description.base import Description, NotNegative, Positive
+from coop_pin.schema.base import Description, NotNegative, Positive
 
 
 class Clock(Description):

@@ -13,14 +13,14 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
+from coop_pin.figures import error_figure, torque_figure, tracking_figure
+from coop_pin.figures.motion_figure import motion_figure
 from coop_pin.report.internal_force import internal_force_figure
 from coop_pin.report.judgements_table import Judgement, judgements
-from coop_pin.report.motion import motion_figure
 from coop_pin.report.scenario_table import scenario_facts
 from coop_pin.report.singularity import singularity_figure
 from coop_pin.results import RunResult
-from coop_pin.results.storage import write_atomically
-from coop_pin.viz.figures import error_figure, torque_figure, tracking_figure
+from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.replay import replay_html
 
 _NO_LIMIT_EXCEEDED = "<p>No joint and no drive went beyond its limits.</p>"

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coop_pin.arrays import Array
-from coop_pin.viz import palette
-from coop_pin.viz.figures.style import label, styled
+from coop_pin.figures import palette
+from coop_pin.figures.style import label, styled
 
 
 class SignGainRun(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.errors import MissingExtraError, NotFiniteError, NotPositiveError, PictureSizeError, TimeOutsideRunError, VideoError
 from coop_pin.results import RunResult
-from coop_pin.results.storage import write_atomically
+from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.browser import in_own_thread, offline_page
 from coop_pin.viz.replay import replay_html
 

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coop_pin.arrays import Array
+from coop_pin.figures import palette
+from coop_pin.figures.style import ACTUAL, DESIRED, label, styled
 from coop_pin.results import RunResult
-from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, DESIRED, label, styled
 
 _MOMENTS = 6
 _WIDTH, _LEAST_WIDTH, _LARGEST_HEIGHT = 6.6, 4.6, 7.0

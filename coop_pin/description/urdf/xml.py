@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 from xml.parsers import expat
 
-from coop_pin.description.urdf.findings import EXPAND, UrdfFinding, quoted, structural
+from coop_pin.description.urdf.report import EXPAND, UrdfFinding, quoted, structural
 
 MAX_BYTES = 5_000_000
 """Largest file that is read; the largest of example-robot-data has 0.2 MB."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from coop_pin.results import RunResult
-from coop_pin.results.storage import write_atomically
+from coop_pin.results.atomic_write import write_atomically
 
 
 class Timing(NamedTuple):
@@ -96,7 +96,7 @@ class RunFolder:
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _write_figures(self, result: RunResult) -> None:
-        from coop_pin.viz import figures
+        from coop_pin import figures
 
         makers = (figures.tracking_figure, figures.torque_figure, figures.error_figure)
         for name, make in zip(self.FIGURES, makers, strict=True):

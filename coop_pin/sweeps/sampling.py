@@ -11,8 +11,8 @@ from pydantic import Field, ValidationInfo, field_validator
 from scipy.stats import qmc
 
 from coop_pin.arrays import Array
-from coop_pin.description.base import Description
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description
 
 _BLOCK = 1024
 

@@ -19,7 +19,7 @@ from coop_pin.control import (
     Switching,
     Tanh,
 )
-from coop_pin.control.team import Team
+from coop_pin.control.interface import Team
 from coop_pin.description import controller as choice
 from coop_pin.description import switching
 from coop_pin.description.gains import PostureGains, gain_matrix

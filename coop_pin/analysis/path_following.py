@@ -9,8 +9,8 @@ from coop_pin.analysis.arm_reach import FastestJoint, LimitApproach, NearlySingu
 from coop_pin.analysis.following import follow, step_to
 from coop_pin.analysis.route import Route
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.closing import closing_angles, configuration_near
-from coop_pin.chain.tip_search import TipSearch
+from coop_pin.chain.ik_solver import TipSearch
+from coop_pin.chain.inverse_kinematics import closing_angles, configuration_near
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel

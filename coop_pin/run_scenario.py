@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import simulate
-from coop_pin.simulation.loop import Progress
+from coop_pin.simulation.simulate import Progress
 
 
 def run(

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coop_pin.arrays import Array
+from coop_pin.figures import palette
+from coop_pin.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, styled
 from coop_pin.results import RunResult
-from coop_pin.results.judgements import axial_directions
-from coop_pin.viz import palette
-from coop_pin.viz.figures.style import ACTUAL, DESIRED, finish, frame_bulk, grid_figure, label, styled
+from coop_pin.results.metrics import axial_directions
 
 
 def tracking_figure(result: RunResult) -> Figure:

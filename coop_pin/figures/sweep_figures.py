@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from coop_pin.arrays import Array
-from coop_pin.viz import palette
+from coop_pin.figures import palette
+from coop_pin.figures.style import label, styled
 from coop_pin.viz.figures.scale import is_in_ratios, is_wide, scale_to_places
-from coop_pin.viz.figures.style import label, styled
 from coop_pin.viz.figures.sweep_table import MetricTable
 
 

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from coop_pin.description.mistakes import field_errors
-from coop_pin.description.overrides import overridden
 from coop_pin.errors import FieldError, FieldNotFiniteError, FieldShapeError, one_or_all
+from coop_pin.schema.overrides import overridden
+from coop_pin.schema.validation_errors import field_errors
 
 
 def _as_tuples(value: Any) -> Any:

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from coop_pin.description.base import Description, NotNegative, Positive, Vector6
 from coop_pin.description.payload import Payload
+from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
 
 
 class PayloadChange(Description):

@@ -11,7 +11,7 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.determined import determined_rows
 from coop_pin.description.cell import Cell
-from coop_pin.description.clock import PlantOptions
+from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.results import Moment, RunResult

@@ -10,9 +10,9 @@ from importlib import resources
 from string import Template
 from typing import Any
 
-from coop_pin.viz import palette
+from coop_pin.figures import palette
 from coop_pin.viz.arrow_scales import ArrowScales
-from coop_pin.viz.meshcat_door import viewer_licences, viewer_script
+from coop_pin.viz.meshcat_commands import viewer_licences, viewer_script
 from coop_pin.viz.tints import NEAR_SINGULAR
 
 LEGEND = (

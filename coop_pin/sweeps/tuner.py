@@ -13,8 +13,8 @@ from coop_pin.errors import FieldError, NothingFeasibleError
 from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import PointResult, SweepResult
+from coop_pin.sweeps.search import search_by_optuna
 from coop_pin.sweeps.tuning.bound import Bound
-from coop_pin.sweeps.tuning.by_optuna import search_by_optuna
 from coop_pin.sweeps.tuning.effort import Effort, Ranges, Search
 from coop_pin.sweeps.tuning.evolution import search_by_evolution
 from coop_pin.sweeps.tuning.goal import Goal

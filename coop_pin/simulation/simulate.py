@@ -9,7 +9,7 @@ from coop_pin.control.contract import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
 from coop_pin.results import Observer, RunResult, Viewing
-from coop_pin.simulation.pace import Pace
+from coop_pin.simulation.realtime import Pace
 from coop_pin.simulation.simulation import Simulation
 
 Progress = Callable[[int, int], None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, frozen
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.controllers import build_controller
+from coop_pin.controller_factory import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
 
