@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.chain import closing_angles, closing_branches
 from coop_pin.chain.ik_solver import TipSearch
-from coop_pin.chain.joint_ranges import JointRanges
 from coop_pin.description import Arm, Pose
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import JointLimitError, ShapeError, UnreachablePoseError
 from coop_pin.model import ArmModel
+from coop_pin.model.joint_limits import JointRanges
 from coop_pin.spatial import make_pose, pose_error
 
 LENGTHS = 0.425, 0.375

@@ -14,9 +14,9 @@ import coop_pin as cp
 from coop_pin.analysis.cell_summary import cell_summary
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController
-from coop_pin.control.contract import Command
+from coop_pin.control.interface import Command
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
-from coop_pin.description.grasps import grasps_from_configuration
+from coop_pin.description.cell import grasps_from_configuration
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import (
@@ -37,7 +37,7 @@ from coop_pin.errors import (
 )
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.arm_model import arm_alone
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import make_pose

@@ -22,8 +22,7 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
-from coop_pin.viz.arrow_scales import recorded_scales
-from coop_pin.viz.arrows import HEAD_LENGTH_M
+from coop_pin.viz.arrows import HEAD_LENGTH_M, recorded_scales
 from coop_pin.viz.initial_scene import standing_scenario
 from coop_pin.viz.live_scene import LiveScene
 

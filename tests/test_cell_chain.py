@@ -9,7 +9,7 @@ from cells import SCENARIOS, cell_and_start, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
-from coop_pin.chain.determined import determined_rows
+from coop_pin.chain.cell_chain import determined_rows
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import FrameNotFoundError, UnreachablePoseError
 from coop_pin.model import ArmModel

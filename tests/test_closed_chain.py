@@ -7,8 +7,7 @@ from cells import SCENARIOS, cell_and_start, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, closing_angles
-from coop_pin.chain.configuration_space import configuration_space
-from coop_pin.chain.integrators import RungeKutta4
+from coop_pin.chain.integrators import RungeKutta4, configuration_space
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import ConstraintSolveError, NotFiniteError, ShapeError
 from coop_pin.model import ArmModel

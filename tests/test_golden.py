@@ -22,8 +22,7 @@ from test_closed_chain import chain_of, cut_arm, cut_state, opened_by_a_decimetr
 from test_mechanisms import ladder, sled
 
 import coop_pin as cp
-from coop_pin.chain.configuration_space import configuration_space
-from coop_pin.chain.integrators import RungeKutta4
+from coop_pin.chain.integrators import RungeKutta4, configuration_space
 from coop_pin.description import Stabilisation
 from coop_pin.errors import ConstraintSolveError, UrdfWarning
 from coop_pin.spatial import make_pose

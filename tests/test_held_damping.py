@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.analysis import HeldDamping, held_damping, sampled_damping
 from coop_pin.cli import main
-from coop_pin.control.contract import ArmController, Command
+from coop_pin.control.interface import ArmController, Command
 from coop_pin.errors import CoopPinError
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}

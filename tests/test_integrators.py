@@ -9,8 +9,15 @@ from cells import SCENARIOS, cell_and_start, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
-from coop_pin.chain.configuration_space import LieGroup, VectorSpace, configuration_space
-from coop_pin.chain.integrators import INTEGRATORS, RungeKutta4, SemiImplicitEuler, VectorRungeKutta4
+from coop_pin.chain.integrators import (
+    INTEGRATORS,
+    LieGroup,
+    RungeKutta4,
+    SemiImplicitEuler,
+    VectorRungeKutta4,
+    VectorSpace,
+    configuration_space,
+)
 from coop_pin.description import PlantOptions, Stabilisation
 
 CASES = [(name, payload) for name in SCENARIOS for payload in ("rooted", "free")]

@@ -8,15 +8,14 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController
-from coop_pin.control.contract import Command
+from coop_pin.control.interface import Command
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
 from coop_pin.errors import FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.arm_model import arm_alone
 from coop_pin.model.friction import friction
 from coop_pin.model.joint_limits import JointLimits, joint_limits
-from coop_pin.simulation.actuation import Actuation
-from coop_pin.simulation.drives import Drives
+from coop_pin.simulation.actuation import Actuation, Drives
 
 XARM = Arm.from_urdf("xarm7", "link_eef")
 XARM_DAMPING, XARM_COULOMB = np.array((10.0, 10.0, 5.0, 5.0, 5.0, 2.0, 2.0)), np.ones(7)

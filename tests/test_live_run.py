@@ -15,7 +15,7 @@ from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, DivergedError, EventTimeError, MissingExtraError, RunFinishedError, SqueezeError, UserCodeError
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
-from coop_pin.viz.knobs import gain_knobs
+from coop_pin.viz.panel import gain_knobs
 
 PATIENCE_S = 30.0
 

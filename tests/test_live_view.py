@@ -30,9 +30,9 @@ from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.viz import open_view
 from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.initial_scene import standing_scenario
-from coop_pin.viz.live_page import live_html
 from coop_pin.viz.live_scene import LiveScene
 from coop_pin.viz.live_server import ViewServer
+from coop_pin.viz.live_view import live_html
 
 PATIENCE_S = 20.0
 

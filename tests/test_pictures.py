@@ -32,8 +32,7 @@ from coop_pin.errors import (
     VideoError,
 )
 from coop_pin.viz import replay_html, save_image, save_video
-from coop_pin.viz.browser import find_browser, in_own_thread, offline_page
-from coop_pin.viz.export import frame_times, page_pictures
+from coop_pin.viz.export import find_browser, frame_times, in_own_thread, offline_page, page_pictures
 
 WIDTH, HEIGHT, RATE = 480, 320, 4.0
 

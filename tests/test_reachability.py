@@ -25,7 +25,7 @@ from coop_pin.description import (
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, JointLimitError, UnreachablePoseError
 from coop_pin.model import ArmModel
-from coop_pin.reference.time_scaling import rest_to_rest
+from coop_pin.reference.motions import rest_to_rest
 from coop_pin.spatial import pose_error
 
 L_1, L_2 = 0.425, 0.375

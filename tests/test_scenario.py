@@ -11,7 +11,7 @@ from cells import SCENARIOS, planar_scenario, spatial_scenario
 
 import coop_pin as cp
 from coop_pin import errors
-from coop_pin.description.catalogue import scenario_path
+from coop_pin.description.scenario import scenario_path
 
 INSIST = {"beyond_bound": True}
 

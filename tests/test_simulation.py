@@ -11,7 +11,7 @@ from coop_pin.control import CellController, Command
 from coop_pin.controller_factory import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
-from coop_pin.simulation.drives import Drives
+from coop_pin.simulation.actuation import Drives
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial import internal_wrenches
 

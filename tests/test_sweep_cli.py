@@ -3,7 +3,7 @@
 import pytest
 
 from coop_pin.cli import main
-from coop_pin.sweeps.lock import FolderLock
+from coop_pin.sweeps.store import FolderLock
 
 PLAN = """
 base = "adept-paper"

@@ -18,8 +18,7 @@ pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')
 
 from coop_pin.sweeps import backend as executors
 from coop_pin.sweeps import cluster
-from coop_pin.sweeps.job import Job
-from coop_pin.sweeps.on_worker import run_jobs
+from coop_pin.sweeps.job import Job, run_jobs
 
 SHORT = {"duration": 0.25, "events": []}
 PLAN = SweepPlan(
@@ -126,7 +125,7 @@ def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopbac
     assert outcome.record.failure is None
     assert len(modules) == len(workers) == 2
     for names in modules.values():
-        assert {"coop_pin", "pinocchio", "coop_pin.sweeps.on_worker"} <= set(names)
+        assert {"coop_pin", "pinocchio", "coop_pin.sweeps.job"} <= set(names)
         assert set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
     assert set(map(tuple, threads.values())) == {("1", "1", "1")}
     assert max(seconds.values()) < 3.0  # processor time, which the load of the machine does not stretch

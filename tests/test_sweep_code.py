@@ -12,9 +12,7 @@ import coop_pin.sweeps.engine as engine
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
-from coop_pin.sweeps.key import run_key
-from coop_pin.sweeps.run_key import source_files
-from coop_pin.sweeps.user_code import UserCode, user_code
+from coop_pin.sweeps.run_key import UserCode, run_key, source_files, user_code
 
 SHORT = {"duration": 0.1, "events": []}
 LAW = """

@@ -10,7 +10,7 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-import coop_pin.sweeps.where as where
+import coop_pin.sweeps.backend as where
 from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.job import Job, run_job

@@ -12,7 +12,7 @@ import coop_pin as cp
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import EntryNotFoundError, FieldError, ScenarioFileError, UnknownFieldError
 from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
-from coop_pin.sweeps.key import run_key
+from coop_pin.sweeps.run_key import run_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SHORT = {"duration": 0.25, "events": []}

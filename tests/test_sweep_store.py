@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 from coop_pin.errors import DivergedError, StoreLockedError, StoreWriteError, SweepStoreError
-from coop_pin.sweeps.envelope import seal, unseal
-from coop_pin.sweeps.lock import FolderLock
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record, flat
-from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.record import Failure, Record, flat, seal, unseal
+from coop_pin.sweeps.store import FolderLock, SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
@@ -205,7 +203,7 @@ def test_a_second_owner_is_refused_and_told_who_the_first_is(tmp_path):
 HOLD = """
 import sys, time
 from pathlib import Path
-from coop_pin.sweeps.lock import FolderLock
+from coop_pin.sweeps.store import FolderLock
 with FolderLock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

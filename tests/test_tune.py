@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_cluster import scheduler_elsewhere
 
 import coop_pin as cp
-import coop_pin.sweeps.where as where
+import coop_pin.sweeps.backend as where
 from coop_pin.cli import main
 from coop_pin.errors import (
     EntryNotFoundError,
@@ -29,10 +29,9 @@ from coop_pin.errors import (
     WorkersLostError,
 )
 from coop_pin.sweeps import SweepResult
-from coop_pin.sweeps.lock import FolderLock
-from coop_pin.sweeps.tuning.bound import Bound
-from coop_pin.sweeps.tuning.effort import Effort, first_generation
-from coop_pin.sweeps.tuning.goal import Goal
+from coop_pin.sweeps.search import Effort, first_generation
+from coop_pin.sweeps.store import FolderLock
+from coop_pin.sweeps.tuner import Bound, Goal
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})

@@ -19,7 +19,7 @@ from malformed_urdf import BODIES, CORPUS, arm, chain
 
 from coop_pin.description import urdf
 from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked
-from coop_pin.description.urdf.example_data import example_folder
+from coop_pin.description.urdf.find import example_folder
 from coop_pin.description.urdf.tree import MAX_DEPTH
 from coop_pin.description.urdf.xml import MAX_BYTES
 from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning

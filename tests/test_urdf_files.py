@@ -14,7 +14,7 @@ from malformed_urdf import arm
 
 import coop_pin
 from coop_pin.description.urdf import bundled_urdf_folder, check_urdf, find_urdf
-from coop_pin.description.urdf.example_data import example_urdfs
+from coop_pin.description.urdf.find import example_urdfs
 from coop_pin.errors import UrdfNotFoundError
 
 

@@ -29,8 +29,7 @@ from coop_pin.model.shapes import Mesh
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
-from coop_pin.viz.arrow_scales import ArrowScales, recorded_scales
-from coop_pin.viz.arrows import HEAD_LENGTH_M, quaternions_from_z
+from coop_pin.viz.arrows import HEAD_LENGTH_M, ArrowScales, quaternions_from_z, recorded_scales
 from coop_pin.viz.cell_scene import LINK_VERTICES, cell_scene, replay_samples
 from coop_pin.viz.meshes import thinned, tube
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coop_pin.analysis.arm_reach import ArmReach
-from coop_pin.analysis.path_following import ArmWalk
-from coop_pin.analysis.route import Route, route_of
+from coop_pin.analysis.path_following import ArmWalk, Route, route_of
 from coop_pin.arrays import frozen
 from coop_pin.chain.inverse_kinematics import closing_angles
 from coop_pin.description.scenario import Scenario

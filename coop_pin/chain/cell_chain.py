@@ -10,19 +10,21 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, Mask, as_array
 from coop_pin.chain.chain_dynamics import Energy
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import Gap
 from coop_pin.chain.inverse_kinematics import closing_angles
+from coop_pin.chain.kkt_solver import mass_weighted
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CELL_MODELS
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.pinocchio_model import frame_id, symmetric
+from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _NO_WRENCH = np.zeros(6)
 _CLOSED_BY_TREE = Gap(0.0, 0.0)
@@ -212,3 +214,32 @@ class CellChain:
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
         balance: Array = (inertia * A + V.cross(inertia * V)).vector
         return balance
+
+
+_UNDETERMINED = 1e-6
+
+
+def determined_rows(chain: CellChain, q: Array) -> Mask:
+    """Say which rows of the interaction wrenches (about P, in world axes) the closed chain determines, shape (6,).
+
+    Closure multipliers in the null space of J^T move no joint. Rows that they reach are shared between the arms' structures in
+    a way that rigid bodies do not tell: for example the weight of a bar between two planar arms.
+
+    Args:
+        chain: the closed cell.
+        q: configuration, shape (nq,).
+    """
+    model, data = chain.tree.model, chain.tree.model.createData()
+    closed = chain.chain.closures
+    state = closed.state(q, np.zeros(model.nv))
+    weighted = mass_weighted(symmetric(pin.crba(model, data, q)), state.jacobian)
+    idle = np.eye(len(state.position)) - weighted.left @ weighted.left.T
+    pin.framesForwardKinematics(model, data, q)
+    p_WP = data.oMf[chain.tree.payload_frame].translation
+    determined = np.ones(6, dtype=bool)
+    for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
+        X_WE = data.oMf[tip.named]
+        in_world = rotate_vector6(X_WE.rotation, (wrench_map @ idle).T)
+        about_P = shift_wrench(in_world, X_WE.translation - p_WP)
+        determined &= np.abs(about_P).max(axis=0, initial=0.0) < _UNDETERMINED
+    return determined

@@ -14,16 +14,13 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import Closures, ClosureState, Gap
-from coop_pin.chain.kkt_solver import MassWeightedClosure
-from coop_pin.chain.named_joints import configuration_at, velocity_at
+from coop_pin.chain.kkt_solver import MassWeightedClosure, RankCutSolver
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import ProximalSolver
-from coop_pin.chain.rank_cut import RankCutSolver
 from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.plant import Stabilisation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
-from coop_pin.model.mechanism_model import mechanism_model
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.pinocchio_model import configuration_at, frame_id, mechanism_model, velocity_at
 
 Formulation = Literal["auto", "proximal", "rank-cut"]
 

@@ -9,8 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.chain.ik_solver import TipSearch
-from coop_pin.chain.landing import Landing
+from coop_pin.chain.ik_solver import Landing, TipSearch
 from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 

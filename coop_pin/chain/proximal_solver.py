@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_frame import ClosureFrame
+from coop_pin.chain.closure_set import ClosureFrame
 from coop_pin.description.plant import Stabilisation
 
 # mu = 0, Pinocchio's default, answers NaN on redundant rows; from 1e-8 on twenty steps reach 1e-14.

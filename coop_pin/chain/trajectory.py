@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import ChainState
-from coop_pin.chain.configuration_space import configuration_space
-from coop_pin.chain.integrators import INTEGRATORS, RUNGE_KUTTA_NODES
+from coop_pin.chain.integrators import INTEGRATORS, RUNGE_KUTTA_NODES, configuration_space
 from coop_pin.chain.projection import Projected
 from coop_pin.errors import ArgumentError, IntegrationError, MassMatrixError, NotPositiveError, OpenClosureError
 

@@ -8,15 +8,11 @@ from typing import Annotated, Protocol
 
 import tyro
 
-from coop_pin.cli.catalogue import Fields, List
-from coop_pin.cli.check_urdf import CheckUrdf
-from coop_pin.cli.inspect import Check
-from coop_pin.cli.report import Report
+from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show
 from coop_pin.cli.run import Run
-from coop_pin.cli.show import Show
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
-from coop_pin.cli.view import View
+from coop_pin.cli.view import Report, View
 
 
 class Executable(Protocol):

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, OK
+from coop_pin.description import Scenario
+from coop_pin.run_scenario import run
+from coop_pin.viz import open_view
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +62,7 @@ class View:
         if self.time is not None and self.image is None:
             raise FieldError("says what an image shows; give --image FILE with it", "--time")
         if self.image is not None or self.video is not None:
-            from coop_pin.cli.view_pictures import write_pictures
+            from coop_pin.cli.view import write_pictures
 
             try:
                 write_pictures(path, self.image, self.time, self.video)
@@ -71,7 +77,7 @@ class View:
         return OK
 
     def _live(self) -> int:
-        from coop_pin.cli.viewing import view_until_interrupted
+        from coop_pin.cli.view import view_until_interrupted
         from coop_pin.description import Scenario
 
         pace = self.pace if self.run else None
@@ -108,3 +114,83 @@ def _replay(path: Path) -> Path:
 def _has_screen() -> bool:
     """Say whether a browser has somewhere to show; on a bare terminal one in text mode would take the terminal over."""
     return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def write_pictures(run: Path, image: Path | None, time: float | None, video: Path | None) -> None:
+    """Write an image and a video of a run, whichever is asked for, and print their paths.
+
+    Args:
+        run: its folder or result file.
+        image: PNG to write.
+        time: what it shows, s; the end of the run when omitted.
+        video: MP4 to write.
+
+    Raises:
+        ResultFileError: the result is missing or damaged.
+        MissingExtraError: the extra 'video' is not installed.
+        BrowserNotFoundError: there is no browser.
+        TimeOutsideRunError: the run does not have that time.
+    """
+    from coop_pin.results import RunResult
+    from coop_pin.run_folder import RunFolder
+    from coop_pin.viz import save_image, save_video
+
+    result = RunResult.load(run / RunFolder.RESULT if run.is_dir() else run)
+    if image is not None:
+        save_image(result, image, time)
+        print(image.resolve(), flush=True)
+    if video is not None:
+        save_video(result, video)
+        print(video.resolve())
+
+
+def view_until_interrupted(scenario: Scenario, pace: float | None, port: int, show: Callable[[str], None]) -> None:
+    """Serve a live view of a scenario's cell until Ctrl-C, which is how it ends.
+
+    Args:
+        scenario: whose cell.
+        pace: at which its run goes by, over and over; None for a cell that stands still.
+        port: on 127.0.0.1; 0 for any free one.
+        show: called with the view's address.
+
+    Raises:
+        UnreachablePoseError: the start is out of an arm's reach.
+        PortTakenError: the chosen port cannot be had.
+        CoopPinError: the run broke off.
+    """
+    view = open_view(scenario, port=port)
+    try:
+        show(view.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            if pace is None:
+                threading.Event().wait()
+            else:
+                while view.is_alive:
+                    run(scenario, view=view, pace=pace)
+    finally:
+        view.close()
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """Write one page that tells a whole run: scenario, judgements, figures, limits and the 3-D replay; it opens offline.
+
+    Attributes:
+        result: the folder of a run, or its result.nc.
+        out: the page; report.html beside the result when omitted.
+    """
+
+    result: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILE")]
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+
+    def execute(self) -> int:
+        """Write the page and print its path."""
+        from coop_pin.report import save_report
+        from coop_pin.results import RunResult
+        from coop_pin.run_folder import RunFolder
+
+        file = self.result / RunFolder.RESULT if self.result.is_dir() else self.result
+        page = self.out or file.with_name(RunFolder.REPORT)
+        save_report(RunResult.load(file), page)
+        print(page.resolve())
+        return OK

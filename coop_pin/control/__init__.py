@@ -1,13 +1,9 @@
 """Controllers that see only measurements: no Pinocchio, no model, no chain. Importing this room imports none of them."""
 
-from coop_pin.control.bounds import force_gain_bound
-from coop_pin.control.contract import ArmController, ArmReference, CellController, Command
-from coop_pin.control.measurement import ArmMeasurement
+from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, CellController, Command
 from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
-from coop_pin.control.posture import Posture
-from coop_pin.control.redundant_sliding_mode import RedundantSlidingModeController
-from coop_pin.control.sliding_mode import SlidingModeController, SlidingModeState
-from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
+from coop_pin.control.sliding_mode import RedundantSlidingModeController, SlidingModeController, SlidingModeState
+from coop_pin.control.terms import Posture, Saturation, Sign, Switching, Tanh, force_gain_bound
 
 __all__ = [
     "ArmController",

@@ -9,12 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.contract import ArmController, ArmReference, Command
-from coop_pin.control.force_term import force_term
-from coop_pin.control.measurement import ArmMeasurement
-from coop_pin.control.posture import Posture
-from coop_pin.control.switching import Switching
-from coop_pin.control.terms import right_inverse
+from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, Command
+from coop_pin.control.terms import Posture, Switching, force_term, right_inverse
 from coop_pin.spatial.task_rows import TaskRows
 
 

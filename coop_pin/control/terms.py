@@ -2,13 +2,65 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from coop_pin.arrays import Array, frozen
+from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import SingularJacobianError
+from coop_pin.spatial.task_rows import TaskRows
+
+
+class Switching(ABC):
+    """A function of the surface s that is odd and stays within [-1, 1]."""
+
+    @abstractmethod
+    def __call__(self, surface: Array) -> Array:
+        """Return the switching value of every entry."""
+
+
+@dataclass(frozen=True)
+class Sign(Switching):
+    """sgn(s), with sgn(0) = 0."""
+
+    def __call__(self, surface: Array) -> Array:
+        """Return -1, 0 or 1."""
+        return np.sign(surface)
+
+
+@dataclass(frozen=True)
+class Saturation(Switching):
+    """s / width within the boundary layer, sgn(s) outside.
+
+    Attributes:
+        width: half width of the layer, in the unit of s.
+    """
+
+    width: float
+
+    def __call__(self, surface: Array) -> Array:
+        """Return s / width cut at -1 and 1."""
+        return np.minimum(np.maximum(surface / self.width, -1.0), 1.0)
+
+
+@dataclass(frozen=True)
+class Tanh(Switching):
+    """tanh(s / width).
+
+    Attributes:
+        width: in the unit of s.
+    """
+
+    width: float
+
+    def __call__(self, surface: Array) -> Array:
+        """Return tanh(s / width)."""
+        return np.tanh(surface / self.width)
+
 
 CONDITION_LIMIT = 1e6
 
@@ -59,3 +111,63 @@ def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
     if not condition < CONDITION_LIMIT:
         raise SingularJacobianError(condition, time, CONDITION_LIMIT)
     return J.T.dot(gram_inverse)
+
+
+def force_term(rows: TaskRows, force_gain: float, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+    """Return f_d - K_f ftilde in world axes, or f_d where no internal wrench is measured, shape (k_0,).
+
+    f_d turns with the payload pose that this arm sees. Gueaieb et al. (2007), eq. (23).
+    """
+    f_d = rows.turn(measurement.payload_pose, reference.internal_wrench)
+    if measurement.internal_wrench is None:
+        return f_d
+    return f_d - force_gain * (measurement.internal_wrench - f_d)
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A spring and damper in the null space of the payload Jacobian.
+
+    ``tau = N^T (-stiffness (q - angles) - damping v)`` with ``N = I - J^+ J``: tau does no work on the payload's motion
+    ``v = J^+ V_WP``. Damping alone would let an arm sink through its limits under gravity.
+
+    Attributes:
+        angles: drive angles to return to, rad, shape (k,).
+        stiffness: N m/rad, shape (k,).
+        damping: N m s/rad, shape (k,).
+    """
+
+    angles: Array
+    stiffness: Array
+    damping: Array
+
+    def torque(self, q: Array, v: Array, J: Array, J_plus: Array) -> Array:
+        """Return the drive torque of the spare joints, N m, shape (k,).
+
+        Args:
+            q: drive angles, rad, shape (k,).
+            v: drive rates, rad/s, shape (k,).
+            J: payload Jacobian, shape (k_0, k).
+            J_plus: its right inverse, shape (k, k_0).
+        """
+        pull = -self.stiffness * (q - self.angles) - self.damping * v
+        return pull - J.T @ (J_plus.T @ pull)
+
+
+def no_posture(joints: int) -> Posture:
+    """Return the posture of an arm without spare joints: no spring, no damper."""
+    return Posture(np.zeros(joints), np.zeros(joints), np.zeros(joints))
+
+
+def force_gain_bound(pole: float) -> float:
+    """Return the force gain K_f at which sampled internal-force feedback goes unstable: (1 + p) / (1 - p).
+
+    In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of tick k
+    acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k] the error obeys
+    ftilde_m[k+1] = (p - (1 - p) K_f) ftilde_m[k] + const, which is stable for K_f < (1 + p) / (1 - p).
+    p = 0 is the wrench of one tick before: K_f < 1.
+
+    Args:
+        pole: p of the filter, in [0, 1).
+    """
+    return (1.0 + pole) / (1.0 - pole)

@@ -1,14 +1,18 @@
 """What the user says, as frozen values; and the URDF files that it names."""
 
-from coop_pin.description.arm import Arm
-from coop_pin.description.catalogue import scenario_names
-from coop_pin.description.cell import Cell
-from coop_pin.description.controller import PayloadSpace, RedundantSlidingMode, SlidingMode, UserController
+from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.controller import (
+    LateForcePath,
+    LowPassForcePath,
+    NoForcePath,
+    PayloadSpace,
+    RedundantSlidingMode,
+    SlidingMode,
+    UserController,
+)
 from coop_pin.description.events import PayloadChange, WrenchPulse
-from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.grasps import grasps_from_configuration
-from coop_pin.description.joint_friction import JointFriction
 from coop_pin.description.motion import (
     CircleMotion,
     CsvMotion,
@@ -23,7 +27,7 @@ from coop_pin.description.motion import (
 )
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
-from coop_pin.description.scenario import Scenario
+from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.description.switching import Saturation, Sign, Tanh
 from coop_pin.schema.pose import Pose

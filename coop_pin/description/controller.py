@@ -4,13 +4,60 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from coop_pin.description.force_path import ForcePath, NoForcePath
+from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.switching import Sign, Switching
-from coop_pin.errors import FieldError
+from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
 from coop_pin.schema.base import Description, NotNegative
+
+
+class NoForcePath(Description):
+    """No internal wrench is measured: K_f must be zero, and the law is truly decentralised."""
+
+    kind: Literal["none"] = "none"
+
+    @property
+    def force_gain_bound(self) -> float:
+        """The force gain must stay below this: there is nothing to feed back."""
+        return 0.0
+
+
+class LateForcePath(Description):
+    """The internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d."""
+
+    kind: Literal["late"] = "late"
+
+    @property
+    def pole(self) -> float:
+        """The filter's p: 0."""
+        return 0.0
+
+    @property
+    def force_gain_bound(self) -> float:
+        """The force gain must stay below (1 + p) / (1 - p) = 1."""
+        return force_gain_bound(self.pole)
+
+
+class LowPassForcePath(Description):
+    """A discrete low-pass: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
+
+    Attributes:
+        pole: p, in [0, 1).
+    """
+
+    kind: Literal["low-pass"] = "low-pass"
+    pole: float = Field(default=0.9, ge=0.0, lt=1.0)
+
+    @property
+    def force_gain_bound(self) -> float:
+        """The force gain must stay below (1 + p) / (1 - p)."""
+        return force_gain_bound(self.pole)
+
+
+ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
 
 
 class SlidingMode(Description):
@@ -108,3 +155,54 @@ Controller = Annotated[SlidingMode | RedundantSlidingMode | PayloadSpace | UserC
 
 Prescribed = SlidingMode | RedundantSlidingMode | PayloadSpace
 """The laws that come with coop_pin."""
+
+
+_INSIST = "or insist with beyond_bound = true"
+
+
+def controller_problems(controller: Prescribed | UserController, arms: list[str]) -> list[FieldError]:
+    """Return what is wrong with a controller for a cell with these arms."""
+    if isinstance(controller, UserController):
+        return []
+    strangers = [name for name in controller.arm_gains if name not in arms]
+    if strangers:
+        detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
+        return [FieldError(detail, "arm_gains")]
+    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
+
+
+def _unequal(controller: Prescribed, arms: list[str]) -> list[FieldError]:
+    problems: list[FieldError] = []
+    for field, symbol in (("pose_gain", "gamma"), ("force_gain", "K_f")):
+        values = {name: getattr(controller.gains_of(name), field) for name in arms}
+        first = next(iter(values.values()))
+        if any(not _same(value, first) for value in values.values()):
+            detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms. Make them equal, {_INSIST}"
+            problems.append(UnequalGainsError(detail, f"arm_gains.*.{field}"))
+    return problems
+
+
+def _same(left: object, right: object) -> bool:
+    a, b = np.array(left, dtype=float), np.array(right, dtype=float)
+    return a.shape == b.shape and bool(np.all(a == b))
+
+
+def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldError]:
+    largest = max(controller.gains_of(name).force_gain for name in arms)
+    bound = controller.force_path.force_gain_bound
+    path = "gains.force_gain"
+    if controller.force_path.kind == "none":
+        if largest == 0.0:
+            return []
+        return [
+            ForceGainBoundError(
+                f"is {largest:g}, but force_path.kind 'none' measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
+                path,
+            )
+        ]
+    if largest < bound:
+        return []
+    detail = (
+        f"is {largest:g}; force feedback sampled over {controller.force_path.kind!r} is unstable from {bound:g} on. Lower it, {_INSIST}"
+    )
+    return [ForceGainBoundError(detail, path)]

@@ -2,17 +2,205 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from coop_pin.description.motion_about_axis import CircleMotion, SwingMotion, TurnMotion
-from coop_pin.description.motion_given import CsvMotion, UserMotion, Waypoint, WaypointsMotion
-from coop_pin.errors import AmbiguousTurnError, FieldShapeError, MotionError
-from coop_pin.reference import Exponentials, Hold, Line, PoseReference
+from coop_pin.description.user_code import FunctionName, load_function
+from coop_pin.errors import AmbiguousTurnError, FieldError, FieldShapeError, MotionError
+from coop_pin.reference import Circle, Exponentials, FromFunction, Hold, Line, PoseReference, Swing, Tabulated, Turn, Waypoints
 from coop_pin.schema.base import Description, Positive, Vector3
 from coop_pin.schema.pose import Pose
+
+
+class Waypoint(Pose):
+    """A pose at a time.
+
+    Attributes:
+        time: s.
+    """
+
+    time: float
+
+
+class WaypointsMotion(Description):
+    """Smoothly through poses at their times, at rest before the first and after the last.
+
+    Attributes:
+        points: two or more, their times increasing.
+    """
+
+    kind: Literal["waypoints"] = "waypoints"
+    points: tuple[Waypoint, ...]
+
+    @model_validator(mode="after")
+    def _one_path(self) -> Self:
+        times = [point.time for point in self.points]
+        if len(times) < 2:
+            raise FieldShapeError(f"has {len(times)} entries; a path needs at least 2", "points")
+        for index in range(1, len(times)):
+            if times[index] <= times[index - 1]:
+                detail = f"is {times[index]:g} after {times[index - 1]:g}; times must increase from point to point"
+                raise MotionError(detail, f"points.{index}.time")
+        try:
+            self.build()
+        except AmbiguousTurnError as error:
+            raise MotionError(f"is ambiguous: {error}", f"points.{error.index}.rpy") from None
+        return self
+
+    def build(self) -> PoseReference:
+        """Return the reference."""
+        return Waypoints(np.array([point.time for point in self.points]), np.stack([point.matrix for point in self.points]))
+
+
+class CsvMotion(Description):
+    """Smoothly through the poses of a table, at rest before its first row and after its last.
+
+    The file is read when the motion is built, so that a scenario can be read where the file is not.
+
+    Attributes:
+        path: a file of comma-separated values with a header: time, x, y, z and roll, pitch, yaw or qx, qy, qz, qw. In a scenario's
+            file it is relative to that file.
+    """
+
+    kind: Literal["csv"] = "csv"
+    path: str
+
+    def build(self) -> PoseReference:
+        """Return the reference.
+
+        Raises:
+            ReferenceFileError: the file is missing, or a line of it is wrong.
+        """
+        return Tabulated.from_csv(self.path)
+
+
+class UserMotion(Description):
+    """A function of time of the user's own.
+
+    Attributes:
+        target: "module:function", called as ``function(time, **options)`` -> X_WP_d, shape (4, 4). In Python the function itself will do.
+        twist: likewise -> V_WP_d, world axes, linear first, shape (6,); by central differences when omitted.
+        acceleration: likewise -> A_WP_d, shape (6,).
+        options: keyword arguments for all of them.
+    """
+
+    kind: Literal["user"] = "user"
+    target: FunctionName
+    twist: FunctionName | None = None
+    acceleration: FunctionName | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    def build(self) -> PoseReference:
+        """Return the reference.
+
+        Raises:
+            EntryNotFoundError: a module or function does not exist.
+        """
+        named = (self.target, self.twist, self.acceleration)
+        pose, twist, acceleration = (None if name is None else load_function(name, self.options) for name in named)
+        assert pose is not None
+        return FromFunction(pose, twist, acceleration)
+
+
+def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if np.linalg.norm(vector) < 1e-9:
+        raise FieldError(f"is {list(vector)}; it must have a length, and with it a direction")
+    return vector
+
+
+Direction = Annotated[Vector3, AfterValidator(_not_zero)]
+
+
+class CircleMotion(Description):
+    """Round and round a circle with a fixed orientation, from rest.
+
+    The circle passes through the pose; its centre lies at pose.xyz - radius (cos(phi_0) e_1 + sin(phi_0) e_2) with e_1 the
+    world's x axis seen in the plane of the circle (y, where the normal is x) and e_2 = normal x e_1.
+
+    Attributes:
+        pose: X_WP_d at the start.
+        radius: m.
+        angular_rate: after the ramp, rad/s; positive is counter-clockwise seen against the normal.
+        ramp: time from rest to the full rate, s.
+        normal: of the plane, world axes, any length.
+        start_angle: phi_0, where on the circle the motion starts, rad.
+        start_time: s.
+    """
+
+    kind: Literal["circle"] = "circle"
+    pose: Pose
+    radius: Positive
+    angular_rate: float
+    ramp: Positive = 1.0
+    normal: Direction = (0.0, 0.0, 1.0)
+    start_angle: float = 0.0
+    start_time: float = 0.0
+
+    def build(self) -> PoseReference:
+        """Return the reference."""
+        around_origin = Circle(
+            centre=np.zeros(3),
+            radius=self.radius,
+            angular_rate=self.angular_rate,
+            ramp=self.ramp,
+            normal=np.array(self.normal),
+            start_angle=self.start_angle,
+            start_time=self.start_time,
+            rpy=np.array(self.pose.rpy),
+        )
+        return replace(around_origin, centre=np.array(self.pose.xyz) - around_origin.at(self.start_time).X_WP_d[:3, 3])
+
+
+class TurnMotion(Description):
+    """Turn about an axis through the payload's centre of mass, from rest to rest.
+
+    Attributes:
+        pose: X_WP_d before.
+        axis: world axes, any length.
+        angle: rad; may be more than a whole turn.
+        duration: of the turn, s.
+        start_time: s.
+    """
+
+    kind: Literal["turn"] = "turn"
+    pose: Pose
+    axis: Direction
+    angle: float
+    duration: Positive
+    start_time: float = 0.0
+
+    def build(self) -> PoseReference:
+        """Return the reference."""
+        return Turn(self.pose.matrix, np.array(self.axis), self.angle, self.duration, self.start_time)
+
+
+class SwingMotion(Description):
+    """Swing to and fro about an axis through the payload's centre of mass, from rest.
+
+    Attributes:
+        pose: X_WP_d before.
+        axis: world axes, any length.
+        amplitude: rad.
+        period: s.
+        ramp: time until the full amplitude, s.
+        start_time: s.
+    """
+
+    kind: Literal["swing"] = "swing"
+    pose: Pose
+    axis: Direction
+    amplitude: float
+    period: Positive
+    ramp: Positive = 1.0
+    start_time: float = 0.0
+
+    def build(self) -> PoseReference:
+        """Return the reference."""
+        return Swing(self.pose.matrix, np.array(self.axis), self.amplitude, self.period, self.ramp, self.start_time)
+
 
 __all__ = [
     "CircleMotion",

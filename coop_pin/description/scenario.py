@@ -13,17 +13,35 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.catalogue import scenario_names, scenario_path
 from coop_pin.description.cell import Cell, check_arm_names
-from coop_pin.description.controller import Controller
+from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.motion import Motion
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.scenario_checks import controller_problems
 from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
 from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, one_or_all
 from coop_pin.schema.base import Description, Positive, Vector
 from coop_pin.schema.pose import Pose
+
+_FOLDER = Path(__file__).parent / "scenarios"
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the shipped scenarios."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def scenario_path(name: str) -> Path:
+    """Return the file of a shipped scenario.
+
+    Raises:
+        EntryNotFoundError: there is none of that name.
+    """
+    path = _FOLDER / f"{name}.toml"
+    if name not in scenario_names():
+        raise EntryNotFoundError("scenario", name, scenario_names(), "the catalogue")
+    return path
+
 
 # tomli_w writes one number to a line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import matplotlib as mpl
@@ -15,6 +16,7 @@ from coop_pin.arrays import Array
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.figures import palette
 from coop_pin.results import RunResult
+from coop_pin.results.atomic_write import write_atomically
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -123,3 +125,79 @@ def _mark_event(panel: Axes, event: PayloadChange | WrenchPulse) -> None:
     panel.axvline(event.time, color=palette.EVENT, linewidth=0.8, linestyle=":", zorder=0.5)
     if isinstance(event, WrenchPulse):
         panel.axvspan(event.time, event.end, color=palette.EVENT, alpha=0.25, linewidth=0.0, zorder=0.4)
+
+
+_LARGE_RATIO = 30.0
+"""Ratio of largest to smallest from which a scale is logarithmic."""
+_FEW_PLACES = 8
+"""Up to so many places a logarithmic field shows each of them."""
+
+
+def scale_to_values(panel: Axes, axis: str, values: Array) -> None:
+    """Make an axis logarithmic where the values of a metric reach over large ratios.
+
+    Args:
+        panel: the axes.
+        axis: "x" or "y".
+        values: shape (n,), or any; what is not finite is left out.
+    """
+    if is_wide(values):
+        (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
+
+
+def scale_to_places(panel: Axes, axis: str, places: Array) -> None:
+    """Make an axis logarithmic where the places of a field are spaced in ratios, and show each of a few.
+
+    Args:
+        panel: the axes.
+        axis: "x" or "y".
+        places: shape (n,).
+    """
+    if not is_in_ratios(places):
+        return
+    (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
+    if len(set(places.tolist())) <= _FEW_PLACES:
+        side = panel.xaxis if axis == "x" else panel.yaxis
+        side.set_ticks(places.tolist(), [f"{place:g}" for place in places])
+        side.set_ticks([], minor=True)
+
+
+def is_wide(values: Array) -> bool:
+    """Say whether positive values reach over large ratios; what is not finite is left out."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0.0 and finite.max() > _LARGE_RATIO * finite.min())
+
+
+def is_in_ratios(values: Array) -> bool:
+    """Say whether numbers are spaced more evenly in ratio than in difference."""
+    places = np.unique(values).astype(float)
+    if places.size < 3 or places[0] <= 0.0:
+        return False
+    steps, ratios = np.diff(places), np.diff(np.log(places))
+    return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean() - 1e-9)
+
+
+_DPI = 150
+_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Date": None}}
+
+
+def save_figure(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
+    """Write a figure as PNG and as SVG; good files at those paths are never destroyed half-way.
+
+    Args:
+        figure: the figure.
+        stem: path of the files without their suffix.
+
+    Returns:
+        The two paths.
+    """
+    png, svg = Path(f"{stem}.png"), Path(f"{stem}.svg")
+    for path in (png, svg):
+        write_atomically(path, lambda part: _write(figure, part))
+    return png, svg
+
+
+def _write(figure: Figure, part: Path) -> None:
+    # matplotlib salts the names inside an SVG with a random number unless it is told one.
+    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):
+        figure.savefig(part, dpi=_DPI, metadata=_METADATA[part.suffix])

@@ -11,7 +11,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
-from coop_pin.model.arm_alone import arm_alone
+from coop_pin.model.arm_model import arm_alone
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id
 from coop_pin.spatial import inverse_pose

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.arm import Arm
-from coop_pin.description.joint_friction import JointFriction
-from coop_pin.model.arm_alone import arm_alone
+from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.model.arm_model import arm_alone
 from coop_pin.model.joint_limits import per_joint
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
-from coop_pin.errors import FrameNotFoundError, JointNotFoundError, UrdfError
+from coop_pin.arrays import Array, as_array
+from coop_pin.description.urdf import find_urdf, load_checked, text_checked
+from coop_pin.description.urdf.robot import Robot
+from coop_pin.errors import ArgumentError, FrameNotFoundError, JointNotFoundError, MimicJointError, UrdfError
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
@@ -90,3 +96,64 @@ def symmetric(upper: Array) -> Array:
     """Return the full matrix of which Pinocchio's crba fills the upper triangle."""
     triangle = np.triu(upper)
     return triangle + np.triu(upper, 1).T
+
+
+def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False) -> pin.Model:
+    """Return the model of a URDF tree whose root link stands in the world.
+
+    Args:
+        path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
+        gravity: m/s^2, in world axes, shape (3,).
+        ignore_mimic: let joints that mimic others move on their own.
+
+    Raises:
+        UrdfNotFoundError: there is no such file.
+        UrdfError: it has structural defects; MimicJointError: joints mimic others.
+        ShapeError, NotFiniteError: gravity is not three finite numbers.
+    """
+    along = as_array("gravity", gravity, 3)
+    is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
+    name = "the text" if is_text else Path(path_or_xml).name
+    text = text_checked(str(path_or_xml)) if is_text else load_checked(find_urdf(path_or_xml))
+    followers = Robot(text).mimics
+    if followers and not ignore_mimic:
+        raise MimicJointError(name, followers, "mimic")
+    model = model_from_text(text, name)
+    model.gravity.linear = along
+    return model
+
+
+def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
+    """Return the configuration with some joints at given angles and the others neutral, shape (nq,).
+
+    Args:
+        model: the tree.
+        angles: rad, or m for a prismatic joint, by joint name.
+
+    Raises:
+        JointNotFoundError: a joint does not exist.
+        ArgumentError: a joint has more than one angle.
+    """
+    u = velocity_at(model, angles)
+    configuration: Array = pin.integrate(model, pin.neutral(model), u)
+    return configuration
+
+
+def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
+    """Return the velocity with some joints at given rates and the others at rest, shape (nv,).
+
+    Args:
+        model: the tree.
+        rates: rad/s, or m/s for a prismatic joint, by joint name.
+
+    Raises:
+        JointNotFoundError: a joint does not exist.
+        ArgumentError: a joint has more than one rate.
+    """
+    v = np.zeros(model.nv)
+    for name, rate in rates.items():
+        joint = model.joints[joint_id(model, name)]
+        if joint.nv != 1:
+            raise ArgumentError(f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v by hand")
+        v[joint.idx_v] = as_array(name, rate)
+    return v

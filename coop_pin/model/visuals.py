@@ -14,7 +14,7 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.errors import GeometryWarning
-from coop_pin.model.arm_alone import WholeArm, whole_arm
+from coop_pin.model.arm_model import WholeArm, whole_arm
 from coop_pin.model.cell_model import CELL_MODELS
 from coop_pin.model.pinocchio_model import joint_id
 from coop_pin.model.shapes import Shape, shape_of

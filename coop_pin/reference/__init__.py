@@ -17,17 +17,10 @@ A ``SqueezeReference`` answers ``at(time)`` with the desired internal wrench of 
 All are immutable values, defined at every time. ``check_consistency`` tests any pose reference against central differences.
 """
 
-from coop_pin.reference.circle import Circle
-from coop_pin.reference.exponentials import Exponentials
-from coop_pin.reference.from_function import FromFunction
-from coop_pin.reference.hold import Hold
-from coop_pin.reference.line import Line
-from coop_pin.reference.motions import Swing, Turn
-from coop_pin.reference.pose_reference import ConsistencyGaps, check_consistency
+from coop_pin.reference.motions import Circle, Exponentials, FromFunction, Hold, Line, Swing, Turn
+from coop_pin.reference.pose_reference import ConsistencyGaps, PoseReference, PoseTarget, check_consistency
+from coop_pin.reference.splines import Tabulated, Waypoints
 from coop_pin.reference.squeeze import ConstantSqueeze, RampedSqueeze, SqueezeFromFunction, SqueezeReference
-from coop_pin.reference.tabulated import Tabulated
-from coop_pin.reference.target import PoseReference, PoseTarget
-from coop_pin.reference.waypoints import Waypoints
 
 __all__ = [
     "Circle",

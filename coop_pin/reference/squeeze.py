@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, frozen
-from coop_pin.reference.checks import as_number, as_positive, keep
-from coop_pin.reference.time_scaling import rest_to_rest
+from coop_pin.reference.motions import rest_to_rest
+from coop_pin.reference.pose_reference import as_number, as_positive, keep
 
 
 class SqueezeReference(ABC):

@@ -10,11 +10,11 @@ from typing import Any
 from coop_pin.lazy import load_public
 
 _PUBLIC = {
-    "internal_force_figure": "coop_pin.report.internal_force",
+    "internal_force_figure": "coop_pin.figures.run_figures",
     "motion_figure": "coop_pin.figures.motion_figure",
     "report_html": "coop_pin.report.report",
     "save_report": "coop_pin.report.report",
-    "singularity_figure": "coop_pin.report.singularity",
+    "singularity_figure": "coop_pin.figures.run_figures",
 }
 
 __all__ = sorted(_PUBLIC)

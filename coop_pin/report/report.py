@@ -5,9 +5,12 @@ from __future__ import annotations
 import base64
 import html
 import io
+import math
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -15,13 +18,137 @@ from matplotlib.figure import Figure
 from coop_pin import __version__
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.figures.motion_figure import motion_figure
-from coop_pin.report.internal_force import internal_force_figure
-from coop_pin.report.judgements_table import Judgement, judgements
-from coop_pin.report.scenario_table import scenario_facts
-from coop_pin.report.singularity import singularity_figure
+from coop_pin.figures.run_figures import internal_force_figure, singularity_figure
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.replay import replay_html
+
+
+class Wording(NamedTuple):
+    """How a metric is told.
+
+    Attributes:
+        text: what it is.
+        unit: as shown.
+        scale: from the SI value to the unit as shown.
+        tight: whether it says how exact the computation was, not how good the control.
+    """
+
+    text: str
+    unit: str
+    scale: float = 1.0
+    tight: bool = False
+
+
+class Judgement(NamedTuple):
+    """One line of the table.
+
+    Attributes:
+        name: of the metric.
+        text: what it is.
+        value: with its unit, or why there is none.
+        tight: as for ``Wording``.
+    """
+
+    name: str
+    text: str
+    value: str
+    tight: bool
+
+
+_WORDINGS = {
+    "settling_time_s": Wording("settles to 5 mm and 5 mrad after the start", "s"),
+    "resettling_time_s": Wording("settles again after the first event", "s"),
+    "event_peak_position_error_m": Wording("largest position error from the first event on", "mm", 1e3),
+    "position_rms_m": Wording("position error, rms", "mm", 1e3),
+    "orientation_rms_rad": Wording("orientation error, rms", "mrad", 1e3),
+    "internal_axial_mean_N": Wording("internal force along the line between the tips, mean", "N"),
+    "internal_axial_rms_error_N": Wording("internal force along the line, rms of its error", "N"),
+    "internal_shear_rms_N": Wording("internal force across the line, rms of its error", "N"),
+    "internal_moment_rms_error_Nm": Wording("internal moment about P, rms of its error", "N m"),
+    "torque_peak_Nm": Wording("largest drive torque", "N m"),
+    "closure_error_max_m": Wording("closure error, largest distance", "m", tight=True),
+    "closure_error_max_rad": Wording("closure error, largest angle", "rad", tight=True),
+    "energy_balance_max_J": Wording("energy minus work, largest", "J", tight=True),
+}
+_WINDOW = "window_s"
+
+
+def judgements(result: RunResult) -> list[Judgement]:
+    """Return every judgement of a run: control first, then the exactness of the computation.
+
+    A metric without words of its own is shown by its name.
+    """
+    found = []
+    for name, value in result.metrics().items():
+        if name == _WINDOW:
+            continue
+        wording = _WORDINGS.get(name, Wording(name.replace("_", " "), ""))
+        numbers = value if isinstance(value, list) else [value]
+        text = ", ".join(_number(number, wording) for number in numbers)
+        found.append(Judgement(name, wording.text, text, wording.tight))
+    return sorted(found, key=lambda judgement: judgement.tight)
+
+
+def _number(value: float, wording: Wording) -> str:
+    if math.isnan(value):
+        return "does not apply"
+    if math.isinf(value):
+        return "never"
+    return f"{value * wording.scale:.3g} {wording.unit}".strip()
+
+
+def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
+    """Return labels and texts: arms, payload, controller, clock, motion, events, plant."""
+    scenario = result.scenario
+    cell, clock, plant = scenario.cell, scenario.clock, scenario.plant
+    facts = [(f"arm {name}", _arm(result, index)) for index, name in enumerate(cell.arms)]
+    facts += [
+        ("payload", f"{cell.payload.mass:g} kg"),
+        ("task", f"{cell.rows} ({cell.task_rows.size} rows), gravity ({_row(cell.gravity)}) m/s²"),
+        ("controller", _controller(result)),
+        ("motion", scenario.motion.kind),
+        ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
+        ("plant", f"payload {plant.payload}, {plant.integrator}"),
+    ]
+    facts += [("event", _value(event.model_dump())) for event in scenario.events]
+    return facts
+
+
+def _arm(result: RunResult, index: int) -> str:
+    cell = result.scenario.cell
+    arm = list(cell.arms.values())[index]
+    squeeze = result.scenario.squeeze_wrenches[index]
+    return (
+        f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, carries {cell.shares[index]:.3g} of the load; "
+        f"desired internal wrench ({_row(squeeze)}) N, N m about P in payload axes"
+    )
+
+
+def _controller(result: RunResult) -> str:
+    fields = result.scenario.controller.model_dump(exclude_none=True)
+    kind, gains = fields.pop("kind"), fields.pop("gains", {})
+    return f"{kind}: {_fields(gains | fields)}"
+
+
+def _fields(table: dict[str, object]) -> str:
+    """Return a table as words; empty entries say nothing."""
+    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in table.items() if value not in ({}, (), None))
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict):
+        kind = value.get("kind")
+        rest = {name: entry for name, entry in value.items() if name != "kind"}
+        return " ".join(part for part in (str(kind) if kind else "", f"({_fields(rest)})" if rest else "") if part)
+    if isinstance(value, list | tuple):
+        return f"({', '.join(_value(entry) for entry in value)})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _row(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
+
 
 _NO_LIMIT_EXCEEDED = "<p>No joint and no drive went beyond its limits.</p>"
 

@@ -13,10 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
 from coop_pin.results import metrics as judgements
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import dataset
-from coop_pin.results.limits import LimitTable, LimitViolation, limit_violations
-from coop_pin.results.metrics import InternalForceJudgement, Window
-from coop_pin.results.samples import RunSamples
+from coop_pin.results.dataset import RunSamples, dataset
+from coop_pin.results.metrics import InternalForceJudgement, LimitTable, LimitViolation, Window, limit_violations
 
 
 class RunResult:

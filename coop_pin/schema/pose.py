@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import ArgumentError, FieldError
-from coop_pin.reference.checks import as_pose
+from coop_pin.reference.pose_reference import as_pose
 from coop_pin.schema.base import Description, Vector3
 from coop_pin.spatial import make_pose, rpy_from_rotation
 

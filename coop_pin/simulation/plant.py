@@ -6,10 +6,9 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
-from coop_pin.chain.configuration_space import configuration_space
-from coop_pin.chain.integrators import INTEGRATORS
+from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.plant import PlantOptions
-from coop_pin.simulation.drives import Drives
+from coop_pin.simulation.actuation import Drives
 
 CHANNELS = ("actuation", "friction", "external")
 """The forces that do work on the chain besides gravity."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.determined import determined_rows
-from coop_pin.control.measurement import ArmMeasurement
+from coop_pin.chain.cell_chain import determined_rows
+from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
-from coop_pin.control.measurement import ArmMeasurement
+from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.cell import Cell
-from coop_pin.description.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.model.arm_kinematics import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.spatial import internal_wrenches

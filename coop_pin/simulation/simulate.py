@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from coop_pin.control.contract import CellController
+from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
 from coop_pin.results import Observer, RunResult, Viewing

@@ -9,8 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.contract import ArmReference, CellController
-from coop_pin.control.measurement import ArmMeasurement
+from coop_pin.control.interface import ArmMeasurement, ArmReference, CellController
 from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario

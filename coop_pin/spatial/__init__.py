@@ -23,9 +23,8 @@ one, ``f_i = F_i - c_i sum_j F_j`` is the internal wrench and ``sum_i f_i = 0`` 
 """
 
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
-from coop_pin.spatial.pose import inverse_pose, make_pose, pose_error, rotation_from_rpy, rpy_from_rotation
+from coop_pin.spatial.pose import inverse_pose, make_pose, pose_error, rotate_vector6, rotation_from_rpy, rpy_from_rotation, shift_wrench
 from coop_pin.spatial.task_rows import FullRows, PlanarRows, PositionalRows, TaskRows, task_rows
-from coop_pin.spatial.wrench import rotate_vector6, shift_wrench
 
 __all__ = [
     "FullRows",

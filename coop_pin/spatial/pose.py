@@ -59,3 +59,28 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
     """
     rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
     return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))
+
+
+def shift_wrench(F_EA: Array, p_BA: Array) -> Array:
+    """Return the same wrench with its moment taken about another point.
+
+    ``F_EB = [f, n + p_BA x f]``
+
+    Args:
+        F_EA: wrench with its moment about A, N and N m, shape (..., 6).
+        p_BA: position of A seen from B, in the axes of the wrench, m, shape (..., 3).
+    """
+    force, moment = F_EA[..., :3], F_EA[..., 3:]
+    return np.concatenate((force, moment + np.cross(p_BA, force)), axis=-1)
+
+
+def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
+    """Return a twist or wrench given in axes B, expressed in axes A, about the same point.
+
+    Args:
+        R_AB: rotation matrix, shape (..., 3, 3).
+        vector_B: six-vector, shape (..., 6).
+    """
+    halves = vector_B.reshape(*vector_B.shape[:-1], 2, 3)
+    turned = halves @ np.swapaxes(R_AB, -1, -2)
+    return turned.reshape(vector_B.shape)

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.spatial.pose import pose_error
-from coop_pin.spatial.wrench import rotate_vector6
+from coop_pin.spatial.pose import pose_error, rotate_vector6
 
 RowsName = Literal["planar", "positional", "full"]
 

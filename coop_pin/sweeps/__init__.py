@@ -19,9 +19,9 @@ _PUBLIC = {
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
     "estimate": "coop_pin.sweeps.estimates",
-    "linspace": "coop_pin.sweeps.axis",
-    "logspace": "coop_pin.sweeps.axis",
-    "sweep": "coop_pin.sweeps.one_call",
+    "linspace": "coop_pin.sweeps.dimensions",
+    "logspace": "coop_pin.sweeps.dimensions",
+    "sweep": "coop_pin.sweeps.engine",
     "TuneResult": "coop_pin.sweeps.tuner",
     "tune": "coop_pin.sweeps.tuner",
 }

@@ -4,19 +4,57 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
+from tqdm import tqdm
+
+from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
+from coop_pin.sweeps.backend import ThisProcess, Where, Workers
 from coop_pin.sweeps.job import Job, Outcome
-from coop_pin.sweeps.key import run_key, unresolved_key
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.progress import SweepBar
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.record_writer import OutcomeWriter
+from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.run_key import UserCode, run_key, unresolved_key, user_code
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.user_code import UserCode, user_code
-from coop_pin.sweeps.where import ThisProcess, Where, Workers
+
+
+class SweepBar:
+    """A progress bar on a terminal's stderr, nowhere else.
+
+    Attributes:
+        finished: runs done, those of earlier sessions included.
+        failed: runs of these that failed.
+    """
+
+    def __init__(self, total: int, quiet: bool) -> None:
+        self.finished, self.failed = 0, 0
+        # disable=None: tqdm shows itself on terminals only. smoothing near 0: the rate of the whole session.
+        self._bar = tqdm(total=total, unit=" runs", disable=True if quiet else None, smoothing=0.05, dynamic_ncols=True)
+
+    def count(self, failed: bool, *, old: bool = False) -> None:
+        """Count a run; old ones do not count as speed."""
+        self.finished += 1
+        self.failed += failed
+        if old and not self._bar.disable:
+            self._bar.initial += 1
+        self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
+        self._bar.update(1)
+
+    def say(self, text: str) -> None:
+        """Show a text before the bar."""
+        self._bar.set_description_str(text, refresh=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._bar.close()
+
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 _OF_THE_MACHINE = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
@@ -155,3 +193,57 @@ def _require_in_a_file(codes: tuple[UserCode, ...], elsewhere: bool) -> None:
         if code.name.startswith("__main__:") and (elsewhere or not code.digests):
             reason = "workers cannot import" if elsewhere else "stands in no file, so that a later sweep could not tell that it was edited"
             raise FieldError(f"names {code.name!r}, which {reason}; put it into a module (a file of its own)", "the plan")
+
+
+Base = str | Path | Scenario | Sequence[str | Path | Scenario] | Mapping[str, str | Path | Scenario]
+
+
+def sweep(
+    base: SweepPlan | Base,
+    axes: Mapping[str, Any] | None = None,
+    *,
+    out: str | Path,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry_failed: bool = False,
+    quiet: bool = False,
+    **plan: Any,
+) -> SweepResult:
+    """Run a scenario many times and return a table of the results; finished runs are kept in a folder and never run again.
+
+    ``sweep("adept-paper", {"controller.gains.sign_gain": [0.0, 0.1, 0.2]}, out="out/sign-gain")``. Runs are keyed by what determines
+    them: the same call resumes, a changed one computes what is new.
+
+    Args:
+        base: a SweepPlan, or the plan's ``base``: a scenario, its name or path, or several.
+        axes: the values of each varied field.
+        out: the folder that keeps the runs.
+        workers: number of processes; one for each processor when omitted, 0 for this process (debugging).
+        scheduler: address of a dask scheduler to use instead of local processes.
+        retry_failed: run again what failed for want of time or of a worker.
+        quiet: no progress bar.
+        plan: further fields of the SweepPlan: changes, cases, zipped, sample, repeats, metrics, time_limit_s, keep.
+
+    Raises:
+        ScenarioError: the plan has mistakes.
+        FieldError: it names code of the user's own that stands in no file or that workers cannot import, or the scheduler's
+            address is none.
+        CodeChangedError: code of the user's own was edited after it was loaded.
+        StoreLockedError: another process works on the folder.
+        StoreWriteError: the disk is full; every run written before is kept.
+        WorkersLostError: the scheduler is gone; every finished run is kept.
+        SweepInterruptedError: Ctrl-C; every finished run is kept.
+    """
+    chosen = _plan(base, axes, plan)
+    run_plan(chosen, out, Where.of(workers, scheduler), retry_failed=retry_failed, quiet=quiet)
+    result = SweepResult(chosen, SweepStore(out))
+    result.write_tables()
+    return result
+
+
+def _plan(base: SweepPlan | Base, axes: Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SweepPlan:
+    if axes is not None:
+        fields = {**fields, "axes": axes}
+    if isinstance(base, SweepPlan):
+        return base.replace(**fields)
+    return SweepPlan(base=base, **fields)

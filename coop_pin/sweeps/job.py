@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
+import functools
+import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
+
+import dask
+from distributed import get_worker
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import load_function
@@ -14,7 +21,7 @@ from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.record import Failure, Record, flat
-from coop_pin.sweeps.user_code import UserCode, require_loaded
+from coop_pin.sweeps.run_key import UserCode, require_loaded
 
 
 class Job(NamedTuple):
@@ -107,3 +114,47 @@ def _content(result: RunResult) -> bytes:
         path = Path(folder) / "result.nc"
         result.save(path)
         return path.read_bytes()
+
+
+BEGUN = "coop-pin-begun"
+"""The topic under which the start of a suspect is reported."""
+_SENDING_S = 0.1
+
+
+def run_jobs(jobs: list[Job]) -> list[Outcome]:
+    """Run jobs one after the other in a worker's process, which is ended if one of them hangs.
+
+    The guard is a thread of the interpreter's own (faulthandler), which needs no lock that a hanging run could hold.
+    """
+    outcomes = []
+    with dask.config.set(scheduler="synchronous"):  # xarray would ask the cluster for a lock before it writes a result
+        for job in jobs:
+            with _guarded(job.hard_limit_s):
+                outcomes.append(run_job(job))
+    return outcomes
+
+
+def run_suspect(job: Job, ticket: str) -> list[Outcome]:
+    """Run a job whose worker died before; its beginning is reported first, so that a hang can be told from a crash.
+
+    Args:
+        job: the job.
+        ticket: what is reported.
+    """
+    get_worker().log_event(BEGUN, ticket)
+    time.sleep(_SENDING_S)
+    return run_jobs([job])
+
+
+@contextlib.contextmanager
+def _guarded(limit: float) -> Iterator[None]:
+    faulthandler.dump_traceback_later(limit, exit=True, file=_nowhere())
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+@functools.cache
+def _nowhere() -> TextIO:
+    return Path(os.devnull).open("w", encoding="utf-8")

@@ -6,20 +6,52 @@ import functools
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import EntryNotFoundError, FieldError, FieldShapeError, ScenarioError, ScenarioFileError, UnknownFieldError, one_or_all
 from coop_pin.schema.base import Description
-from coop_pin.sweeps.axis import Values
-from coop_pin.sweeps.bases import Bases, anchored
-from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension
+from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension, Values
 from coop_pin.sweeps.sampling import Sample
+
+
+def _scenarios(given: Any) -> Any:
+    """Return scenarios by name from a scenario, the name or path of one, several of these, or a table of them."""
+    if isinstance(given, str | Path | Scenario):
+        given = [given]
+    if isinstance(given, Mapping):
+        return {str(name): _scenario(entry) for name, entry in given.items()}
+    if not isinstance(given, Sequence) or not given:
+        raise FieldError(f"is {given!r}; it must be a scenario, its name or path, or several of them")
+    scenarios = [_scenario(entry) for entry in given]
+    twice = [name for name, count in Counter(entry.name for entry in scenarios).items() if count > 1]
+    if twice:
+        raise FieldError(f"has several scenarios named {twice[0]!r}; give them names of their own: {{first = ..., second = ...}}")
+    return {scenario.name: scenario for scenario in scenarios}
+
+
+def _scenario(given: Any) -> Scenario:
+    if isinstance(given, Scenario):
+        return given
+    return Scenario.from_dict(dict(given)) if isinstance(given, Mapping) else Scenario.load(given)
+
+
+Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]
+"""Scenarios by name."""
+
+
+def anchored(base: Any, folder: Path) -> Any:
+    """Return scenarios as written in a file, with paths of files that exist beside it made whole."""
+    if isinstance(base, str):
+        return str((folder / base).resolve()) if (folder / base).is_file() else base
+    if isinstance(base, Mapping):
+        return {name: anchored(entry, folder) if isinstance(entry, str) else entry for name, entry in base.items()}
+    return [anchored(entry, folder) for entry in base] if isinstance(base, list) else base
 
 
 class Point(NamedTuple):

@@ -4,12 +4,35 @@ from __future__ import annotations
 
 import ast
 import functools
+import hashlib
 import importlib.util
+import json
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import Any, NamedTuple
+
+from coop_pin import __version__
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.urdf import find_urdf
+from coop_pin.errors import CodeChangedError, CoopPinError
+
+
+def file_digest(path: Path) -> str:
+    """Return the digest of a file, 64 hexadecimal digits.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    about = path.stat()
+    return _digest_of(path, about.st_mtime_ns, about.st_size)
+
+
+@functools.lru_cache(maxsize=1024)
+def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 they are in the cache's key
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def source_files(name: str) -> tuple[Path, ...]:
@@ -107,3 +130,92 @@ def _names(node: ast.AST, package: str) -> Iterator[str]:
 def _with_packages(name: str) -> list[str]:
     parts = name.split(".")
     return [".".join(parts[: i + 1]) for i in range(len(parts))]
+
+
+_FIELDS = ("target", "twist", "acceleration")
+
+
+class UserCode(NamedTuple):
+    """Code of the user's own as it stands in files.
+
+    Attributes:
+        name: "module:function".
+        digests: of its source files, in order of their paths; empty where there are none.
+    """
+
+    name: str
+    digests: tuple[str, ...]
+
+
+def user_code(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[UserCode, ...]:
+    """Return the code of the user's own that a run names, each name once."""
+    parts = (scenario.controller, scenario.motion, scenario.squeeze)
+    named = [getattr(part, field, None) for part in parts if part.kind == "user" for field in _FIELDS]
+    return tuple(map(_as_it_stands, dict.fromkeys([*filter(None, named), *metrics])))
+
+
+def require_loaded(codes: tuple[UserCode, ...]) -> None:
+    """Require that this process runs code as it stood when a run's key was made.
+
+    Python loads a module once: a process that goes on after an edit, or a worker that was there before, would compute with the old code
+    what is kept as the new code's. What was loaded is taken to be what stood in the files when they were first asked for.
+
+    Raises:
+        CodeChangedError: it runs other code.
+    """
+    for code in codes:
+        if tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name)) != code.digests:
+            raise CodeChangedError(code.name)
+
+
+def _as_it_stands(name: str) -> UserCode:
+    return UserCode(name, tuple(file_digest(path) for path in source_files(name)))
+
+
+_loaded: dict[Path, str] = {}
+"""The digests of the files that this process has loaded."""
+
+
+def run_key(scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[UserCode, ...] | None = None) -> str:
+    """Return the key of a run, 64 hexadecimal digits.
+
+    It stands for the resolved scenario with its seed, the contents of the files it names (robot descriptions, tables of poses), the
+    source of the user's own code and of what that imports from beside it, the user's own metrics, and the version of coop_pin. It does
+    not stand for the source of coop_pin, for files that a xacro or a mesh refers to, or for the versions of other packages.
+
+    Args:
+        scenario: the resolved scenario.
+        metrics: the user's own metrics, "module:function".
+        code: the user's own code as ``user_code`` read it; read now when omitted.
+    """
+    code = user_code(scenario, metrics) if code is None else code
+    content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
+    files = {name: file_digest(path) for name, path in _files(scenario)}
+    return _hash(content | {"files": files, "code": dict(code)})
+
+
+def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
+    """Return the key of a run whose changes make no scenario: of the scenario as it was, and the changes."""
+    return _hash({"coop_pin": __version__, "base": base.model_dump_json(), "changes": dict(changes)})
+
+
+def _hash(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode()).hexdigest()
+
+
+def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
+    """Yield the files that determine a run beside its scenario; one that is missing is left for the run to complain of."""
+    for arm in scenario.cell.arms.values():
+        if path := _urdf_path(arm.urdf):
+            yield arm.urdf, path
+    table = getattr(scenario.motion, "path", None)
+    if table and Path(table).is_file():
+        yield table, Path(table)
+
+
+@functools.lru_cache(maxsize=256)
+def _urdf_path(urdf: str) -> Path | None:
+    try:
+        return find_urdf(urdf).path
+    except CoopPinError:
+        return None

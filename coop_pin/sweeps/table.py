@@ -12,9 +12,9 @@ import xarray as xr
 
 from coop_pin.errors import ScenarioError, SweepStoreError
 from coop_pin.sweeps.dimensions import Dimension
-from coop_pin.sweeps.key import run_key, unresolved_key
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.record import Record
+from coop_pin.sweeps.run_key import run_key, unresolved_key
 from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"

@@ -2,24 +2,141 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
+from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, NothingFeasibleError
-from coop_pin.sweeps.engine import open_session
+from coop_pin.errors import EntryNotFoundError, FieldError, NothingFeasibleError
+from coop_pin.sweeps.backend import Where
+from coop_pin.sweeps.engine import Session, open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import PointResult, SweepResult
-from coop_pin.sweeps.search import search_by_optuna
-from coop_pin.sweeps.tuning.bound import Bound
-from coop_pin.sweeps.tuning.effort import Effort, Ranges, Search
-from coop_pin.sweeps.tuning.evolution import search_by_evolution
-from coop_pin.sweeps.tuning.goal import Goal
-from coop_pin.sweeps.tuning.tries import Tries
-from coop_pin.sweeps.where import Where
+from coop_pin.sweeps.search import Effort, Ranges, Search, search_by_evolution, search_by_optuna
+
+_FORM = re.compile(r"\s*(?P<metric>[^\s<>=]+)\s*(?P<sign>[<>])=?\s*(?P<bound>[^\s<>=]+)\s*")
+
+
+class Bound(NamedTuple):
+    """A bound on a metric; the bound itself is allowed, since no run meets a number exactly.
+
+    Attributes:
+        metric: name.
+        sign: 1 where the metric must stay below, -1 where it must stay above.
+        bound: the number.
+    """
+
+    metric: str
+    sign: int
+    bound: float
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read "settling_time_s<2.5" or "internal_axial_mean_N > -11".
+
+        Raises:
+            FieldError: the text does not say that.
+        """
+        mistake = FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER, with a finite number", "subject_to")
+        form = _FORM.fullmatch(text)
+        if form is None:
+            raise mistake
+        try:
+            bound = float(form["bound"])
+        except ValueError:
+            raise mistake from None
+        if not np.isfinite(bound):
+            raise mistake
+        return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
+
+    def excess(self, value: float) -> float:
+        """Return by how much a value is outside, as a share of the bound where that is above 1; inf where it is not a number."""
+        beyond = self.sign * (value - self.bound) / max(1.0, abs(self.bound))
+        return max(beyond, 0.0) if np.isfinite(value) else np.inf
+
+
+_OUTSIDE = 1e12
+"""What a run outside its bounds costs; how far outside it is counts on top."""
+_FAILED = 1e100
+"""What a failed run costs; a number, because scipy evaluates a population of infinities twice."""
+
+
+class Goal(NamedTuple):
+    """What is wanted of a run.
+
+    Attributes:
+        minimize: name of the metric that should be small.
+        bounds: what other metrics must keep.
+    """
+
+    minimize: str
+    bounds: tuple[Bound, ...]
+
+    def costs(self, result: SweepResult) -> Array:
+        """Return a number for each run, by which searches compare them: shape (n,).
+
+        It is the metric of a run within all bounds, more than any metric outside them, and the most for a run that failed.
+
+        Raises:
+            EntryNotFoundError: runs have no such metric.
+        """
+        known, count = result.metric_names, len(result.plan)
+        if not known:
+            return np.full(count, _FAILED)
+        wanted = {self.minimize, *(bound.metric for bound in self.bounds)}
+        for name in sorted(wanted - set(known)):
+            raise EntryNotFoundError("metric", name, known, "the runs")
+        values = {name: result.values(name).values.ravel() for name in wanted}
+        excess = np.zeros(count)
+        for bound in self.bounds:
+            excess += [bound.excess(value) for value in values[bound.metric]]
+        metric = values[self.minimize]
+        costs = np.where(excess > 0.0, _OUTSIDE * (1.0 + excess), metric)
+        return np.where(np.isfinite(metric + excess), costs, _FAILED)
+
+    @staticmethod
+    def met(cost: float) -> bool:
+        """Say whether a cost is that of a run within all bounds."""
+        return cost < _OUTSIDE
+
+
+class Tries:
+    """Points that were tried; a generation of them is one pass of the session."""
+
+    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], goal: Goal) -> None:
+        self._session, self._base, self._fields, self._goal = session, base, tuple(fields), goal
+        self._points: list[tuple[float, ...]] = []
+        self._lowest = np.inf
+
+    def costs(self, generation: Array) -> Array:
+        """Run a generation of points, shape (s, fields), and return their costs, shape (s,).
+
+        Raises:
+            EntryNotFoundError: runs have no such metric.
+            CoopPinError: whatever ``Session.compute`` raises.
+        """
+        points = [tuple(map(float, point)) for point in generation]
+        self._points += points
+        store, plan = self._session.store, self._plan(points)
+        store.write_plan(self._plan(self._points))
+        self._session.compute(plan)
+        costs = self._goal.costs(SweepResult(plan, store))
+        self._lowest = min(self._lowest, float(costs.min()))
+        self._session.bar.say(f"best {self._lowest:.4g}" if self._goal.met(self._lowest) else "nothing within the bounds yet")
+        return costs
+
+    def history(self) -> SweepResult:
+        """Return all tries as one sweep."""
+        return SweepResult(self._plan(self._points), self._session.store)
+
+    def _plan(self, points: Sequence[tuple[float, ...]]) -> SweepPlan:
+        values = dict(zip(self._fields, zip(*points, strict=True), strict=True))
+        return SweepPlan(base=self._base, zipped=(values,))
+
 
 Method = Literal["evolution", "optuna"]
 _SEARCHES: dict[str, Search] = {"evolution": search_by_evolution, "optuna": search_by_optuna}

@@ -18,7 +18,7 @@ from distributed import Nanny
 
 from coop_pin.sweeps.quiet import QuietWorker
 
-_PRELOAD = "coop_pin.sweeps.on_worker"
+_PRELOAD = "coop_pin.sweeps.job"
 _GRACE_S = 2.0
 
 

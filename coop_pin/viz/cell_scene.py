@@ -2,21 +2,105 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping, Sequence
 
-from coop_pin.arrays import Array
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.model.payload_shape import payload_shape
-from coop_pin.model.shapes import Box, Mesh, half_extents
+from coop_pin.model.shapes import Box, Mesh, half_extents, payload_shape
 from coop_pin.model.visuals import Body, CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.viz.arrow_scales import recorded_scales
-from coop_pin.viz.arrows import arrow_items, arrow_tracks
-from coop_pin.viz.camera import camera_on
+from coop_pin.viz.arrows import arrow_items, arrow_tracks, recorded_scales, recorded_wrenches, wrench_arrows
 from coop_pin.viz.meshes import grid_points, thinned, tube
-from coop_pin.viz.scene import Item, Paint, Scene, Segments, Track, translation
-from coop_pin.viz.wrench_arrows import recorded_wrenches, wrench_arrows
+from coop_pin.viz.scene import Camera, Item, Paint, Scene, Segments, Track, translation
+
+_FIELD_OF_VIEW_DEG = 32.0
+_AZIMUTH_DEG = 22.0
+_ELEVATION_DEG = 24.0
+_PLANAR_ELEVATION_DEG = 42.0
+_MARGIN = 1.15
+
+
+def camera_on(cell: Cell, points: Array, tips: Array, floor: float) -> Camera:
+    """Return a camera that has the whole cell in view, the first arm on the left and the last on the right.
+
+    It stands a little aside, where it sees the line between the tips more from its side. Planar cells are seen from higher up.
+
+    Args:
+        cell: the description.
+        points: what must be in view, m, shape (n, 3); the arms' bases are added.
+        tips: where the tips are, m, shape (n, m, 3).
+        floor: height of the floor, m.
+    """
+    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
+    feet = bases * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
+    seen = np.concatenate((points, bases, feet))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    target, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
+    distance = _MARGIN * max(radius, 0.3) / np.sin(np.radians(_FIELD_OF_VIEW_DEG / 2.0))
+    elevation = _PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG
+    return Camera(target + distance * _direction(bases, (tips[:, -1] - tips[:, 0]).mean(axis=0), elevation), target, _FIELD_OF_VIEW_DEG)
+
+
+def _direction(bases: Array, line: Array, elevation_deg: float) -> Array:
+    """Return the unit vector from the target to the camera; line is that between the tips."""
+    across = bases[-1, :2] - bases[0, :2]
+    if np.linalg.norm(across) < 1e-6:
+        across = np.array((1.0, 0.0))
+    front = np.arctan2(across[1], across[0]) - np.pi / 2.0
+    sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
+    heading = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))
+    elevation = np.radians(elevation_deg)
+    return np.array((np.cos(heading) * np.cos(elevation), np.sin(heading) * np.cos(elevation), np.sin(elevation)))
+
+
+NEAR_SINGULAR = 100.0
+"""From this condition number of its payload Jacobian on an arm counts as near a singular pose; healthy arms have 5 to 20."""
+
+IS_PLAIN, IS_SINGULAR, IS_SATURATED = 0, 1, 2
+
+COLOURS = (None, palette.rgb(palette.SINGULAR), palette.rgb(palette.SATURATED))
+"""By code; None is the body's own colour."""
+
+Codes = NDArray[np.int8]
+
+
+def body_tints(bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array) -> Codes:
+    """Return the code of every body's colour: the whole arm for a singular pose, the link that a drive moves for its saturation.
+
+    Args:
+        bodies: ``<arm>/<joint>`` or ``<arm>/base``.
+        joints: of each arm, in the order of its drives; the arms in the order of the arrays.
+        saturated: shape (n, m, k).
+        condition: of the payload Jacobians, shape (n, m).
+
+    Returns:
+        Codes, shape (n, bodies).
+    """
+    arms = list(joints)
+    codes = np.full((len(condition), len(bodies)), IS_PLAIN, dtype=np.int8)
+    for index, body in enumerate(bodies):
+        name, _, joint = body.partition("/")
+        arm = arms.index(name)
+        codes[condition[:, arm] >= NEAR_SINGULAR, index] = IS_SINGULAR
+        if joint in joints[name]:
+            codes[saturated[:, arm, joints[name].index(joint)], index] = IS_SATURATED
+    return codes
+
+
+def tint_changes(time: Array, codes: Codes) -> list[list[float]]:
+    """Return ``[time, body, code]`` of every change, in order of time; nothing for bodies that stay plain.
+
+    Args:
+        time: s, shape (n,).
+        codes: shape (n, bodies).
+    """
+    before = np.concatenate((np.full((1, codes.shape[1]), IS_PLAIN, dtype=np.int8), codes[:-1]))
+    return [[float(time[sample]), int(body), int(codes[sample, body])] for sample, body in np.argwhere(codes != before)]
+
 
 FRAMES_PER_SECOND = 30.0
 LINK_VERTICES = 1500

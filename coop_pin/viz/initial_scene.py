@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.determined import determined_rows
+from coop_pin.chain.cell_chain import CellChain, determined_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import struct
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -11,14 +15,77 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import Moment
 from coop_pin.spatial import pose_error
-from coop_pin.viz.arrow_scales import expected_scales, largest_force
-from coop_pin.viz.arrows import ArrowSeries, arrow_items, arrow_tracks
-from coop_pin.viz.camera import camera_on
-from coop_pin.viz.cell_scene import body_items, desired_path_items, floor_height, floor_items, payload_items
-from coop_pin.viz.live_frame import LiveFrame
+from coop_pin.viz.arrows import ArrowSeries, arrow_items, arrow_tracks, expected_scales, largest_force, wrench_arrows, wrenches_at
+from coop_pin.viz.cell_scene import (
+    TRAIL_SPACING_M,
+    body_items,
+    body_tints,
+    camera_on,
+    desired_path_items,
+    floor_height,
+    floor_items,
+    payload_items,
+)
 from coop_pin.viz.scene import Scene, Track
-from coop_pin.viz.tints import body_tints
-from coop_pin.viz.wrench_arrows import wrench_arrows, wrenches_at
+
+MOST_POINTS = 1500
+
+
+class Trail:
+    """Points along a path, a few millimetres apart; it starts again when time does, and forgets every other point when it grows long."""
+
+    def __init__(self) -> None:
+        self._time, self._points = -np.inf, np.zeros((0, 3))
+
+    def follow(self, time: float, position: Array) -> None:
+        """Go on to a position.
+
+        Args:
+            time: s.
+            position: m, shape (3,).
+        """
+        if time < self._time:
+            self._points = np.zeros((0, 3))
+        self._time = time
+        if len(self._points) == 0 or np.linalg.norm(position - self._points[-1]) >= TRAIL_SPACING_M:
+            self._points = np.vstack((self._points, position))
+        if len(self._points) > MOST_POINTS:
+            self._points = self._points[::2]
+
+    def segments(self) -> Array:
+        """Return start and end of each segment, m, shape (k, 2, 3)."""
+        return np.stack((self._points[:-1], self._points[1:]), axis=1)
+
+
+class LiveFrame(NamedTuple):
+    """A moment of a run as values that any viewer can show.
+
+    Attributes:
+        time: s.
+        position_error: distance of the payload from where it should be, m.
+        orientation_error: angle, rad.
+        internal: largest internal force of all arms, N.
+        desired_internal: what it should be, N.
+        tints: code of every body's colour, in the order of the scene's bodies; see ``tints``.
+        rows: position (m), quaternion x, y, z, w and scale of every node, in the order of the scene's nodes, shape (nodes, 10).
+    """
+
+    time: float
+    position_error: float
+    orientation_error: float
+    internal: float
+    desired_internal: float
+    tints: tuple[int, ...]
+    rows: Array
+
+    def packed(self) -> bytes:
+        """Return the frame as the page reads it: the length of a JSON text, the text, and a row of float32 for each node."""
+        told = self._asdict()
+        del told["rows"]
+        text = json.dumps(told).encode()
+        text += b" " * (-len(text) % 4)  # the numbers after it start at a multiple of four
+        return struct.pack("<I", len(text)) + text + self.rows.astype("<f4").tobytes()
+
 
 _STILL = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0))
 

@@ -4,19 +4,89 @@ from __future__ import annotations
 
 import html
 import os
+import time
 import warnings
 from pathlib import Path
+from typing import Protocol
 
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import PortTakenError, ViewWarning
-from coop_pin.results import Moment, RunResult
+from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
+from coop_pin.figures import palette
+from coop_pin.results import Moment, RunResult, Viewing
+from coop_pin.viz.cell_scene import COLOURS, TRAIL_RADIUS_M, TRAIL_SPACING_M
 from coop_pin.viz.initial_scene import Standing, standing_of
-from coop_pin.viz.live_page import live_html
-from coop_pin.viz.live_scene import LiveScene
+from coop_pin.viz.live_scene import MOST_POINTS, LiveFrame, LiveScene
 from coop_pin.viz.live_server import ViewServer
-from coop_pin.viz.notebook import page_frame
-from coop_pin.viz.viewer import FRAMES_PER_SECOND, FrameRate
+from coop_pin.viz.meshcat_commands import scene_messages
+from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
+from coop_pin.viz.replay import page_frame
+
+FRAMES_PER_SECOND = 30.0
+
+
+class Viewer(Viewing, Protocol):
+    """Shows a run while it is under way; an Observer. None of its methods waits for anything or raises because nobody looks.
+
+    What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame that says where the nodes of
+    the scene are and which colours its bodies have. A viewer adds neither physics nor geometry.
+    """
+
+    @property
+    def url(self) -> str:
+        """The address to look at, on this machine; "" where it cannot be served."""
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether frames still go anywhere."""
+
+    def close(self) -> None:
+        """End the view and give its port back."""
+
+
+class FrameRate:
+    """Says which moments of a run are worth showing: so many in a second of wall time, and no more."""
+
+    def __init__(self, frames_per_second: float) -> None:
+        """Start with a frame that is due.
+
+        Raises:
+            NotPositiveError: the rate is not greater than zero.
+        """
+        if not frames_per_second > 0.0:
+            raise NotPositiveError("frames_per_second", frames_per_second)
+        self._period, self._due = 1.0 / frames_per_second, -1.0
+
+    def is_due(self) -> bool:
+        """Say whether it is time for a frame; if so, the next is due a period later."""
+        now = time.monotonic()
+        if now < self._due:
+            return False
+        self._due = max(self._due, now - self._period) + self._period
+        return True
+
+
+def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -> str:
+    """Return the page: it draws the scene, shows one frame, and waits for more at the address it came from.
+
+    Args:
+        title: its heading.
+        scene: what it shows.
+        frame: what it shows first.
+        still: of a page that waits for nothing, and needs no network: why.
+    """
+    live = {
+        "messages": [as_text(message) for message in scene_messages(scene.scene)],
+        "nodes": scene.nodes,
+        "bodies": scene.bodies,
+        "colours": COLOURS,
+        "trail": {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M, "most": MOST_POINTS},
+        "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
+        "frame": as_text(frame.packed()),
+        "still": still,
+    }
+    return page_html("live", title, "", (*LEGEND, PUSH, SATURATED, SINGULAR), scene.scales, live)
+
 
 _PROXIES = ("JUPYTERHUB_SERVICE_PREFIX", "JUPYTERHUB_API_URL", "BINDER_SERVICE_HOST", "COLAB_RELEASE_TAG", "KAGGLE_KERNEL_RUN_TYPE")
 """Where one of these is set, the browser is on another machine, behind a proxy that does not lead to our loopback."""

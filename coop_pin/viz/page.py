@@ -11,9 +11,9 @@ from string import Template
 from typing import Any
 
 from coop_pin.figures import palette
-from coop_pin.viz.arrow_scales import ArrowScales
+from coop_pin.viz.arrows import ArrowScales
+from coop_pin.viz.cell_scene import NEAR_SINGULAR
 from coop_pin.viz.meshcat_commands import viewer_licences, viewer_script
-from coop_pin.viz.tints import NEAR_SINGULAR
 
 LEGEND = (
     (palette.ACTUAL, "box", "payload and its path"),

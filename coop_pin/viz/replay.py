@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,10 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.viz.arrow_scales import recorded_scales
-from coop_pin.viz.cell_scene import cell_scene
+from coop_pin.viz.arrows import recorded_scales
+from coop_pin.viz.cell_scene import COLOURS, IS_SATURATED, IS_SINGULAR, body_tints, cell_scene, tint_changes
 from coop_pin.viz.meshcat_commands import scene_messages
 from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
-from coop_pin.viz.tints import COLOURS, IS_SATURATED, IS_SINGULAR, body_tints, tint_changes
 
 
 def replay_html(result: RunResult) -> str:
@@ -74,3 +74,40 @@ def _event(scenario: Scenario, event: Event) -> dict[str, Any]:
     force, moment = event.wrench[:3], event.wrench[3:]
     parts = [f"({', '.join(f'{part:g}' for part in vector)}) {unit}" for vector, unit in ((force, "N"), (moment, "N m")) if any(vector)]
     return {"start": event.time, "end": event.end, "text": f"push {' and '.join(parts)} for {event.duration:g} s"}
+
+
+class NotebookView:
+    """A page that a notebook shows where a cell returns it; it needs no server, so it works behind any proxy.
+
+    Args:
+        page: the page's HTML.
+        height: pixels.
+    """
+
+    def __init__(self, page: str, height: int) -> None:
+        self._page, self._height = page, height
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, for IPython."""
+        return page_frame(self._page, self._height, "coop_pin replay")
+
+
+def page_frame(page: str, height: int, title: str) -> str:
+    """Return a whole page as a frame inside another.
+
+    Args:
+        page: the page's HTML.
+        height: pixels.
+        title: for those who hear pages read.
+    """
+    return f'<iframe srcdoc="{html.escape(page)}" style="width: 100%; height: {height}px; border: 0" title="{title}"></iframe>'
+
+
+def notebook_view(result: RunResult, height: int = 480) -> NotebookView:
+    """Return a replay of a run that a notebook displays.
+
+    Args:
+        result: the run.
+        height: of the view, pixels.
+    """
+    return NotebookView(replay_html(result), height)

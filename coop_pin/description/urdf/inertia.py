@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coop_pin.description.urdf.numbers import COUNTS, number
 from coop_pin.description.urdf.report import UrdfFinding, physical
 from coop_pin.description.urdf.tree import Tree
-from coop_pin.description.urdf.xml import Node
+from coop_pin.description.urdf.xml import COUNTS, Node, number
 
 ROUNDING = 1e-6
 """Share of the largest principal moment by which rounded numbers may break an inequality."""
