@@ -32,8 +32,8 @@ def slowdown(scenario: cp.Scenario, blocks: int) -> None:
     view, every = open_view(scenario), open_view(scenario)
     tasks = {
         "alone": lambda: cp.run(scenario),
-        "with a view, 30 frames in a second of wall time": lambda: cp.run(scenario, view=view, pace=math.inf),
-        "with a view that is sent every tick": lambda: cp.run(scenario, view=every.show, pace=math.inf),
+        "with a view, 30 frames in a second of wall time": lambda: cp.run(scenario, view=view, realtime_rate=math.inf),
+        "with a view that is sent every tick": lambda: cp.run(scenario, view=every.show, realtime_rate=math.inf),
     }
     seconds = common.interleaved(tasks, blocks, 1)
     view.close()

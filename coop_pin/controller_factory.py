@@ -19,7 +19,7 @@ from coop_pin.control import (
     Switching,
     Tanh,
 )
-from coop_pin.control.interface import Team
+from coop_pin.control.interface import DecentralisedController
 from coop_pin.description import controller as choice
 from coop_pin.description import switching
 from coop_pin.description.gains import PostureGains, gain_matrix
@@ -39,7 +39,7 @@ def build_controller(scenario: Scenario) -> CellController:
     chosen = scenario.controller
     if isinstance(chosen, choice.UserController):
         return _users_controller(scenario, chosen)
-    return Team({name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms})
+    return DecentralisedController({name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms})
 
 
 def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> ArmController:
@@ -106,7 +106,7 @@ def _users_controller(scenario: Scenario, chosen: choice.UserController) -> Cell
     if issubclass(kind, CellController):
         return kind(scenario, **chosen.options)
     if issubclass(kind, ArmController):
-        return Team({name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms})
+        return DecentralisedController({name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms})
     raise FieldError(f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target")
 
 

@@ -18,7 +18,7 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     view: Observer | None = None,
-    pace: float | None = None,
+    realtime_rate: float | None = None,
 ) -> RunResult:
     """Run a scenario with the controller it names.
 
@@ -27,7 +27,7 @@ def run(
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
         progress: called after every tick with (ticks done, ticks in all).
         view: sees every tick, for example what coop_pin.viz.open_view returns.
-        pace: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -37,4 +37,4 @@ def run(
         scenario = Scenario.load(scenario, overrides)
     elif overrides:
         scenario = scenario.override(overrides)
-    return simulate(scenario, build_controller(scenario), progress, view, pace)
+    return simulate(scenario, build_controller(scenario), progress, view, realtime_rate)

@@ -46,7 +46,7 @@ cell = scenario.cell
 plant = cp.CellChain(cell)
 q = plant.configuration(scenario.start.matrix)
 print("joint angles:", q)
-for name, gap in zip(cell.arms, plant.gaps(q), strict=True):
+for name, gap in zip(cell.arms, plant.closure_errors(q), strict=True):
     print(f"{name:6} tip is {gap.distance:.1e} m and {gap.angle:.1e} rad from its grasp")
 
 # %% [markdown]
@@ -55,7 +55,7 @@ for name, gap in zip(cell.arms, plant.gaps(q), strict=True):
 # %%
 for name, arm in cell.arms.items():
     model = cp.ArmModel(arm, cell.grasps[name].matrix)
-    for branch in cp.closing_branches(name, model, scenario.start.matrix, arm.posture):
+    for branch in cp.ik_branches(name, model, scenario.start.matrix, arm.posture):
         print(f"{name:6} {branch}")
 
 # %% [markdown]

@@ -14,7 +14,7 @@
 # %% [markdown]
 # # Gains under the hand
 #
-# Two arms carry a bar while you change the gains of their law, the mass of the bar and the desired squeeze, and shove the bar. You see
+# Two arms carry a bar while you change the gains of their law, the mass of the bar and the desired squeeze, and push the bar. You see
 # at once what that does to tracking and to the **internal force**, with which the arms work against each other.
 #
 # 1. Let the next cells run; a 3-D view with strip charts appears, with buttons and sliders below it.
@@ -46,7 +46,7 @@ panel
 # %% [markdown]
 # ## The same from code
 # Everything that the buttons and sliders do can be written down. The next cell plays by itself for three seconds: the sign gain goes to
-# zero, and a shove of 150 N moves the bar.
+# zero, and a push of 150 N moves the bar.
 
 # %%
 run = panel.run
@@ -88,10 +88,10 @@ notebook_view(result)
 # %% [markdown]
 # ## Try
 # - **sign gain** to 0: the internal force comes to rest at what you asked for, and the steady tracking error grows from 0.04 to 0.3 mm.
-#   To 1: a shove moves the bar less, but the internal force is off by 19 N instead of 2 N. Each arm pushes for itself.
+#   To 1: a push moves the bar less, but the internal force is off by 19 N instead of 2 N. Each arm pushes for itself.
 # - **squeeze** to 30 N: the arrows of the internal force grow, the motion stays the same.
 # - **payload** to half its mass while the bar moves: nothing in the law knows the mass, and hardly anything changes.
-# - **pose gain** to 10: 0.3 s after a shove the bar is back within 5 mm, not 0.7 s; the internal force is off by 6 N instead of 2 N.
-# - **damping gain** to a third: a shove of 150 N moves the bar by 52 mm instead of 18 mm. To three times: too much for a law that is
-#   sampled 80 times a second; after a shove the arms fight each other with thousands of newtons. Lower it again and **Reset**.
+# - **pose gain** to 10: 0.3 s after a push the bar is back within 5 mm, not 0.7 s; the internal force is off by 6 N instead of 2 N.
+# - **damping gain** to a third: a push of 150 N moves the bar by 52 mm instead of 18 mm. To three times: too much for a law that is
+#   sampled 80 times a second; after a push the arms fight each other with thousands of newtons. Lower it again and **Reset**.
 # - `panel.close()` ends the view's process; it ends with the notebook's kernel in any case.

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from coop_pin.chain import closing_angles, closing_branches
-from coop_pin.chain.ik_solver import TipSearch
+from coop_pin.chain import ik_branches, solve_ik
+from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.description import Arm, Pose
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import JointLimitError, ShapeError, UnreachablePoseError
@@ -50,7 +50,7 @@ def test_every_branch_closes_within_the_limits_and_the_nearest_comes_first(model
     model = models[name]
     ranges = JointRanges(model.model)
     for q, X_WP in poses_of(model, 3):
-        branches = closing_branches(name, model, X_WP, q)
+        branches = ik_branches(name, model, X_WP, q)
         for branch in branches:
             assert_allclose(pose_error(model.payload_pose(branch), X_WP), np.zeros(6), atol=1e-9)
             assert_array_equal(ranges.beyond(branch), np.zeros(model.nv))
@@ -66,7 +66,7 @@ def test_the_angles_are_no_farther_from_the_posture_than_the_angles_that_made_th
     model = models[name]
     for q, X_WP in poses_of(model, 4):
         posture = pin.integrate(model.model, q, 0.3 * np.cos(np.arange(model.nv)))
-        found = closing_angles(name, model, X_WP, posture)
+        found = solve_ik(name, model, X_WP, posture)
         assert_allclose(pose_error(model.payload_pose(found), X_WP), np.zeros(6), atol=1e-9)
         assert distance(model, found, posture) <= distance(model, q, posture) + 1e-9
 
@@ -87,7 +87,7 @@ def closed_form(X_WP):
 
 def test_the_planar_arm_has_the_two_branches_of_the_closed_form(models):
     for _, X_WP in poses_of(models["adept"], 5):
-        found = closing_branches("adept", models["adept"], X_WP)
+        found = ik_branches("adept", models["adept"], X_WP)
         expected = closed_form(X_WP)
         assert len(found) == 2
         for branch in expected:
@@ -97,7 +97,7 @@ def test_the_planar_arm_has_the_two_branches_of_the_closed_form(models):
 def test_a_ur5_has_eight_branches_and_all_are_found(models):
     q = np.array((0.4, -1.1, 1.3, -0.9, 1.2, 0.5))
     for shift in (0.0, 0.1, -0.15):
-        branches = closing_branches("ur5", models["ur5"], models["ur5"].payload_pose(q + shift), q)
+        branches = ik_branches("ur5", models["ur5"], models["ur5"].payload_pose(q + shift), q)
         assert len(branches) == 8
         signs = {(np.sign(np.sin(b[4])), np.sign(np.sin(b[2]))) for b in branches}
         assert len(signs) == 4, "each sign of elbow and wrist, once for each shoulder"
@@ -108,9 +108,9 @@ def test_a_posture_for_continuous_joints_is_angles_or_a_configuration(models):
     assert model.nq > model.nv
     q, X_WP = poses_of(model, 1)[0]
     angles = model.joint_angles(q)
-    assert_allclose(closing_angles("kinova", model, X_WP, angles), closing_angles("kinova", model, X_WP, q), atol=1e-9)
+    assert_allclose(solve_ik("kinova", model, X_WP, angles), solve_ik("kinova", model, X_WP, q), atol=1e-9)
     with pytest.raises(ShapeError, match="posture of arm 'kinova'"):
-        closing_angles("kinova", model, X_WP, q[:-1])
+        solve_ik("kinova", model, X_WP, q[:-1])
 
 
 def test_a_joint_of_several_turns_stays_on_the_turn_of_the_posture_while_its_limits_allow(models):
@@ -118,9 +118,9 @@ def test_a_joint_of_several_turns_stays_on_the_turn_of_the_posture_while_its_lim
     q = np.array((0.4, -1.1, 1.3, -0.9, 1.2, 0.5))
     X_WP = model.payload_pose(q)
     turned = q - np.array((0, 0, 0, 0, 0, 2 * np.pi))
-    assert_allclose(closing_angles("ur5", model, X_WP, turned), turned, atol=1e-8)
+    assert_allclose(solve_ik("ur5", model, X_WP, turned), turned, atol=1e-8)
     beyond = q + np.array((4 * np.pi, 0, 0, 0, 0, 0))
-    assert min(distance(model, branch, q) for branch in closing_branches("ur5", model, X_WP, beyond)) < 1e-8
+    assert min(distance(model, branch, q) for branch in ik_branches("ur5", model, X_WP, beyond)) < 1e-8
 
 
 @pytest.mark.parametrize("name", REDUNDANT)
@@ -130,7 +130,7 @@ def test_a_redundant_arm_stands_as_near_to_its_posture_as_self_motion_and_limits
     ranges = JointRanges(model.model)
     q, X_WP = poses_of(model, 1)[0]
     posture = pin.integrate(model.model, q, 0.4 * np.sin(1.0 + np.arange(model.nv)))
-    found = closing_angles(name, model, X_WP, posture)
+    found = solve_ik(name, model, X_WP, posture)
     self_motion = np.linalg.svd(model.payload_jacobian(found))[2][6]
     way = posture - found
     along = float(self_motion @ way)
@@ -142,20 +142,20 @@ def test_a_redundant_arm_stands_as_near_to_its_posture_as_self_motion_and_limits
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_angles_that_already_close_are_kept(models, name):
     q, X_WP = poses_of(models[name], 1)[0]
-    assert_allclose(closing_angles(name, models[name], X_WP, q), q, atol=1e-9)
+    assert_allclose(solve_ik(name, models[name], X_WP, q), q, atol=1e-9)
 
 
 def test_without_a_posture_a_panda_is_within_the_limits_though_zero_is_not(models):
     model = models["panda"]
     for _, X_WP in poses_of(model, 3):
-        q = closing_angles("panda", model, X_WP)
+        q = solve_ik("panda", model, X_WP)
         assert np.all(q >= model.model.lowerPositionLimit)
         assert np.all(q <= model.model.upperPositionLimit)
 
 
 def test_the_same_question_gets_the_same_bits(models):
     _, X_WP = poses_of(models["xarm7"], 1)[0]
-    first, second = (closing_branches("xarm7", models["xarm7"], X_WP) for _ in range(2))
+    first, second = (ik_branches("xarm7", models["xarm7"], X_WP) for _ in range(2))
     assert all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
 
 
@@ -183,13 +183,13 @@ ELBOW = np.arccos((AWAY**2 - LENGTHS[0] ** 2 - LENGTHS[1] ** 2) / (2.0 * LENGTHS
 
 @pytest.mark.parametrize(("lower", "upper", "sign"), [(0.1, 3.0, 1.0), (-3.0, -0.1, -1.0), (ELBOW, 3.0, 1.0)])
 def test_a_branch_beyond_the_limits_is_no_solution_however_near(narrow, lower, upper, sign):
-    branches = closing_branches("arm", narrow(lower, upper), make_pose((AWAY, 0.0, 0.0)), (0.5, -sign * ELBOW, 0.0))
+    branches = ik_branches("arm", narrow(lower, upper), make_pose((AWAY, 0.0, 0.0)), (0.5, -sign * ELBOW, 0.0))
     assert len(branches) == 1
     assert_allclose(branches[0][1], sign * ELBOW, atol=1e-7)
 
 
 def test_limits_a_whole_turn_away_are_reached_by_unwinding(narrow):
-    branches = closing_branches("arm", narrow(4.0, 9.0), make_pose((AWAY, 0.0, 0.0)))
+    branches = ik_branches("arm", narrow(4.0, 9.0), make_pose((AWAY, 0.0, 0.0)))
     elbows = sorted(float(q[1]) for q in branches)
     assert_allclose(elbows, (2 * np.pi - ELBOW, 2 * np.pi + ELBOW), atol=1e-7)
 
@@ -197,7 +197,7 @@ def test_limits_a_whole_turn_away_are_reached_by_unwinding(narrow):
 def test_where_only_a_limit_prevents_it_the_joint_is_named_with_the_gap_that_it_leaves(narrow):
     """The law of cosines at the limit of the elbow is the oracle; the wrist makes up the angle."""
     with pytest.raises(JointLimitError) as caught:
-        closing_angles("left", narrow(-0.2, 0.3), make_pose((AWAY, 0.0, 0.0)))
+        solve_ik("left", narrow(-0.2, 0.3), make_pose((AWAY, 0.0, 0.0)))
     error = caught.value
     l_1, l_2 = LENGTHS
     assert (error.arm, error.joint, error.lower, error.upper) == ("left", "joint_2", -0.2, 0.3)
@@ -209,7 +209,7 @@ def test_where_only_a_limit_prevents_it_the_joint_is_named_with_the_gap_that_it_
 
 def test_out_of_reach_no_joint_is_blamed(narrow):
     with pytest.raises(UnreachablePoseError) as caught:
-        closing_branches("left", narrow(-0.2, 0.3), make_pose((1.1, 0.0, 0.0)))
+        ik_branches("left", narrow(-0.2, 0.3), make_pose((1.1, 0.0, 0.0)))
     assert not isinstance(caught.value, JointLimitError)
     assert_allclose(caught.value.gap_m, 0.3, rtol=1e-4)
 
@@ -221,10 +221,10 @@ def test_the_gap_of_a_spatial_arm_is_the_least_distance_first_and_then_the_least
     X_WP = make_pose((2.0, 0.5, 0.4), (0.2, 0.1, 0.3))
     grasp = X_WP @ X_PE
     with pytest.raises(UnreachablePoseError) as caught:
-        closing_angles(name, model, X_WP)
+        solve_ik(name, model, X_WP)
     tried = [np.linalg.norm(model.tip_pose(q)[:3, 3] - grasp[:3, 3]) for q in JointRanges(model.model).spread(3000)]
     assert min(tried) >= caught.value.gap_m
-    search = TipSearch(model)
+    search = IKSolver(model)
     for start in search.ranges.spread(20):
         landing = search.descend(search.grasp(X_WP), start, angle_weight=1e-4)
         assert landing.distance >= caught.value.gap_m - 2e-5
@@ -262,7 +262,7 @@ def test_a_slide_has_no_whole_turns(tmp_path):
     text = SLIDER.format(links="").replace('<link name="carriage"/><link name="arm"/><link name="hand"/>', "")
     path.write_text(text.replace('<link name="base"/>', '<link name="base"/>' + "".join(map(LINK.format, ("carriage", "arm", "hand")))))
     model = ArmModel(Arm(urdf=str(path), tip="hand"))
-    branches = closing_branches("slider", model, make_pose((10.0, 0.3, 0.0), (0.0, 0.0, 0.9)), (9.0, 0.0, 0.0))
+    branches = ik_branches("slider", model, make_pose((10.0, 0.3, 0.0), (0.0, 0.0, 0.9)), (9.0, 0.0, 0.0))
     angle = np.arcsin(0.6)
     found = [(q[0], np.arctan2(q[2], q[1]), q[3]) for q in branches]
     assert_allclose(found[0], (9.6, angle, 0.9 - angle), atol=1e-8)

@@ -37,7 +37,7 @@ from coop_pin.errors import (
 )
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_model import arm_alone
+from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import make_pose
@@ -133,7 +133,7 @@ def test_xacro_is_expanded_with_its_arguments_and_its_own_includes(tmp_path):
     <link name="base"/><link name="end"><xacro:body m="$(arg mass)"/></link>
     <joint name="j" type="continuous"><parent link="base"/><child link="end"/><axis xyz="0 0 1"/></joint></robot>"""
     (tmp_path / "arm.urdf.xacro").write_text(arm)
-    models = [arm_alone(Arm.from_urdf(tmp_path / "arm.urdf.xacro", xacro_args=args)) for args in ({}, {"mass": "3.5"})]
+    models = [load_arm_model(Arm.from_urdf(tmp_path / "arm.urdf.xacro", xacro_args=args)) for args in ({}, {"mass": "3.5"})]
     assert [model.inertias[1].mass for model in models] == [1.0, 3.5]
     (tmp_path / "arm.urdf.xacro").write_text(arm.replace("body.xacro", "none.xacro"))
     with pytest.raises(UrdfError, match="cannot be expanded"):
@@ -169,12 +169,12 @@ def test_a_continuous_joint_locks_at_its_angle():
 def test_what_cannot_be_locked_is_refused_by_name():
     panda = Arm.from_urdf("panda", "panda_hand_tcp")
     with pytest.raises(LockedJointError, match=r"panda_finger_joint1: is 0\.5"):
-        arm_alone(panda.replace(locked={"panda_finger_joint1": 0.5}))
+        load_arm_model(panda.replace(locked={"panda_finger_joint1": 0.5}))
     with pytest.raises(JointNotFoundError, match="panda_finger_joint1"):
-        arm_alone(panda.replace(locked={"panda_finger_joint": 0.0}))
+        load_arm_model(panda.replace(locked={"panda_finger_joint": 0.0}))
     ur5 = Arm.from_urdf("ur5", "tool0")
     with pytest.raises(LockedJointError, match="every joint"):
-        arm_alone(ur5.replace(locked=dict.fromkeys(list(arm_alone(ur5).names)[1:], 0.0)))
+        load_arm_model(ur5.replace(locked=dict.fromkeys(list(load_arm_model(ur5).names)[1:], 0.0)))
 
 
 def test_moving_mimic_joints_are_refused_unless_ignored():
@@ -196,17 +196,17 @@ def test_a_mimic_joint_is_locked_at_multiplier_times_leader_plus_offset(urdf):
 
 def test_planar_and_floating_joints_are_refused(urdf):
     with pytest.raises(UnsupportedJointError, match="planar"):
-        arm_alone(Arm.from_urdf(urdf(two_links('type="planar"'))))
+        load_arm_model(Arm.from_urdf(urdf(two_links('type="planar"'))))
 
 
 def test_models_are_the_callers_own_and_follow_their_file(urdf):
     path = urdf(two_links())
     arm = Arm.from_urdf(path)
-    first = arm_alone(arm)
+    first = load_arm_model(arm)
     first.inertias[1] = pin.Inertia.Zero()
-    assert arm_alone(arm).inertias[1].mass == 1.0
+    assert load_arm_model(arm).inertias[1].mass == 1.0
     path.write_text(two_links().replace('mass value="1"', 'mass value="1.25"'))
-    assert arm_alone(arm).inertias[1].mass == 1.25
+    assert load_arm_model(arm).inertias[1].mass == 1.25
 
 
 # ---------------------------------------------------------------- payloads
@@ -363,20 +363,20 @@ def moving_state(chain, X_WP, seed):
 def test_a_cell_closes_on_full_rows_and_both_trees_are_one_mechanism(name):
     cell, X_WP = catalogue_cell(name)
     found = {}
-    for payload in ("rooted", "free"):
+    for payload in ("welded", "free"):
         chain = CellChain(cell, PlantOptions(payload=payload))
         q, v, tau = moving_state(chain, X_WP, seed=4)
-        assert max(max(gap) for gap in chain.gaps(q)) < 1e-9
+        assert max(max(gap) for gap in chain.closure_errors(q)) < 1e-9
         dynamics = chain.chain.forward_dynamics(q, v, tau)
-        assert dynamics.rank == 6 * (len(cell.arms) - (payload == "rooted"))
+        assert dynamics.rank == 6 * (len(cell.arms) - (payload == "welded"))
         arms = np.concatenate([dynamics.acceleration[place.v] for place in chain.tree.arms])
         found[payload] = arms, chain.interaction_wrenches(q, v, tau)
-    for rooted, free in zip(*found.values(), strict=True):
-        assert_allclose(rooted, free, rtol=1e-8, atol=1e-8)
+    for welded, free in zip(*found.values(), strict=True):
+        assert_allclose(welded, free, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", CATALOGUE_CELLS)
-@pytest.mark.parametrize("payload", ["rooted", "free"])
+@pytest.mark.parametrize("payload", ["welded", "free"])
 def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     cell, X_WP = catalogue_cell(name)
     options = PlantOptions(payload=payload)
@@ -386,7 +386,7 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     for _ in range(100):
         plant.advance(2e-3)
     assert np.abs(plant.v).max() > 1.0
-    assert max(max(gap) for gap in chain.gaps(plant.q)) < 1e-8
+    assert max(max(gap) for gap in chain.closure_errors(plant.q)) < 1e-8
     assert chain.chain.energy(plant.q, plant.v).total - plant.work.sum() == pytest.approx(start, rel=0, abs=1e-6)
 
 
@@ -435,9 +435,9 @@ def scenario_of(cell, X_WP, **fields):
     )
 
 
-@pytest.mark.parametrize("payload", ["rooted", "free"])
+@pytest.mark.parametrize("payload", ["welded", "free"])
 def test_a_single_arm_is_an_ordinary_arm_with_a_load(payload):
-    """Without closures (rooted) or with one (free): forward dynamics are those of the arm with the payload in its last body."""
+    """Without closures (welded) or with one (free): forward dynamics are those of the arm with the payload in its last body."""
     two, X_WP = catalogue_cell("panda-ur5-bar")
     cell = Cell(arms={"one": two.arms["right"]}, payload=two.payload, grasps={"one": two.grasps["right"]})
     chain = CellChain(cell, PlantOptions(payload=payload))
@@ -497,7 +497,7 @@ def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buff
         chain.payload_jacobian: (q,),
         chain.payload_twist: (q, v),
         chain.tip_positions: (q,),
-        chain.gaps: (q,),
+        chain.closure_errors: (q,),
         chain.interaction_wrenches: (q, v, tau),
         arm.mass_matrix: (q[place.q],),
         arm.nonlinear_effects: (q[place.q], v[place.v]),

@@ -76,7 +76,7 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
             seen.append(moment)
             view.show(moment)
 
-        run = threading.Thread(target=cp.run, args=(scenario,), kwargs={"view": watch, "pace": 0.5})
+        run = threading.Thread(target=cp.run, args=(scenario,), kwargs={"view": watch, "realtime_rate": 0.5})
         run.start()
         page.wait_for_function("coopPin.shown.time > 0.99")
         run.join()

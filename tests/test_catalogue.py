@@ -59,7 +59,7 @@ def test_squeeze_is_near_what_is_desired(result):
 def test_payload_free_or_rooted_is_the_same_mechanism(name):
     """The same path and wrenches, with tanh in place of sgn, which would turn rounding into different sequences."""
     smooth = {"duration": 0.2, "events": [], "controller.switching": {"kind": "tanh", "width": 0.05}}
-    rooted, free = (cp.run(name, smooth | {"plant.payload": payload}).data for payload in ("rooted", "free"))
-    assert_allclose(free.payload_position.values, rooted.payload_position.values, atol=1e-8)
-    difference = (free.interaction_wrench - rooted.interaction_wrench).values
+    welded, free = (cp.run(name, smooth | {"plant.payload": payload}).data for payload in ("welded", "free"))
+    assert_allclose(free.payload_position.values, welded.payload_position.values, atol=1e-8)
+    difference = (free.interaction_wrench - welded.interaction_wrench).values
     assert_allclose(np.nan_to_num(difference), 0.0, atol=1e-4)

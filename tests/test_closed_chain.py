@@ -6,13 +6,13 @@ import pytest
 from cells import SCENARIOS, cell_and_start, random_velocity
 from numpy.testing import assert_allclose
 
-from coop_pin.chain import CellChain, ClosedChain, Closure, closing_angles
+from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
 from coop_pin.chain.integrators import RungeKutta4, configuration_space
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import ConstraintSolveError, NotFiniteError, ShapeError
 from coop_pin.model import ArmModel
 
-RANKS = {("planar", "rooted"): 3, ("planar", "free"): 9, ("spatial", "rooted"): 6, ("spatial", "free"): 12}
+RANKS = {("planar", "welded"): 3, ("planar", "free"): 9, ("spatial", "welded"): 6, ("spatial", "free"): 12}
 CASES = list(RANKS)
 
 
@@ -47,7 +47,7 @@ def held_in_plane(case, q, v):
 def test_constraint_dynamics_and_rank_cut_agree_on_and_off_the_closures(case, gap):
     plant, q_closed = chain_of(case)
     chain, rows = plant.chain, list(plant.cell.task_rows.indices)
-    oracle = chain.with_rank_cut()
+    oracle = chain.with_kkt()
     for q, v, tau in states(chain, q_closed, gap):
         q, v = held_in_plane(case, q, v)
         if gap == 0.0:
@@ -84,9 +84,9 @@ def test_the_solution_satisfies_the_equations_of_motion_and_the_stabilised_closu
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_point_closures_agree_between_the_formulations_off_the_closure(name):
     cell, start = cell_and_start(name)
-    tree = CellChain(cell, PlantOptions(payload="rooted"))
+    tree = CellChain(cell, PlantOptions(payload="welded"))
     chain = ClosedChain(tree.tree.model, [Closure("right/grasp", "payload/right", "point")])
-    oracle, q_closed = chain.with_rank_cut(), tree.configuration(start)
+    oracle, q_closed = chain.with_kkt(), tree.configuration(start)
     for q, v, tau in states(chain, q_closed, 0.03):
         first, second = chain.forward_dynamics(q, v, tau), oracle.forward_dynamics(q, v, tau)
         assert_allclose(first.acceleration, second.acceleration, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(first.acceleration).max()))
@@ -96,7 +96,7 @@ def test_point_closures_agree_between_the_formulations_off_the_closure(name):
 
 
 def test_planar_rows_do_in_the_plane_what_full_rows_do():
-    plant, q_closed = chain_of(("planar", "rooted"))
+    plant, q_closed = chain_of(("planar", "welded"))
     planar = ClosedChain(plant.tree.model, [Closure("right/grasp", "payload/right", "planar")], plant.chain.stabilisation)
     for q, v, tau in states(plant.chain, q_closed, 0.0):
         v = plant.chain.project_velocity(q, v)
@@ -111,7 +111,7 @@ def test_a_tree_without_closures_moves_as_aba_says(case):
     plant, q_closed = chain_of(case)
     model = plant.tree.model
     chain = ClosedChain(model, [])
-    for solver in (chain, chain.with_rank_cut()):
+    for solver in (chain, chain.with_kkt()):
         for q, v, tau in states(chain, q_closed, 0.5):
             answer = solver.forward_dynamics(q, v, tau)
             assert_allclose(answer.acceleration, pin.aba(model, model.createData(), q, v, tau), rtol=1e-9, atol=1e-8)
@@ -120,7 +120,7 @@ def test_a_tree_without_closures_moves_as_aba_says(case):
         assert_allclose(chain.project_configuration(q_closed), q_closed, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+@pytest.mark.parametrize("formulation", ["proximal", "kkt"])
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_two_calls_give_the_same_bits_whatever_came_between(case, formulation):
     plant, q_closed = chain_of(case, formulation=formulation)
@@ -146,7 +146,7 @@ def opened_by_a_decimetre(plant, name):
     beside = start.copy()
     beside[:3, 3] += (-0.06, 0.08, 0.0) if name == "planar" else (0.06, 0.0, -0.08)
     poses = dict(zip(cell.arms, (start, beside), strict=True))
-    angles = [closing_angles(arm, ArmModel(cell.arms[arm], cell.grasps[arm].matrix), X, cell.arms[arm].posture) for arm, X in poses.items()]
+    angles = [solve_ik(arm, ArmModel(cell.arms[arm], cell.grasps[arm].matrix), X, cell.arms[arm].posture) for arm, X in poses.items()]
     return plant.tree.configuration(angles, start)
 
 
@@ -159,7 +159,7 @@ def gap_at(t, e_0, omega, zeta):
 
 
 @pytest.mark.parametrize("zeta", [1.0, 0.3])
-@pytest.mark.parametrize("formulation", ["proximal", "rank-cut"])
+@pytest.mark.parametrize("formulation", ["proximal", "kkt"])
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, formulation, zeta):
     name, _ = case
@@ -172,14 +172,14 @@ def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, fo
     def unforced(q, v):
         return plant.chain.solver.acceleration(q, v, np.zeros(model.nv)), np.zeros(0)
 
-    measured = [plant.gaps(q)]
+    measured = [plant.closure_errors(q)]
     for _ in range(steps):
         q, v, _ = integrator.step(unforced, q, v, h)
-        measured.append(plant.gaps(q))
+        measured.append(plant.closure_errors(q))
     expected = np.abs(gap_at(h * np.arange(steps + 1), 0.1, omega, zeta))
-    assert_allclose([gaps[1].distance for gaps in measured], expected, rtol=0, atol=1e-6)
-    assert_allclose([gaps[1].angle for gaps in measured], np.zeros(steps + 1), rtol=0, atol=1e-6)
-    assert_allclose([gaps[0] for gaps in measured], np.zeros((steps + 1, 2)), rtol=0, atol=1e-6)
+    assert_allclose([closure_errors[1].distance for closure_errors in measured], expected, rtol=0, atol=1e-6)
+    assert_allclose([closure_errors[1].angle for closure_errors in measured], np.zeros(steps + 1), rtol=0, atol=1e-6)
+    assert_allclose([closure_errors[0] for closure_errors in measured], np.zeros((steps + 1, 2)), rtol=0, atol=1e-6)
 
 
 def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too():
@@ -187,12 +187,12 @@ def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too()
     plant, omega, h, steps = CellChain(cell), 12.0, 2e-3, 150
     chain = ClosedChain(plant.tree.model, [Closure("right/grasp", "payload/right", "point")], Stabilisation(frequency=omega))
     integrator = RungeKutta4(configuration_space(chain.model))
-    for solver in (chain.solver, chain.with_rank_cut().solver):
+    for solver in (chain.solver, chain.with_kkt().solver):
         q, v = opened_by_a_decimetre(plant, "spatial"), np.zeros(chain.model.nv)
-        measured = [chain.gaps(q)[0].distance]
+        measured = [chain.closure_errors(q)[0].distance]
         for _ in range(steps):
             q, v, _ = integrator.step(lambda q, v, s=solver: (s.acceleration(q, v, np.zeros(len(v))), np.zeros(0)), q, v, h)
-            measured.append(chain.gaps(q)[0].distance)
+            measured.append(chain.closure_errors(q)[0].distance)
         assert_allclose(measured, gap_at(h * np.arange(steps + 1), 0.1, omega, 1.0), rtol=0, atol=1e-6)
 
 

@@ -9,7 +9,7 @@ from cells import SCENARIOS, cell_and_start
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure
-from coop_pin.chain.closure_set import Closures
+from coop_pin.chain.closure_set import ClosureSet
 from coop_pin.description import PlantOptions
 from coop_pin.errors import FieldError, FrameNotFoundError
 
@@ -59,7 +59,7 @@ def rates(model, closures, q, v, a, h=1e-5):
 @pytest.mark.parametrize("rows", ROWS, ids=str)
 def test_jacobian_and_drift_are_the_derivatives_of_the_error(tree, pair, rows):
     model, _ = tree
-    closures = Closures(model, [Closure(*PAIRS[pair], rows)])
+    closures = ClosureSet(model, [Closure(*PAIRS[pair], rows)])
     for q, v, a in random_states(tree):
         e_rate, e_rate_rate, now = rates(model, closures, q, v, a)
         assert pair == "world" or np.abs(now.position).max() > 1e-3  # a planar arm has no error across the plane of the world
@@ -73,7 +73,7 @@ def test_point_rows_are_differentiated_in_the_world(tree, pair):
     """e = R_WA^T (p_a - p_b); e' and e'' are the world's derivatives of p_a - p_b, seen in a: a ball joint's gap decays straight."""
     model, _ = tree
     closure, data, h = Closure(*PAIRS[pair], "point"), model.createData(), 1e-4
-    closures = Closures(model, [closure])
+    closures = ClosureSet(model, [closure])
 
     def frames(q):
         pin.framesForwardKinematics(model, data, q)
@@ -97,7 +97,7 @@ def test_the_velocity_error_of_a_weld_is_its_relative_twist_and_drift_is_its_der
     """e' = V_a - Ad(X_ab) V_b is the derivative of -log6(X_ab) at small errors only; exactly, d/dt(-log6) = Jlog6 Ad(X_ab)^-1 e'."""
     model, _ = tree
     closure, data = Closure(*PAIRS[pair], "full"), model.createData()
-    closures = Closures(model, [closure])
+    closures = ClosureSet(model, [closure])
     for q, v, a in random_states(tree):
         e_rate, e_rate_rate, now = rates(model, closures, q, v, a)
         pin.framesForwardKinematics(model, data, q)
@@ -111,14 +111,14 @@ def test_the_velocity_error_of_a_weld_is_its_relative_twist_and_drift_is_its_der
 def test_the_velocity_error_of_a_weld_is_the_derivative_of_its_error_when_that_is_small(tree):
     """The difference shrinks with the error itself: first order in the gap."""
     model, q_0 = tree
-    closures = Closures(model, [Closure("left/grasp", "payload/left", "full")])
+    closures = ClosureSet(model, [Closure("left/grasp", "payload/left", "full")])
     rng = np.random.default_rng(11)
     direction, v = rng.normal(size=model.nv), rng.normal(size=model.nv)
-    gaps = []
+    closure_errors = []
     for size in (1e-2, 1e-3):
         e_rate, _, now = rates(model, closures, pin.integrate(model, q_0, size * direction), v, np.zeros(model.nv))
-        gaps.append(np.abs(now.velocity - e_rate).max())
-    assert_allclose(gaps[0] / gaps[1], 10.0, rtol=0.2)
+        closure_errors.append(np.abs(now.velocity - e_rate).max())
+    assert_allclose(closure_errors[0] / closure_errors[1], 10.0, rtol=0.2)
 
 
 @pytest.mark.parametrize("turns", list(itertools.product((True, False), repeat=3)), ids=str)
@@ -126,7 +126,7 @@ def test_three_held_turns_follow_the_weld_and_fewer_are_exact(tree, turns):
     """With all turns held and a translation free, the rotation rows are the weld's: omega_a - R omega_b against -log3."""
     model, _ = tree
     closure = Closure("left/grasp", "payload/left", (True, True, False, *turns))
-    closures, data = Closures(model, [closure]), model.createData()
+    closures, data = ClosureSet(model, [closure]), model.createData()
     for q, v, a in random_states(tree, 2):
         e_rate, _, now = rates(model, closures, q, v, a)
         if all(turns):
@@ -142,7 +142,7 @@ def test_the_two_bodies_feel_opposite_wrenches_that_do_the_power_of_the_multipli
     model, _ = tree
     data = model.createData()
     a, b = model.getFrameId("left/grasp"), model.getFrameId("payload/left")
-    closures = Closures(model, [Closure("left/grasp", "payload/left", rows)])
+    closures = ClosureSet(model, [Closure("left/grasp", "payload/left", rows)])
     for q, v, _ in random_states(tree):
         now = closures.state(q, v)
         multipliers = np.arange(1.0, closures.rows + 1.0)
@@ -161,9 +161,9 @@ def test_several_closures_stack_in_their_order(tree):
         Closure("right/grasp", "universe", MASKS[1]),
         Closure("payload", "universe", "point"),
     ]
-    stacked = Closures(model, single)
+    stacked = ClosureSet(model, single)
     q, v, _ = next(random_states(tree))
-    states = [Closures(model, [closure]).state(q, v) for closure in single]
+    states = [ClosureSet(model, [closure]).state(q, v) for closure in single]
     assert stacked.rows == 6 + 3 + 3
     assert_allclose(stacked.state(q, v).position, np.concatenate([s.position for s in states]), rtol=0, atol=0)
     assert_allclose(stacked.state(q, v).jacobian, np.concatenate([s.jacobian for s in states]), rtol=0, atol=0)
@@ -177,18 +177,18 @@ def test_gaps_are_the_distance_and_angle_that_the_rows_hold(tree):
     lift = np.zeros(model.nv)
     lift[model.idx_vs[model.getJointId("payload")] :][:6] = (0.03, 0.04, 0.0, 0.0, 0.0, 0.0)
     q = pin.integrate(model, q_0, lift)
-    full, ball, free = Closures(
+    full, ball, free = ClosureSet(
         model,
         [
             Closure("left/grasp", "payload/left"),
             Closure("left/grasp", "payload/left", "point"),
             Closure("left/grasp", "payload/left", (False, False, False, True, True, True)),
         ],
-    ).gaps(q)
+    ).closure_errors(q)
     assert_allclose([full, ball, free], [(0.05, 0.0), (0.05, 0.0), (0.0, 0.0)], atol=1e-9)
     turn = np.zeros(model.nv)
     turn[model.idx_vs[model.getJointId("payload")] :][:6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.02)
-    weld = Closures(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).gaps(
+    weld = ClosureSet(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).closure_errors(
         pin.integrate(model, q_0, turn)
     )[1]
     assert_allclose(weld.angle, 0.02, atol=1e-9)
@@ -196,7 +196,7 @@ def test_gaps_are_the_distance_and_angle_that_the_rows_hold(tree):
 
 def test_a_state_does_not_change_when_the_closures_are_asked_again(tree):
     model, _ = tree
-    closures = Closures(model, [Closure("left/grasp", "payload/left"), Closure("right/grasp", "universe", "axis")])
+    closures = ClosureSet(model, [Closure("left/grasp", "payload/left"), Closure("right/grasp", "universe", "axis")])
     (q, v, _), (q_2, v_2, _) = itertools.islice(random_states(tree), 2)
     first = closures.state(q, v)
     kept = [field.copy() for field in first]

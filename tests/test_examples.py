@@ -73,9 +73,9 @@ def squeezed_without_motion(out, _folder):
 
 
 def eight_branches(out, _folder):
-    gaps = [float(line.split("gap")[1]) for line in out.splitlines()]
-    assert len(gaps) == 8
-    assert max(gaps) < 1e-8
+    closure_errors = [float(line.split("gap")[1]) for line in out.splitlines()]
+    assert len(closure_errors) == 8
+    assert max(closure_errors) < 1e-8
 
 
 def followed_and_pressed(out, _folder):
@@ -112,7 +112,7 @@ PROMISES = {
     "own_controller": tracking_and_squeeze,
     "compare_laws": repaired_beats_printed,
     "internal_force_split": squeezed_without_motion,
-    "closing_branches": eight_branches,
+    "ik_branches": eight_branches,
     "own_reference": followed_and_pressed,
     "save_and_load": all_the_same,
     "stability_map": bound_of_a_late_force_path,

@@ -29,7 +29,7 @@ from coop_pin.spatial import make_pose
 
 GOLDEN = Path(__file__).parent / "golden"
 EVERY = 0.1
-FORMULATIONS = ("auto", "proximal", "rank-cut")
+FORMULATIONS = ("auto", "proximal", "kkt")
 
 # ---------------------------------------------------------------- what is asked of the package
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.analysis import HeldDamping, held_damping, sampled_damping
+from coop_pin.analysis import SampledStability, sampled_damping, sampled_stability
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmController, Command
 from coop_pin.errors import CoopPinError
@@ -26,13 +26,13 @@ def test_of_square_arms_it_is_the_closed_form(factor):
     scenario = with_damping(factor)
     gains = dict.fromkeys(scenario.cell.arms, np.diag([60.0 * factor, 60.0 * factor, 10.0 * factor]))
     expected = sampled_damping(scenario.cell, scenario.start.matrix, gains, scenario.clock.period)
-    assert_allclose(held_damping(scenario).value, expected, rtol=1e-6)
+    assert_allclose(sampled_stability(scenario).value, expected, rtol=1e-6)
 
 
 def test_signs_events_and_the_way_the_payload_is_held_do_not_change_it():
-    value = held_damping(paper()).value
-    assert_allclose(held_damping(cp.Scenario.load("adept-paper", {"controller.gains.sign_gain": 5.0})).value, value, rtol=1e-6)
-    assert_allclose(held_damping(paper({"plant.payload": "free"})).value, value, rtol=1e-6)
+    value = sampled_stability(paper()).value
+    assert_allclose(sampled_stability(cp.Scenario.load("adept-paper", {"controller.gains.sign_gain": 5.0})).value, value, rtol=1e-6)
+    assert_allclose(sampled_stability(paper({"plant.payload": "free"})).value, value, rtol=1e-6)
 
 
 def last_speed(scenario):
@@ -50,7 +50,7 @@ def test_runs_on_both_sides_of_the_bound_do_as_it_says(factor):
     scenario = with_damping(factor, {"cell.arms.left.friction": "none", "cell.arms.right.friction": "none"})
     push = {"kind": "wrench-pulse", "time": 0.1, "duration": 0.1, "wrench": (2.0, 1.0, 0.0, 0.0, 0.0, 0.1)}
     scenario = scenario.override({"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]})
-    held = held_damping(scenario)
+    held = sampled_stability(scenario)
     assert held.ok == (factor < 2.75)
     assert (last_speed(scenario) < 0.05) == held.ok
 
@@ -59,12 +59,12 @@ def test_spare_joints_count_as_well():
     """The posture's damper acts on what does not move the payload."""
     pandas = cp.Scenario.load("two-pandas-box")
     stiff = pandas.override({"controller.posture.damping": 200.0})
-    assert held_damping(pandas).ok
-    assert not held_damping(stiff).ok
-    assert all("panda_joint" in joint for joint in held_damping(stiff).joints)
+    assert sampled_stability(pandas).ok
+    assert not sampled_stability(stiff).ok
+    assert all("panda_joint" in joint for joint in sampled_stability(stiff).joints)
 
 
-class Drives(ArmController):
+class Transmission(ArmController):
     """Speeds a moving arm up."""
 
     def __init__(self, scenario, arm):
@@ -78,13 +78,13 @@ class Drives(ArmController):
 
 
 def test_a_law_that_drives_the_motion_is_told_without_a_rate():
-    held = held_damping(paper().override({"controller": {"kind": "user", "target": f"{__name__}:Drives"}}))
+    held = sampled_stability(paper().override({"controller": {"kind": "user", "target": f"{__name__}:Transmission"}}))
     assert held.value == np.inf
     assert "Raise clock.rate_hz, or lower the gains" in held.text()
 
 
 def test_what_is_told_of_it():
-    text = HeldDamping(3.0, 100.0, ("left/wrist",)).text()
+    text = SampledStability(3.0, 100.0, ("left/wrist",)).text()
     assert "must be less than 2" in text
     assert "left/wrist" in text
     assert "above 150 Hz" in text

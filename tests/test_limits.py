@@ -12,10 +12,10 @@ from coop_pin.control.interface import Command
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
 from coop_pin.errors import FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_model import arm_alone
+from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.friction import friction
 from coop_pin.model.joint_limits import JointLimits, joint_limits
-from coop_pin.simulation.actuation import Actuation, Drives
+from coop_pin.simulation.actuation import Actuation, Transmission
 
 XARM = Arm.from_urdf("xarm7", "link_eef")
 XARM_DAMPING, XARM_COULOMB = np.array((10.0, 10.0, 5.0, 5.0, 5.0, 2.0, 2.0)), np.ones(7)
@@ -65,7 +65,7 @@ def test_friction_of_the_urdf_acts_at_the_joints_whatever_the_drives(drive):
     v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
     speed = JointFriction().coulomb_velocity
     expected = -(XARM_DAMPING * v + XARM_COULOMB * np.tanh(v / speed))
-    assert_allclose(Drives(cell, chain.tree.arms, chain.tree.model.nv).friction(v), expected, rtol=0, atol=1e-12)
+    assert_allclose(Transmission(cell, chain.tree.arms, chain.tree.model.nv).friction(v), expected, rtol=0, atol=1e-12)
 
 
 def test_stated_friction_acts_at_the_drives_and_wins_over_the_urdf():
@@ -74,7 +74,7 @@ def test_stated_friction_acts_at_the_drives_and_wins_over_the_urdf():
     cell = Cell(arms={"one": arm}, payload=Payload.bar(1.0, 0.2), grasps={"one": Pose()})
     w = T @ v
     expected = -T.T @ (np.arange(1.0, 8.0) * w + 0.5 * np.tanh(w / 0.2))
-    assert_allclose(Drives(cell, CellChain(cell).tree.arms, 7).friction(v), expected, rtol=0, atol=1e-12)
+    assert_allclose(Transmission(cell, CellChain(cell).tree.arms, 7).friction(v), expected, rtol=0, atol=1e-12)
 
 
 def test_no_friction_is_none():
@@ -197,7 +197,7 @@ def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_l
     """The oracle goes through the recorded arrays joint by joint."""
     cell, X_WP = catalogue_cell("two-pandas-box")
     result, _ = run(cell, X_WP, lambda _: [np.full(7, 200.0), np.zeros(7)], duration=0.3)
-    data, names = result.data, list(arm_alone(cell.arms["left"]).names)[1:]
+    data, names = result.data, list(load_arm_model(cell.arms["left"]).names)[1:]
     expected = set()
     for index, (arm, description) in enumerate(cell.arms.items()):
         limits = joint_limits(description)
@@ -227,7 +227,7 @@ def test_joints_that_an_arm_does_not_have_are_empty():
     cell, X_WP = catalogue_cell("panda-ur5-bar")
     result, _ = run(cell, X_WP, nothing, duration=0.02)
     data = result.data
-    assert list(data.joint_name.values[1]) == [*list(arm_alone(cell.arms["right"]).names)[1:], ""]
+    assert list(data.joint_name.values[1]) == [*list(load_arm_model(cell.arms["right"]).names)[1:], ""]
     for variable in ("torque", "commanded_torque", "joint_position", "joint_velocity", "drive_velocity"):
         assert np.isnan(data[variable].values[:, 1, 6]).all()
         assert np.isfinite(data[variable].values[:, 0]).all()

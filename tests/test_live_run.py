@@ -15,7 +15,7 @@ from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, DivergedError, EventTimeError, MissingExtraError, RunFinishedError, SqueezeError, UserCodeError
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
-from coop_pin.viz.panel import gain_knobs
+from coop_pin.viz.panel import gain_sliders
 
 PATIENCE_S = 30.0
 
@@ -111,7 +111,7 @@ def test_a_finished_run_has_no_more_ticks():
 
 
 def test_a_live_run_starts_pauses_goes_on_and_is_the_run():
-    run = LiveRun(quiet_paper(0.5), pace=float("inf"))
+    run = LiveRun(quiet_paper(0.5), realtime_rate=float("inf"))
     assert run.time == 0.0
     run.start()
     run.pause()
@@ -173,7 +173,7 @@ def test_a_push_at_the_end_is_cut_and_after_it_ignored():
 
 def test_a_run_that_diverges_says_so_and_stops():
     gains = {"controller.gains.damping_gain": (6000.0, 6000.0, 1000.0)}
-    run, ended = LiveRun(quiet_paper(5.0).override(gains), pace=float("inf")), threading.Event()
+    run, ended = LiveRun(quiet_paper(5.0).override(gains), realtime_rate=float("inf")), threading.Event()
     run.when_it_ends(ended.set)
     run.start()
     assert ended.wait(PATIENCE_S)
@@ -194,7 +194,7 @@ class Raises:
 
 
 def test_a_users_controller_that_raises_ends_the_run_and_not_the_panel():
-    run, ended = LiveRun(quiet_paper(), pace=float("inf")), threading.Event()
+    run, ended = LiveRun(quiet_paper(), realtime_rate=float("inf")), threading.Event()
     run.when_it_ends(ended.set)
     run._simulation.replace_controller(Raises())
     run.start()
@@ -219,7 +219,7 @@ def test_every_slider_of_the_panel_acts_on_the_running_loop(panel):
     for field, value in (("controller.gains.pose_gain", 3.0), ("controller.gains.sign_gain", 0.0), ("mass", 5.0), ("squeeze", 20.0)):
         panel.sliders[field].value = value
     panel.sliders["controller.gains.damping_gain"].value = 0.5
-    panel.buttons["shove"].click()
+    panel.buttons["push"].click()
     assert panel.run.scenario.controller.gains.pose_gain == pytest.approx(3.0)
     assert panel.run.scenario.controller.gains.sign_gain == 0.0
     assert_allclose(panel.run.scenario.controller.gains.damping_gain, 0.5 * np.array(quiet_paper().controller.gains.damping_gain))
@@ -227,7 +227,7 @@ def test_every_slider_of_the_panel_acts_on_the_running_loop(panel):
     panel.buttons["start"].click()
     events = {event.kind: event for event in panel.result().scenario.events}
     assert events["payload-change"].mass == pytest.approx(5.0)
-    assert events["wrench-pulse"].wrench[1] == panel.sliders["shove"].value
+    assert events["wrench-pulse"].wrench[1] == panel.sliders["push"].value
     panel.buttons["reset"].click()
     assert panel.run.time == pytest.approx(0.0125)  # one tick, so that the picture is that of the start
 
@@ -252,11 +252,11 @@ def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_picture_that_says_so(
 
 
 def test_knobs_are_the_gains_that_the_law_feels():
-    names = [knob.field.rpartition(".")[2] for knob in gain_knobs(quiet_paper())]
+    names = [knob.field.rpartition(".")[2] for knob in gain_sliders(quiet_paper())]
     assert names == ["pose_gain", "sign_gain", "transient_rate", "damping_gain"]  # without a force path no force gain
     with_path = quiet_paper().override({"controller.force_path": {"kind": "late"}})
-    assert "controller.gains.force_gain" in [knob.field for knob in gain_knobs(with_path)]
-    for knob in gain_knobs(quiet_paper()):
+    assert "controller.gains.force_gain" in [knob.field for knob in gain_sliders(with_path)]
+    for knob in gain_sliders(quiet_paper()):
         assert knob.low <= knob.value <= knob.high
         quiet_paper().override({knob.field: knob.field_value(knob.high)})
 

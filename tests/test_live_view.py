@@ -107,7 +107,7 @@ def unpacked(frame: bytes) -> tuple[dict, np.ndarray]:
 
 def moments(scenario):
     seen = []
-    result = cp.simulate(scenario, build_controller(scenario), view=seen.append, pace=math.inf)
+    result = cp.simulate(scenario, build_controller(scenario), view=seen.append, realtime_rate=math.inf)
     return seen, result
 
 
@@ -137,7 +137,7 @@ class Dozing:
 
 def test_the_last_moment_of_a_run_is_shown_however_fast_it_went_by(scenario):
     view = Dozing()
-    result = cp.run(scenario, view=view, pace=math.inf)
+    result = cp.run(scenario, view=view, realtime_rate=math.inf)
     assert view.shown == [result.end]
 
 
@@ -315,7 +315,7 @@ def test_without_a_process_to_be_had_there_is_a_warning_and_a_run(scenario, monk
     monkeypatch.setattr(subprocess, "Popen", refuse)
     with pytest.warns(ViewWarning, match="no more processes"):
         view = open_view(scenario)
-    assert cp.run(scenario, view=view, pace=math.inf).end == scenario.duration
+    assert cp.run(scenario, view=view, realtime_rate=math.inf).end == scenario.duration
     assert view.url == ""
 
 
@@ -334,8 +334,8 @@ def test_a_closed_view_is_silent(scenario):
 def test_rates_must_be_positive(scenario):
     with pytest.raises(NotPositiveError, match="frames_per_second"):
         open_view(scenario, frames_per_second=0.0)
-    with pytest.raises(NotPositiveError, match="pace"):
-        cp.run(scenario, pace=-1.0)
+    with pytest.raises(NotPositiveError, match="realtime_rate"):
+        cp.run(scenario, realtime_rate=-1.0)
 
 
 # ---------------------------------------------------------------- nobody is outlived
@@ -414,7 +414,7 @@ def test_1500_reconnections(server):
     assert ask(server.url)[0] == 200
 
 
-# ---------------------------------------------------------------- pace
+# ---------------------------------------------------------------- realtime_rate
 
 
 def test_simulated_time_never_runs_ahead_of_the_wall():
@@ -425,6 +425,6 @@ def test_simulated_time_never_runs_ahead_of_the_wall():
         start.append(time.monotonic())
         ahead.append(moment.time / 2.0 - (time.monotonic() - start[0]))
 
-    cp.run(scenario, view=watch, pace=2.0)
+    cp.run(scenario, view=watch, realtime_rate=2.0)
     assert max(ahead) < 0.02
     assert time.monotonic() - start[0] > 0.24

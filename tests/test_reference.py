@@ -177,9 +177,9 @@ def test_survives_pickling(kind: str) -> None:
 @every_kind
 def test_check_consistency_accepts_every_kind(kind: str) -> None:
     reference, joints = KINDS[kind]
-    gaps = check_consistency(reference, [*np.linspace(-0.3, 4.1, 45), *joints])
-    assert gaps.twist < 1e-6
-    assert gaps.acceleration < 1e-4
+    closure_errors = check_consistency(reference, [*np.linspace(-0.3, 4.1, 45), *joints])
+    assert closure_errors.twist < 1e-6
+    assert closure_errors.acceleration < 1e-4
 
 
 def test_later_changes_of_an_argument_do_not_reach_the_reference() -> None:
@@ -341,11 +341,11 @@ def test_differences_of_a_function_agree_with_the_exact_derivatives() -> None:
 
 def test_differences_are_of_fourth_order() -> None:
     exact = Circle(np.zeros(3), 1.0, 1.0, 1.0)
-    gaps = [
+    closure_errors = [
         np.linalg.norm(FromFunction(lambda time: exact.at(time).X_WP_d, step=step).at(2.5).V_WP_d - exact.at(2.5).V_WP_d)
         for step in (0.08, 0.04)
     ]
-    assert_allclose(math.log2(gaps[0] / gaps[1]), 4.0, atol=0.1)
+    assert_allclose(math.log2(closure_errors[0] / closure_errors[1]), 4.0, atol=0.1)
 
 
 def test_given_twist_and_acceleration_are_used_as_they_are() -> None:

@@ -84,7 +84,7 @@ def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
     assert SweepResult.load(tmp_path).counts()["missing"] == 1
     assert small(tmp_path).data.identical(before)
     assert len(computed) == 4
-    assert (tmp_path / "set-aside" / damaged.name).read_bytes() == content
+    assert (tmp_path / "quarantine" / damaged.name).read_bytes() == content
 
 
 def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from coop_pin.errors import EntryNotFoundError, FieldError, UnfinishedSweepError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
 from coop_pin.sweeps.record import Failure, Record
-from coop_pin.sweeps.sensitivity import not_dominated
+from coop_pin.sweeps.sensitivity import pareto_front
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import key_of
 
@@ -89,7 +89,7 @@ def test_the_pareto_front_is_what_nothing_beats(tmp_path):
     random = np.random.default_rng(0)
     a, b = random.random((2, 200))
     a[5], b[6], a[7:9] = np.nan, np.inf, 0.5
-    front = not_dominated(a, b)
+    front = pareto_front(a, b)
     usable = [i for i in range(200) if np.isfinite(a[i]) and np.isfinite(b[i])]
     wanted = {i for i in usable if not any((a[j] <= a[i]) & (b[j] <= b[i]) & ((a[j] < a[i]) | (b[j] < b[i])) for j in usable)}
     assert set(front) == wanted

@@ -13,7 +13,7 @@ import pytest
 
 from coop_pin.errors import DivergedError, StoreLockedError, StoreWriteError, SweepStoreError
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record, flat, seal, unseal
+from coop_pin.sweeps.record import Failure, Record, flat, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.store import FolderLock, SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
@@ -53,8 +53,8 @@ def test_any_cut_is_seen_and_so_are_other_files():
     data = RECORD.to_bytes()
     for end in range(len(data)):
         with pytest.raises(SweepStoreError):
-            unseal(data[:end])
-    for foreign in (b"", b"{}", b"hello", 200 * b"\0", data + b"\n", seal({"key": KEY})):
+            from_checksummed_json(data[:end])
+    for foreign in (b"", b"{}", b"hello", 200 * b"\0", data + b"\n", to_checksummed_json({"key": KEY})):
         with pytest.raises(SweepStoreError):
             Record.from_bytes(foreign)
 
@@ -94,7 +94,7 @@ def test_a_damaged_record_is_moved_aside_and_kept_there(store):
             store.read(KEY)
         assert store.read_or_set_aside(KEY) is None
         assert not path.exists()
-        aside = sorted((store.folder / "set-aside").iterdir())
+        aside = sorted((store.folder / "quarantine").iterdir())
         assert len(aside) == count + 1
         assert aside[0].read_bytes() == damaged
 
@@ -115,7 +115,7 @@ def test_a_kept_result_must_be_whole(store):
     store.result_path(KEY).write_bytes(b"netcdg")
     assert store.read_or_set_aside(KEY, with_result=True) is None
     assert store.read_or_set_aside(KEY) == record
-    assert [file.suffix for file in (store.folder / "set-aside").iterdir()] == [".nc"]
+    assert [file.suffix for file in (store.folder / "quarantine").iterdir()] == [".nc"]
 
 
 def test_tidying_removes_parts_moves_foreign_files_and_touches_no_record(store):
@@ -132,7 +132,7 @@ def test_tidying_removes_parts_moves_foreign_files_and_touches_no_record(store):
     assert store.tidy() == len(foreign)
     assert not part.exists()
     assert not any(file.exists() for file in foreign)
-    assert len(list((store.folder / "set-aside").iterdir())) == len(foreign)
+    assert len(list((store.folder / "quarantine").iterdir())) == len(foreign)
     assert store.read_or_set_aside(KEY, with_result=True) is not None
     assert store.tidy() == 0
 

@@ -29,9 +29,9 @@ from coop_pin.errors import (
     WorkersLostError,
 )
 from coop_pin.sweeps import SweepResult
-from coop_pin.sweeps.search import Effort, first_generation
+from coop_pin.sweeps.search import Budget, first_generation
 from coop_pin.sweeps.store import FolderLock
-from coop_pin.sweeps.tuner import Bound, Goal
+from coop_pin.sweeps.tuner import Bound, Objective
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})
@@ -94,7 +94,7 @@ def test_the_result_is_the_best_of_its_history_and_within_its_ranges(searches, m
 def test_every_search_begins_with_the_same_hypercube(searches, method):
     """One point in each fifth of the range."""
     first = searches(method)[0].history.data[GAIN].values[:5]
-    assert_allclose(first, first_generation(RANGES, Effort.of(1, 5, 1, 0))[:, 0], rtol=0, atol=1e-12)
+    assert_allclose(first, first_generation(RANGES, Budget.of(1, 5, 1, 0))[:, 0], rtol=0, atol=1e-12)
     assert_array_equal(np.sort(((first - 0.5) / 5.5 * 5).astype(int)), np.arange(5))
 
 
@@ -108,7 +108,7 @@ def test_later_generations_come_closer_to_a_known_minimum(method):
         seen.append(((points - [0.3, -1.0]) ** 2).sum(axis=1))
         return seen[-1]
 
-    effort = Effort.of(8, 6, 2, seed=1)
+    effort = Budget.of(8, 6, 2, seed=1)
     _SEARCHES[method](bowl, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, effort)
     assert [len(costs) for costs in seen] == [effort.size] * 9
     assert effort.runs == sum(map(len, seen))
@@ -151,7 +151,7 @@ class Table:
 
 def test_a_run_within_the_bounds_costs_less_than_one_outside_that_less_than_one_further_out_and_a_failed_one_the_most():
     runs = Table(small=[5.0, 1.0, 0.5, np.nan, 0.1], bounded=[1.9, 2.0, 3.0, np.nan, 5.0])
-    goal = Goal("small", (Bound("bounded", 1, 2.0),))
+    goal = Objective("small", (Bound("bounded", 1, 2.0),))
     costs = goal.costs(runs)
     assert_array_equal(np.argsort(costs), [1, 0, 2, 4, 3])
     assert_array_equal(costs[:2], [5.0, 1.0])
@@ -256,7 +256,7 @@ def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_pat
 
 def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_nothing(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
-    original = Goal.costs
+    original = Objective.costs
     with contextlib.ExitStack() as stack:
         address = stack.enter_context(scheduler_elsewhere(tmp_path))
 
@@ -264,14 +264,14 @@ def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_no
             stack.close()
             return original(self, result)
 
-        monkeypatch.setattr(Goal, "costs", last_costs)
+        monkeypatch.setattr(Objective, "costs", last_costs)
         with pytest.raises(WorkersLostError, match="finished runs are kept"):
             cp.tune(SHORT, RANGES, out=tmp_path / "out", scheduler=address, **OPTIONS)
     assert SweepResult.load(tmp_path / "out").counts() == {"ok": 5, "failed": 0, "missing": 5}
 
 
 def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(tmp_path, searches, monkeypatch, clusters):
-    original, killed = Goal.costs, []
+    original, killed = Objective.costs, []
 
     def costs(self, result):
         for child in psutil.Process().children(recursive=True):
@@ -281,7 +281,7 @@ def test_workers_that_die_between_generations_are_replaced_and_the_history_stays
                     killed.append(child.pid)
         return original(self, result)
 
-    monkeypatch.setattr(Goal, "costs", costs)
+    monkeypatch.setattr(Objective, "costs", costs)
     found = cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"workers": 1})
     assert killed
     assert clusters == [1]

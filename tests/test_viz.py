@@ -161,15 +161,15 @@ def test_payload_and_ghost_follow_the_recorded_poses(replay: Replay) -> None:
 
 
 def test_rooted_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
-    rooted = spatial.result
-    cell, q = rooted.scenario.cell, rooted.data["configuration"].values[:5]
-    payload = np.concatenate((rooted.data["payload_position"].values[:5], rooted.data["payload_quaternion"].values[:5]), axis=1)
+    welded = spatial.result
+    cell, q = welded.scenario.cell, welded.data["configuration"].values[:5]
+    payload = np.concatenate((welded.data["payload_position"].values[:5], welded.data["payload_quaternion"].values[:5]), axis=1)
     free = CellVisuals(cell, "free").poses(np.concatenate((q, payload), axis=1))
-    assert_allclose(free, CellVisuals(cell, "rooted").poses(q), atol=1e-12)
+    assert_allclose(free, CellVisuals(cell, "welded").poses(q), atol=1e-12)
 
 
 def test_thinned_links_are_light_and_keep_their_place(spatial: Replay) -> None:
-    bodies = CellVisuals(spatial.result.scenario.cell, "rooted").bodies
+    bodies = CellVisuals(spatial.result.scenario.cell, "welded").bodies
     meshes = [visual.shape for body in bodies for visual in body.visuals]
     assert len(meshes) == 14
     for mesh in meshes:
@@ -392,7 +392,7 @@ def test_what_hangs_on_a_locked_joint_is_drawn_where_the_joint_is_held() -> None
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()})
     q = np.array((0.3, -0.4, 0.2, -1.9, 0.1, 1.6, 0.7))
-    visuals = CellVisuals(cell, "rooted")
+    visuals = CellVisuals(cell, "welded")
     drawn = dict(zip((body.name for body in visuals.bodies), visuals.poses(q[None])[0], strict=True))
     hand = next(body for body in visuals.bodies if body.name == "only/panda_joint7")
     fingers = {visual.name: visual.pose for visual in hand.visuals if "finger" in visual.name}
@@ -422,9 +422,9 @@ def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None
     cell = planar_scenario().cell
     arm = cell.arms["left"].replace(urdf=str(path))
     with pytest.warns(GeometryWarning, match=r"link 'link_3' of .*broken\.urdf.*clamp\.stl"):
-        broken_bodies = CellVisuals(cell.replace(arms={**cell.arms, "left": arm}), "rooted").bodies
+        broken_bodies = CellVisuals(cell.replace(arms={**cell.arms, "left": arm}), "welded").bodies
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        whole = CellVisuals(cell, "rooted").bodies
+        whole = CellVisuals(cell, "welded").bodies
     missing = {body.name for body in whole} - {body.name for body in broken_bodies}
     assert missing == {"left/joint_3"}

@@ -1,23 +1,23 @@
 """What can be said about a scenario beyond running it."""
 
 import coop_pin.model.require_pinocchio  # noqa: F401  first, so that a missing Pinocchio is told in words
-from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, LimitApproach, NearlySingular, ReachLoss
+from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_damping import sampled_damping
-from coop_pin.analysis.sampled_stability import HeldDamping, held_damping
+from coop_pin.analysis.sampled_stability import SampledStability, sampled_stability
 
 __all__ = [
     "ArmReach",
     "CellSummary",
     "FastestJoint",
-    "HeldDamping",
-    "LimitApproach",
+    "SampledStability",
+    "JointLimitMargin",
     "NearlySingular",
-    "ReachLoss",
+    "Unreachable",
     "Reachability",
     "cell_summary",
-    "held_damping",
+    "sampled_stability",
     "reachability",
     "sampled_damping",
 ]

@@ -11,7 +11,7 @@ from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.errors import UnreachablePoseError
 
 
-class ReachLoss(NamedTuple):
+class Unreachable(NamedTuple):
     """The arm cannot follow.
 
     Attributes:
@@ -43,7 +43,7 @@ class NearlySingular(NamedTuple):
     condition: float
 
 
-class LimitApproach(NamedTuple):
+class JointLimitMargin(NamedTuple):
     """A joint near or at a position limit.
 
     Attributes:
@@ -110,10 +110,10 @@ class ArmReach:
     sigma_min: Array
     condition: Array
     refusal: UnreachablePoseError | None = None
-    loss: ReachLoss | None = None
+    loss: Unreachable | None = None
     singular: NearlySingular | None = None
-    crossing: LimitApproach | None = None
-    closest: LimitApproach | None = None
+    crossing: JointLimitMargin | None = None
+    closest: JointLimitMargin | None = None
     fastest: FastestJoint | None = None
 
     @property

@@ -15,7 +15,7 @@ from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
-from coop_pin.model.arm_model import ArmModel, arm_alone
+from coop_pin.model.arm_model import ArmModel, load_arm_model
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits, joint_limits
@@ -24,7 +24,7 @@ from coop_pin.model.pinocchio_model import frame_id
 _SEEDS = 8
 
 
-def arm_extent(arm: Arm) -> float:
+def maximum_reach(arm: Arm) -> float:
     """Return the greatest distance found between the first joint and the tip within the joint limits, m.
 
     Quasi-Newton ascent from eight configurations, the same at every call: a lower bound that is attained.
@@ -32,7 +32,7 @@ def arm_extent(arm: Arm) -> float:
     Raises:
         UrdfNotFoundError, UrdfError, FrameNotFoundError: the arm cannot be built.
     """
-    model, limits = arm_alone(arm), joint_limits(arm)
+    model, limits = load_arm_model(arm), joint_limits(arm)
     data, tip, angles = model.createData(), frame_id(model, arm.tip), JointAngles(model)
     origin = np.array(model.jointPlacements[1].translation)
 
@@ -159,8 +159,8 @@ def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
         base=arm.base.xyz,
         locked=tuple(arm.locked),
         joints=_joints(place, limits, q),
-        mass=float(sum(inertia.mass for inertia in list(arm_alone(arm).inertias)[1:])),
-        extent=arm_extent(arm),
+        mass=float(sum(inertia.mass for inertia in list(load_arm_model(arm).inertias)[1:])),
+        extent=maximum_reach(arm),
         smallest_singular_value=float(np.linalg.svd(J, compute_uv=False)[-1]),
     )
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.arm_reach import FastestJoint, LimitApproach, NearlySingular, ReachLoss
+from coop_pin.analysis.arm_reach import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.ik_solver import Landing, TipSearch
-from coop_pin.chain.inverse_kinematics import closing_angles, configuration_near
+from coop_pin.chain.ik_solver import IKSolution, IKSolver
+from coop_pin.chain.inverse_kinematics import configuration_near, solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
@@ -54,7 +54,7 @@ _SLIDES = 2
 _ANGLE_WEIGHT = 1e-3
 
 
-def follow(search: TipSearch, poses: Sequence[Array], q: Array, near: Array) -> list[Landing]:
+def follow(search: IKSolver, poses: Sequence[Array], q: Array, near: Array) -> list[IKSolution]:
     """Return where an arm stands at every pose of a path, carried on from pose to pose.
 
     Limits are not looked at: no law avoids them. Where a pose is out of reach, the arm takes the angles that come nearest, least
@@ -66,7 +66,7 @@ def follow(search: TipSearch, poses: Sequence[Array], q: Array, near: Array) -> 
         q: angles that hold the first, shape (nq,).
         near: the posture, shape (nq,).
     """
-    landings: list[Landing] = []
+    landings: list[IKSolution] = []
     last, halvings = search.grasp(poses[0]), _HALVINGS
     for X_WP in poses:
         target = search.grasp(X_WP)
@@ -78,7 +78,7 @@ def follow(search: TipSearch, poses: Sequence[Array], q: Array, near: Array) -> 
     return landings
 
 
-def step_to(search: TipSearch, last: pin.SE3, target: pin.SE3, q: Array, halvings: int = _HALVINGS) -> Landing:
+def step_to(search: IKSolver, last: pin.SE3, target: pin.SE3, q: Array, halvings: int = _HALVINGS) -> IKSolution:
     """Return where an arm stands after a step of its grasp, halved until no joint moves far in one go.
 
     Args:
@@ -122,7 +122,7 @@ class ArmWalk:
             route: where the payload goes.
             q: angles that hold it at the first pose, shape (nq,).
         """
-        self._name, self._model, self._route, self._search = name, model, route, TipSearch(model)
+        self._name, self._model, self._route, self._search = name, model, route, IKSolver(model)
         posture = scenario.cell.arms[name].posture
         self._near = q if posture is None else configuration_near(name, model, posture)
         self._landings = follow(self._search, list(route.poses), q, self._near)
@@ -138,18 +138,18 @@ class ArmWalk:
         drive_rates = [np.linalg.pinv(J) @ rows.select(V) for J, V in zip(self._jacobians, route.twists, strict=True)]
         self._rates = np.stack(drive_rates) @ from_drive.T
 
-    def loss(self) -> ReachLoss | None:
+    def loss(self) -> Unreachable | None:
         """Return when the arm first cannot follow, to a millionth of the spacing, and the gap where it is farthest away."""
         if self._held.all():
             return None
         worst = max(range(len(self._landings)), key=lambda index: (self._landings[index].distance, self._landings[index].angle))
         gap_m, gap_rad, other_branch = self._landings[worst].distance, self._landings[worst].angle, True
         try:
-            closing_angles(self._name, self._model, self._route.poses[worst], self._near)
+            solve_ik(self._name, self._model, self._route.poses[worst], self._near)
         except UnreachablePoseError as error:
             gap_m, gap_rad, other_branch = error.gap_m, error.gap_rad, False
         time = self._last_held(int(np.argmin(self._held)))
-        return ReachLoss(time, float(self._route.times[worst]), gap_m, gap_rad, other_branch)
+        return Unreachable(time, float(self._route.times[worst]), gap_m, gap_rad, other_branch)
 
     def _last_held(self, first: int) -> float:
         """Return the last time before a pose out of reach at which the arm still holds, by bisection."""
@@ -171,7 +171,7 @@ class ArmWalk:
         index = int(np.argmin(np.where(self._held, self.sigma_min, np.inf)))
         return NearlySingular(float(self._route.times[index]), float(self.sigma_min[index]), float(self.condition[index]))
 
-    def crossing(self) -> LimitApproach | None:
+    def crossing(self) -> JointLimitMargin | None:
         """Return the first joint that leaves its position limits, with the time interpolated between two poses."""
         ranges = self._search.ranges
         beyond = np.stack([ranges.beyond(q) for q in self.q]) * self._held[:, None]
@@ -185,7 +185,7 @@ class ArmWalk:
         part = (limit - before) / (after - before) if after != before else 0.0
         return self._limit(joint, self._between(max(index - 1, 0), part), limit)
 
-    def closest(self) -> LimitApproach | None:
+    def closest(self) -> JointLimitMargin | None:
         """Return the joint with the smallest margin to a position limit, where it is smallest."""
         ranges = self._search.ranges
         values = np.stack([ranges.values(q) for q in self.q])
@@ -195,9 +195,11 @@ class ArmWalk:
             return None
         return self._limit(int(joint), float(self._route.times[index]), float(values[index, joint]))
 
-    def _limit(self, joint: int, time: float, value: float) -> LimitApproach:
+    def _limit(self, joint: int, time: float, value: float) -> JointLimitMargin:
         ranges = self._search.ranges
-        return LimitApproach(ranges.names[joint], time, value, float(ranges.lower[joint]), float(ranges.upper[joint]), ranges.units[joint])
+        return JointLimitMargin(
+            ranges.names[joint], time, value, float(ranges.lower[joint]), float(ranges.upper[joint]), ranges.units[joint]
+        )
 
     def fastest(self) -> FastestJoint | None:
         """Return the joint with the largest speed by its limit; of a redundant arm, at the least rates J^+ V_WP."""

@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.analysis.arm_reach import ArmReach
 from coop_pin.analysis.path_following import ArmWalk, Route, route_of
 from coop_pin.arrays import frozen
-from coop_pin.chain.inverse_kinematics import closing_angles
+from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
@@ -73,7 +73,7 @@ def _arm_reach(scenario: Scenario, name: str, route: Route) -> ArmReach:
     arm = scenario.cell.arms[name]
     model = ArmModel(arm, scenario.cell.grasps[name].matrix)
     try:
-        q = closing_angles(name, model, route.poses[0], arm.posture)
+        q = solve_ik(name, model, route.poses[0], arm.posture)
     except UnreachablePoseError as error:
         nothing = frozen(np.zeros(0))
         return ArmReach(name, nothing, frozen(np.zeros((0, model.nq))), nothing, nothing, refusal=error)

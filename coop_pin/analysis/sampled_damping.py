@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigvalsh
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.chain.inverse_kinematics import closing_angles
+from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.cell import Cell
 from coop_pin.model.arm_model import ArmModel
 
@@ -38,7 +38,7 @@ def sampled_damping(cell: Cell, X_WP: ArrayLike, damping_gains: Mapping[str, Arr
     damping = np.zeros_like(inertia)
     for name, arm in cell.arms.items():
         model = ArmModel(arm, cell.grasps[name].matrix)
-        q = closing_angles(name, model, X, arm.posture)
+        q = solve_ik(name, model, X, arm.posture)
         to_drive = np.linalg.inv(model.drive)
         J_inverse = np.linalg.inv(rows.select(model.payload_jacobian(q)) @ to_drive)
         drive_inertia = to_drive.T @ model.mass_matrix(q) @ to_drive

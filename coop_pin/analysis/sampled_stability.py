@@ -20,7 +20,7 @@ _NOTHING = 1e-6
 _SHARE_OF_MODE = 0.3
 
 
-class HeldDamping(NamedTuple):
+class SampledStability(NamedTuple):
     """How near the held torques come to shaking the cell.
 
     Attributes:
@@ -49,7 +49,7 @@ class HeldDamping(NamedTuple):
         )
 
 
-def held_damping(scenario: Scenario) -> HeldDamping:
+def sampled_stability(scenario: Scenario) -> SampledStability:
     """Return how much damping the controller holds over a tick, at the start of the run and to first order.
 
     With D = -d(acceleration)/dv through the torques alone, closures kept, the speeds go from tick to tick as v[k+1] = (I - T D) v[k].
@@ -77,7 +77,7 @@ def held_damping(scenario: Scenario) -> HeldDamping:
     T = scenario.clock.period
     values = np.array([_held(T * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    return HeldDamping(float(values[worst]), scenario.clock.rate_hz, _moving(simulation, np.abs(modes[:, worst])))
+    return SampledStability(float(values[worst]), scenario.clock.rate_hz, _moving(simulation, np.abs(modes[:, worst])))
 
 
 def _held(entry: complex) -> float:

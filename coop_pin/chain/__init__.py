@@ -5,8 +5,8 @@ from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_set import Gap
-from coop_pin.chain.inverse_kinematics import closing_angles, closing_branches
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.inverse_kinematics import ik_branches, solve_ik
 from coop_pin.chain.trajectory import Trajectory
 
 __all__ = [
@@ -16,8 +16,8 @@ __all__ = [
     "ClosedChain",
     "Closure",
     "Energy",
-    "Gap",
+    "ClosureError",
     "Trajectory",
-    "closing_angles",
-    "closing_branches",
+    "solve_ik",
+    "ik_branches",
 ]

@@ -14,9 +14,9 @@ from coop_pin.arrays import Array, Mask, as_array
 from coop_pin.chain.chain_dynamics import Energy
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_set import Gap
-from coop_pin.chain.inverse_kinematics import closing_angles
-from coop_pin.chain.kkt_solver import mass_weighted
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.inverse_kinematics import solve_ik
+from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
@@ -27,7 +27,7 @@ from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _NO_WRENCH = np.zeros(6)
-_CLOSED_BY_TREE = Gap(0.0, 0.0)
+_CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 
 
 class Observation(NamedTuple):
@@ -37,7 +37,7 @@ class Observation(NamedTuple):
         payload_pose: X_WP, shape (4, 4).
         payload_twist: V_WP, shape (6,).
         tip_positions: of every tip in the world, m, shape (m, 3).
-        gaps: for each arm how far its tip stands from its grasp.
+        closure_errors: for each arm how far its tip stands from its grasp.
         interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (m, 6).
         energy: kinetic and potential, J.
     """
@@ -45,7 +45,7 @@ class Observation(NamedTuple):
     payload_pose: Array
     payload_twist: Array
     tip_positions: Array
-    gaps: list[Gap]
+    closure_errors: list[ClosureError]
     interaction_wrenches: Array
     energy: Energy
 
@@ -53,7 +53,7 @@ class Observation(NamedTuple):
 class CellChain:
     """The plant of a cell.
 
-    The payload is rooted at the first arm's tip (its wrench follows from the payload's own balance), or floats free and is
+    The payload is welded at the first arm's tip (its wrench follows from the payload's own balance), or floats free and is
     held by m closures. Both are the same mechanism.
 
     Attributes:
@@ -67,7 +67,7 @@ class CellChain:
 
         Args:
             cell: the description.
-            options: payload rooted or free, formulation and stabilisation; those of PlantOptions when omitted.
+            options: payload welded or free, formulation and stabilisation; those of PlantOptions when omitted.
 
         Raises:
             UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
@@ -78,7 +78,7 @@ class CellChain:
         held = [name for name in cell.arms if name not in self.tree.closed_by_tree]
         closures = [Closure(f"{name}/grasp", f"payload/{name}") for name in held]
         chain = ClosedChain(self.tree.model, closures, options.stabilisation)
-        self.chain = chain.with_rank_cut() if options.formulation == "rank-cut" else chain
+        self.chain = chain.with_kkt() if options.formulation == "kkt" else chain
         self._data = self.tree.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._grasps = [frame_id(self.tree.model, f"payload/{name}") for name in cell.arms]
@@ -96,7 +96,7 @@ class CellChain:
         X, configurations = as_array("X_WP", X_WP, 4, 4), []
         for name, arm in self.cell.arms.items():
             model = ArmModel(arm, self.cell.grasps[name].matrix)
-            configurations.append(closing_angles(name, model, X, arm.posture))
+            configurations.append(solve_ik(name, model, X, arm.posture))
         return self.chain.project_configuration(self.tree.configuration(configurations, X))
 
     def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
@@ -104,7 +104,7 @@ class CellChain:
 
         Args:
             angles: of every arm, rad, shape (k,) each.
-            X_WP: payload pose; a payload rooted at the first arm stands where that arm holds it instead.
+            X_WP: payload pose; a payload welded at the first arm stands where that arm holds it instead.
         """
         stated = [
             arm.angles.configuration(as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))) for arm in self.tree.arms
@@ -120,7 +120,7 @@ class CellChain:
         frames = self._at(q)
         for arm in self.tree.arms:
             X_EG = frames[arm.tip].actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
-            gap = Gap(float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation))))
+            gap = ClosureError(float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation))))
             if not max(gap) <= allowed:
                 raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 
@@ -141,9 +141,9 @@ class CellChain:
         """Return the position of every tip in the world, m, shape (m, 3)."""
         return self._tips(self._at(self._q(q)))
 
-    def gaps(self, q: ArrayLike) -> list[Gap]:
+    def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return for each arm how far its tip stands from its grasp."""
-        return self._gaps(self._at(self._q(q)))
+        return self._closure_errors(self._at(self._q(q)))
 
     def interaction_wrenches(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
@@ -166,7 +166,7 @@ class CellChain:
             payload_pose=frames[payload].homogeneous,
             payload_twist=pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             tip_positions=self._tips(frames),
-            gaps=self._gaps(frames),
+            closure_errors=self._closure_errors(frames),
             interaction_wrenches=self._wrenches(frames, external),
             energy=Energy(pin.computeKineticEnergy(model, data), pin.computePotentialEnergy(model, data)),
         )
@@ -186,12 +186,12 @@ class CellChain:
     def _tips(self, frames: Any) -> Array:
         return np.array([frames[arm.tip].translation for arm in self.tree.arms])
 
-    def _gaps(self, frames: Any) -> list[Gap]:
-        gaps = [_CLOSED_BY_TREE] * len(self.tree.arms)
+    def _closure_errors(self, frames: Any) -> list[ClosureError]:
+        closure_errors = [_CLOSED_BY_TREE] * len(self.tree.arms)
         for index in self._held:
             error = pin.log6(frames[self.tree.arms[index].tip].actInv(frames[self._grasps[index]])).vector.tolist()
-            gaps[index] = Gap(math.hypot(*error[:3]), math.hypot(*error[3:]))
-        return gaps
+            closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
+        return closure_errors
 
     def _wrenches(self, frames: Any, external: Array) -> Array:
         """Return the wrenches of the solver's last solution: moved from each tip to P in payload axes, and turned at the end."""
@@ -219,7 +219,7 @@ class CellChain:
 _UNDETERMINED = 1e-6
 
 
-def determined_rows(chain: CellChain, q: Array) -> Mask:
+def determinate_rows(chain: CellChain, q: Array) -> Mask:
     """Say which rows of the interaction wrenches (about P, in world axes) the closed chain determines, shape (6,).
 
     Closure multipliers in the null space of J^T move no joint. Rows that they reach are shared between the arms' structures in
@@ -232,7 +232,7 @@ def determined_rows(chain: CellChain, q: Array) -> Mask:
     model, data = chain.tree.model, chain.tree.model.createData()
     closed = chain.chain.closures
     state = closed.state(q, np.zeros(model.nv))
-    weighted = mass_weighted(symmetric(pin.crba(model, data, q)), state.jacobian)
+    weighted = constraint_svd(symmetric(pin.crba(model, data, q)), state.jacobian)
     idle = np.eye(len(state.position)) - weighted.left @ weighted.left.T
     pin.framesForwardKinematics(model, data, q)
     p_WP = data.oMf[chain.tree.payload_frame].translation

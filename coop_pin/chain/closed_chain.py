@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_set import Closures, ClosureState, Gap
-from coop_pin.chain.kkt_solver import MassWeightedClosure, RankCutSolver
+from coop_pin.chain.closure_set import ClosureError, ClosureSet, ClosureState
+from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import ProximalSolver
 from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
@@ -22,7 +22,7 @@ from coop_pin.description.plant import Stabilisation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.pinocchio_model import configuration_at, frame_id, mechanism_model, velocity_at
 
-Formulation = Literal["auto", "proximal", "rank-cut"]
+Formulation = Literal["auto", "proximal", "kkt"]
 
 _RESIDUAL_ALLOWED = 1e-6
 _CLOSED = 1e-9
@@ -49,7 +49,7 @@ class ClosedChain:
         solver: what solves the constrained dynamics of a state.
     """
 
-    solver: ProximalSolver | RankCutSolver
+    solver: ProximalSolver | KKTSolver
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class ClosedChain:
             model: the tree; it is kept, not copied.
             closures: what closes it.
             stabilisation: Baumgarte's, with 10 rad/s and critical damping when omitted.
-            formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows only), "rank-cut" (a KKT
+            formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows only), "kkt" (a KKT
                 system cut at its rank, any rows), or "auto": the first for the dynamics of one state where it can express the
                 rows, the second elsewhere and for motions. A motion leaves the closures a little within each step; the
                 proximal method then takes redundant rows of a spatial loop for independent ones and stops the mechanism.
@@ -76,11 +76,11 @@ class ClosedChain:
         """
         self.model = model
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
-        self.closures = Closures(model, closures)
+        self.closures = ClosureSet(model, closures)
         self._data = model.createData()
         self._projection = Projection(model, self.closures)
         self.solver = self._new_solver(formulation)
-        self._mover = RankCutSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
+        self._mover = KKTSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
 
     @classmethod
     def from_urdf(
@@ -110,9 +110,9 @@ class ClosedChain:
         """
         return cls(mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation)
 
-    def with_rank_cut(self) -> ClosedChain:
+    def with_kkt(self) -> ClosedChain:
         """Return the same chain (sharing the tree) solved by the rank-cut KKT."""
-        return ClosedChain(self.model, self.closures.closures, self.stabilisation, "rank-cut")
+        return ClosedChain(self.model, self.closures.closures, self.stabilisation, "kkt")
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
         """Return the configuration with some joints at given angles (rad, m) and the others neutral, shape (nq,).
@@ -220,9 +220,9 @@ class ClosedChain:
         kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
         return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
 
-    def gaps(self, q: Array) -> list[Gap]:
+    def closure_errors(self, q: Array) -> list[ClosureError]:
         """Return how far each closure stands open."""
-        return self.closures.gaps(q)
+        return self.closures.closure_errors(q)
 
     def project_configuration(self, q: ArrayLike) -> Array:
         """Return the configuration on the closures that mass-weighted Newton steps reach from q.
@@ -246,15 +246,15 @@ class ClosedChain:
         """
         self._projection.require_closed(q, allowed)
 
-    def _new_solver(self, formulation: Formulation) -> ProximalSolver | RankCutSolver:
+    def _new_solver(self, formulation: Formulation) -> ProximalSolver | KKTSolver:
         can_be_proximal = ProximalSolver.can_solve(self.closures.closures)
-        if formulation not in ("auto", "proximal", "rank-cut"):
-            raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'rank-cut'")
+        if formulation not in ("auto", "proximal", "kkt"):
+            raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         if formulation == "proximal" and not can_be_proximal:
-            raise ArgumentError("formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'rank-cut'")
-        if can_be_proximal and formulation != "rank-cut":
+            raise ArgumentError("formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'")
+        if can_be_proximal and formulation != "kkt":
             return ProximalSolver(self.model, self.closures.closures, self.stabilisation)
-        return RankCutSolver(self.model, self.closures, self.stabilisation)
+        return KKTSolver(self.model, self.closures, self.stabilisation)
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)
@@ -264,7 +264,7 @@ class ClosedChain:
         gains = self.stabilisation
         return state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
 
-    def _residual_allowed(self, weighted: MassWeightedClosure, a: Array) -> float:
+    def _residual_allowed(self, weighted: ConstraintSVD, a: Array) -> float:
         """Return the largest residual that a solution may leave; rows dropped next to a singular pose still see the motion."""
         seen = weighted.dropped * float(np.linalg.norm(weighted.factor.T @ a))
         return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0))) + 10.0 * seen

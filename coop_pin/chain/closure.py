@@ -92,7 +92,7 @@ def _pose(name: str, value: ArrayLike) -> Array:
     return frozen(X)
 
 
-class ClosureError(NamedTuple):
+class ClosureKinematics(NamedTuple):
     """The errors of a closure with k rows.
 
     Attributes:
@@ -108,11 +108,11 @@ class ClosureError(NamedTuple):
     drift: Array
 
 
-ErrorFunction = Callable[[pin.SE3, pin.Motion, pin.Motion], ClosureError]
+ErrorFunction = Callable[[pin.SE3, pin.Motion, pin.Motion], ClosureKinematics]
 
 
 def error_function(closure: Closure) -> ErrorFunction:
-    """Return the function (X_ab, V_a, V_b) -> ClosureError of a closure."""
+    """Return the function (X_ab, V_a, V_b) -> ClosureKinematics of a closure."""
     mask = closure.mask
     if all(mask):
         return _weld
@@ -121,23 +121,23 @@ def error_function(closure: Closure) -> ErrorFunction:
     return lambda X_ab, V_a, V_b: _masked(X_ab, V_a, V_b, mask)
 
 
-def _weld(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
+def _weld(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureKinematics:
     """Return e = -log6(X_ab), e' = V_a - Ad(X_ab) V_b: the error that pinocchio.constraintDynamics stabilises."""
     V_b_in_a = X_ab.act(V_b)
     drift = (V_a - V_b_in_a).cross(V_b_in_a).vector
-    return ClosureError(-pin.log6(X_ab).vector, np.eye(6), -X_ab.toActionMatrix(), drift)
+    return ClosureKinematics(-pin.log6(X_ab).vector, np.eye(6), -X_ab.toActionMatrix(), drift)
 
 
-def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureError:
+def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureKinematics:
     """Return e = R_WA^T (p_a - p_b) with derivatives taken in the world, so that e decays along a straight line."""
     R_ab = X_ab.rotation
     A_a, A_b = np.zeros((3, 6)), np.zeros((3, 6))
     A_a[:, :3], A_b[:, :3] = np.eye(3), -R_ab
     drift = _cross(V_a.angular, V_a.linear) - R_ab @ _cross(V_b.angular, V_b.linear)
-    return ClosureError(-X_ab.translation, A_a, A_b, drift)
+    return ClosureKinematics(-X_ab.translation, A_a, A_b, drift)
 
 
-def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureError:
+def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureKinematics:
     """Return the held rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
     R_ab, p_ab = X_ab.rotation, X_ab.translation
     w_a, w_b, v_b = V_a.angular, R_ab @ V_b.angular, R_ab @ V_b.linear
@@ -150,7 +150,7 @@ def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> C
     angular = rotation.G @ _cross(w_a, w_b) - rotation.G_rate @ (w_b - w_a)
     rows = np.array(mask)
     position = np.concatenate((-p_ab, rotation.position))
-    return ClosureError(position[rows], A_a[rows], A_b[rows], np.concatenate((linear, angular))[rows])
+    return ClosureKinematics(position[rows], A_a[rows], A_b[rows], np.concatenate((linear, angular))[rows])
 
 
 class _RotationError(NamedTuple):

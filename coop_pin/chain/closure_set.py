@@ -51,7 +51,7 @@ class ClosureFrame:
         """Return the twist of C in its own axes."""
         return self.X_JC.actInv(data.v[self.joint])
 
-    def add_motion(self, A: Array, model: pin.Model, data: pin.Data, jacobian: Array, drift: Array) -> None:
+    def add_jacobian(self, A: Array, model: pin.Model, data: pin.Data, jacobian: Array, drift: Array) -> None:
         """Add A J_C to a Jacobian, shape (k, nv), and A a_C to a drift, shape (k,); the world adds nothing.
 
         J_C is the Jacobian of C and a_C its spatial acceleration, both in its own axes.
@@ -95,7 +95,7 @@ class ClosureState(NamedTuple):
     wrench_map: Array
 
 
-class Gap(NamedTuple):
+class ClosureError(NamedTuple):
     """How far a closure stands open in its held rows.
 
     Attributes:
@@ -107,7 +107,7 @@ class Gap(NamedTuple):
     angle: float
 
 
-class Closures:
+class ClosureSet:
     """The closures of a tree.
 
     Attributes:
@@ -143,18 +143,18 @@ class Closures:
             error = self._errors[index](a.pose(data).actInv(b.pose(data)), a.twist(data), b.twist(data))
             position[rows], drift[rows] = error.position, error.drift
             wrench_map[index, :, rows] = error.A_a.T
-            a.add_motion(error.A_a, model, data, jacobian[rows], drift[rows])
-            b.add_motion(error.A_b, model, data, jacobian[rows], drift[rows])
+            a.add_jacobian(error.A_a, model, data, jacobian[rows], drift[rows])
+            b.add_jacobian(error.A_b, model, data, jacobian[rows], drift[rows])
         return ClosureState(position, jacobian.dot(v), jacobian, drift, wrench_map)
 
-    def gaps(self, q: Array) -> list[Gap]:
+    def closure_errors(self, q: Array) -> list[ClosureError]:
         """Return how far each closure stands open at q."""
         pin.forwardKinematics(self._model, self._data, q)
         nothing = pin.Motion.Zero()
-        gaps = []
+        closure_errors = []
         for index, (a, b) in enumerate(self.sides):
             X_ab = a.pose(self._data).actInv(b.pose(self._data))
             error = np.zeros(6)
             error[list(self.closures[index].mask)] = self._errors[index](X_ab, nothing, nothing).position
-            gaps.append(Gap(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))))
-        return gaps
+            closure_errors.append(ClosureError(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))))
+        return closure_errors

@@ -17,7 +17,7 @@ CLOSED = 1e-9
 """A gap below this is closed, m and rad."""
 
 
-class Landing(NamedTuple):
+class IKSolution(NamedTuple):
     """Where a search ended.
 
     Attributes:
@@ -53,7 +53,7 @@ _RANK_CUT = 1e-6
 _EVEN = np.ones(6)
 
 
-class TipSearch:
+class IKSolver:
     """Searches on the kinematics of one arm, with Pinocchio called directly: some 30 microseconds a step.
 
     Attributes:
@@ -80,7 +80,7 @@ class TipSearch:
         """Return the length of the way from one configuration to another, rad."""
         return float(np.linalg.norm(pin.difference(self.model, q, near)))
 
-    def descend(self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200) -> Landing:
+    def descend(self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200) -> IKSolution:
         """Return where Levenberg-Marquardt ends: dq = A^T (A A^T + lambda I)^-1 e, e the weighted gap and A = -de/dv.
 
         Args:
@@ -111,9 +111,9 @@ class TipSearch:
                     break
             else:
                 damping *= 10.0
-        return Landing(q, gap / weights)
+        return IKSolution(q, gap / weights)
 
-    def approach(self, target: pin.SE3, q: Array) -> Landing:
+    def approach(self, target: pin.SE3, q: Array) -> IKSolution:
         """Return the angles within the limits that come nearest to a grasp out of reach: least distance first, then least angle.
 
         The weight of the angle falls from descent to descent, so that the distance is made least to a millionth.

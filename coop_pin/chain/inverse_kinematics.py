@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.chain.ik_solver import Landing, TipSearch
+from coop_pin.chain.ik_solver import IKSolution, IKSolver
 from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 
@@ -23,7 +23,7 @@ _SAME_BRANCH = 1e-3
 _SAME_DISTANCE = 1e-5
 
 
-def closing_angles(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> Array:
+def solve_ik(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> Array:
     """Return joint angles that hold the payload at a pose within the joint limits, nearest to a posture, shape (nq,).
 
     Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint ranges. A redundant arm then slides along its
@@ -42,7 +42,7 @@ def closing_angles(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike
     return _branches(name, arm, X_WP, posture, _SEEDS, _SLIDES)[0]
 
 
-def closing_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> list[Array]:
+def ik_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> list[Array]:
     """Return every distinct way found to hold the payload at a pose within the joint limits, the nearest to a posture first.
 
     Two branches differ by more than whole turns; each is unwound to where it is nearest to the posture. The branches of a
@@ -53,17 +53,17 @@ def closing_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLi
         name: the arm, for messages.
         arm: its model, with its grasp.
         X_WP: payload pose, shape (4, 4).
-        posture: as for closing_angles.
+        posture: as for solve_ik.
 
     Raises:
-        JointLimitError, UnreachablePoseError: there is none, as for closing_angles.
+        JointLimitError, UnreachablePoseError: there is none, as for solve_ik.
     """
     return _branches(name, arm, X_WP, posture, _BRANCH_SEEDS, None)
 
 
 def _branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, slides: int | None) -> list[Array]:
     """Return the distinct branches, sorted by distance to the posture; of a redundant arm, those of the nearest landings."""
-    search = TipSearch(arm)
+    search = IKSolver(arm)
     target = search.grasp(as_array("X_WP", X_WP, 4, 4))
     near = configuration_near(name, arm, posture)
     starts = [near, *search.ranges.around(near, _NEIGHBOURS), *search.ranges.spread(seeds)]
@@ -89,14 +89,14 @@ def configuration_near(name: str, arm: ArmModel, posture: ArrayLike | None) -> A
     return np.array(pin.normalize(arm.model, as_array(argument, posture, arm.nq)))
 
 
-def _slid(search: TipSearch, target: pin.SE3, found: list[Array], near: Array, steps: int) -> list[Array]:
+def _slid(search: IKSolver, target: pin.SE3, found: list[Array], near: Array, steps: int) -> list[Array]:
     """Return closed configurations slid along their self-motion towards the posture, the nearest first."""
     slid = (search.ranges.unwound(search.slide(target, q, near, steps=steps), near) for q in found)
     within = [q for q in slid if not search.ranges.beyond(q).any()]
     return sorted(within or found[:1], key=lambda q: search.distance(q, near))
 
 
-def _landings(search: TipSearch, target: pin.SE3, starts: list[Array], near: Array) -> Iterator[Array]:
+def _landings(search: IKSolver, target: pin.SE3, starts: list[Array], near: Array) -> Iterator[Array]:
     """Yield the closed configurations within the limits that the starts lead to, unwound towards the posture."""
     for start in starts:
         landing = search.descend(target, start)
@@ -106,7 +106,7 @@ def _landings(search: TipSearch, target: pin.SE3, starts: list[Array], near: Arr
                 yield q
 
 
-def _missed(name: str, search: TipSearch, target: pin.SE3, starts: list[Array], near: Array) -> UnreachablePoseError:
+def _missed(name: str, search: IKSolver, target: pin.SE3, starts: list[Array], near: Array) -> UnreachablePoseError:
     """Return the error that says by how much the arm misses, and the joint that is to blame where it is limits alone."""
     nearest = min((search.approach(target, start) for start in starts), key=_distance_then_angle)
     beyond: list[Array] = []
@@ -123,5 +123,5 @@ def _missed(name: str, search: TipSearch, target: pin.SE3, starts: list[Array], 
     return JointLimitError(name, nearest.distance, nearest.angle, ranges.names[joint], value, *limits)
 
 
-def _distance_then_angle(landing: Landing) -> tuple[float, float]:
+def _distance_then_angle(landing: IKSolution) -> tuple[float, float]:
     return round(landing.distance / _SAME_DISTANCE), landing.angle

@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.linalg.blas import dtrsm, dtrsv  # LAPACK's dtrtrs starts threads for a 5 x 5 matrix: a millisecond
 
 from coop_pin.arrays import Array
-from coop_pin.chain.closure_set import Closures, ClosureState
+from coop_pin.chain.closure_set import ClosureSet, ClosureState
 from coop_pin.description.plant import Stabilisation
 from coop_pin.errors import MassMatrixError
 
@@ -17,7 +17,7 @@ from coop_pin.errors import MassMatrixError
 RANK_CUT = 1e-5
 
 
-class MassWeightedClosure(NamedTuple):
+class ConstraintSVD(NamedTuple):
     """The singular value decomposition of J L^-T, with M = L L^T, cut at its rank.
 
     Attributes:
@@ -39,11 +39,11 @@ class MassWeightedClosure(NamedTuple):
         """The number of independent rows."""
         return len(self.values)
 
-    def at_most(self, rank: int | None) -> MassWeightedClosure:
+    def at_most(self, rank: int | None) -> ConstraintSVD:
         """Return the decomposition cut at a rank: a little off the closures, redundant rows look independent."""
         if rank is None or rank >= self.rank:
             return self
-        return MassWeightedClosure(self.factor, self.left[:, :rank], self.values[:rank], self.right[:, :rank], float(self.values[rank]))
+        return ConstraintSVD(self.factor, self.left[:, :rank], self.values[:rank], self.right[:, :rank], float(self.values[rank]))
 
     def weighted(self, x: Array) -> Array:
         """Return L^-1 x, shape (nv,)."""
@@ -68,7 +68,7 @@ class MassWeightedClosure(NamedTuple):
         return self.values if damping == 0.0 else self.values + damping * self.values[:1] ** 2 / self.values
 
 
-def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
+def constraint_svd(mass_matrix: Array, jacobian: Array) -> ConstraintSVD:
     """Decompose a closure Jacobian in the metric of the mass matrix.
 
     Args:
@@ -86,10 +86,10 @@ def mass_weighted(mass_matrix: Array, jacobian: Array) -> MassWeightedClosure:
     left, values, right = np.linalg.svd(weighted, full_matrices=False)
     rank = int(np.count_nonzero(values > RANK_CUT * values[0])) if values.size else 0
     dropped = float(values[rank]) if rank < values.size else 0.0
-    return MassWeightedClosure(factor, left[:, :rank], values[:rank], right[:rank].T, dropped)
+    return ConstraintSVD(factor, left[:, :rank], values[:rank], right[:rank].T, dropped)
 
 
-class RankCutSolver:
+class KKTSolver:
     """M a + h = tau + J^T lambda with J a + gamma + 2 zeta omega e' + omega^2 e = 0 on the independent rows.
 
     With M = L L^T, J L^-T = U s V^T and y = L^-1 (tau - h)::
@@ -97,7 +97,7 @@ class RankCutSolver:
         b = s^-1 U^T [-(gamma + 2 zeta omega e' + omega^2 e) - J L^-T y],    a = L^-T (y + V b),    lambda = U s^-1 b
     """
 
-    def __init__(self, model: pin.Model, closures: Closures, stabilisation: Stabilisation) -> None:
+    def __init__(self, model: pin.Model, closures: ClosureSet, stabilisation: Stabilisation) -> None:
         self._model, self._data, self._closures = model, model.createData(), closures
         self._stabilisation = stabilisation
         self._solved: tuple[ClosureState, Array] | None = None
@@ -115,7 +115,7 @@ class RankCutSolver:
             MassMatrixError: the mass matrix is not positive definite.
         """
         state, gains = self._closures.state(q, v), self._stabilisation
-        weighted = mass_weighted(pin.crba(self._model, self._data, q), state.jacobian).at_most(most_rank)
+        weighted = constraint_svd(pin.crba(self._model, self._data, q), state.jacobian).at_most(most_rank)
         y = weighted.weighted(tau - pin.nonLinearEffects(self._model, self._data, q, v))
         wanted = -(state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position)
         b = weighted.left.T.dot(wanted - state.jacobian.dot(weighted.unweighted(y))) / weighted.values

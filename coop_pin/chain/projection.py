@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.closure_set import Closures, ClosureState
-from coop_pin.chain.kkt_solver import MassWeightedClosure, mass_weighted
+from coop_pin.chain.closure_set import ClosureSet, ClosureState
+from coop_pin.chain.kkt_solver import ConstraintSVD, constraint_svd
 from coop_pin.errors import OpenClosureError
 
 _STEPS = 60
@@ -37,17 +37,17 @@ class Projected(NamedTuple):
 class Projection:
     """Moves states onto the closures of a tree by the least motion in the metric of its mass matrix."""
 
-    def __init__(self, model: pin.Model, closures: Closures) -> None:
+    def __init__(self, model: pin.Model, closures: ClosureSet) -> None:
         self._model, self._data, self._closures = model, model.createData(), closures
         self._still = np.zeros(model.nv)
 
-    def weighted(self, q: Array, state: ClosureState) -> MassWeightedClosure:
+    def weighted(self, q: Array, state: ClosureState) -> ConstraintSVD:
         """Return the decomposition of the closure Jacobian at a configuration.
 
         Raises:
             MassMatrixError: the mass matrix is not positive definite.
         """
-        return mass_weighted(pin.crba(self._model, self._data, q), state.jacobian)
+        return constraint_svd(pin.crba(self._model, self._data, q), state.jacobian)
 
     def state(self, q: Array, v: Array, allowed: float, most_rank: int | None = None) -> Projected:
         """Return a nearby state on the closures.
@@ -111,7 +111,7 @@ class Projection:
         Raises:
             OpenClosureError: naming the widest gap.
         """
-        gaps = self._closures.gaps(q)
-        widest = max(range(len(gaps)), key=lambda index: max(gaps[index]), default=None)
-        if widest is not None and not max(gaps[widest]) <= allowed:
-            raise OpenClosureError(self._closures.closures[widest].name, *gaps[widest], allowed)
+        closure_errors = self._closures.closure_errors(q)
+        widest = max(range(len(closure_errors)), key=lambda index: max(closure_errors[index]), default=None)
+        if widest is not None and not max(closure_errors[widest]) <= allowed:
+            raise OpenClosureError(self._closures.closures[widest].name, *closure_errors[widest], allowed)

@@ -78,7 +78,7 @@ class Check:
 
     def execute(self) -> int:
         """Print what was found; return whether the motion can be held as an exit code."""
-        from coop_pin.analysis import held_damping, reachability
+        from coop_pin.analysis import reachability, sampled_stability
         from coop_pin.description import Scenario
 
         scenario = Scenario.load(self.scenario)
@@ -86,7 +86,7 @@ class Check:
         print(found.text())
         if not found.ok or scenario.controller.kind == "user":
             return OK if found.ok else FAILED
-        held = held_damping(scenario)
+        held = sampled_stability(scenario)
         print(f"  {held.text()}")
         return OK if held.ok else FAILED
 

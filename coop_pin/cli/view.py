@@ -33,7 +33,7 @@ class View:
         what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML file.
         open: whether to open a browser; without a screen only the address is printed.
         run: whether to let the run of a scenario go by, over and over; nothing is written.
-        pace: simulated seconds in one second of wall time.
+        realtime_rate: simulated seconds in one second of wall time.
         port: of a scenario's view, for example one that 'ssh -L' forwards; any free one when omitted.
         image: PNG file to write, of a run.
         time: what the image shows, s; the end of the run when omitted.
@@ -43,7 +43,7 @@ class View:
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
     open: bool = True
     run: bool = False
-    pace: float = 1.0
+    realtime_rate: float = 1.0
     port: int = 0
     image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     time: float | None = None
@@ -80,8 +80,8 @@ class View:
         from coop_pin.cli.view import view_until_interrupted
         from coop_pin.description import Scenario
 
-        pace = self.pace if self.run else None
-        view_until_interrupted(Scenario.load(self.what), pace, self.port, self._show_live)
+        realtime_rate = self.realtime_rate if self.run else None
+        view_until_interrupted(Scenario.load(self.what), realtime_rate, self.port, self._show_live)
         return OK
 
     def _show_live(self, url: str) -> None:
@@ -144,12 +144,12 @@ def write_pictures(run: Path, image: Path | None, time: float | None, video: Pat
         print(video.resolve())
 
 
-def view_until_interrupted(scenario: Scenario, pace: float | None, port: int, show: Callable[[str], None]) -> None:
+def view_until_interrupted(scenario: Scenario, realtime_rate: float | None, port: int, show: Callable[[str], None]) -> None:
     """Serve a live view of a scenario's cell until Ctrl-C, which is how it ends.
 
     Args:
         scenario: whose cell.
-        pace: at which its run goes by, over and over; None for a cell that stands still.
+        realtime_rate: at which its run goes by, over and over; None for a cell that stands still.
         port: on 127.0.0.1; 0 for any free one.
         show: called with the view's address.
 
@@ -162,11 +162,11 @@ def view_until_interrupted(scenario: Scenario, pace: float | None, port: int, sh
     try:
         show(view.url)
         with contextlib.suppress(KeyboardInterrupt):
-            if pace is None:
+            if realtime_rate is None:
                 threading.Event().wait()
             else:
                 while view.is_alive:
-                    run(scenario, view=view, pace=pace)
+                    run(scenario, view=view, realtime_rate=realtime_rate)
     finally:
         view.close()
 

@@ -87,7 +87,7 @@ class CellController(ABC):
         """Return one torque for each arm to hold until the next tick, and the state for it."""
 
 
-class Team(CellController):
+class DecentralisedController(CellController):
     """One ArmController for each arm; each sees its own measurement only.
 
     Attributes:

@@ -52,15 +52,15 @@ class PlantOptions(Description):
     """How the plant is formulated and integrated.
 
     Attributes:
-        payload: "rooted" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "rank-cut" (an independent solver, slower, to check the other by).
+        payload: "welded" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m closures).
+        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver, slower, to check the other by).
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: of the closures.
         project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after every "step".
     """
 
-    payload: Literal["rooted", "free"] = "rooted"
-    formulation: Literal["proximal", "rank-cut"] = "proximal"
+    payload: Literal["welded", "free"] = "welded"
+    formulation: Literal["proximal", "kkt"] = "proximal"
     integrator: Literal["rk4", "semi-implicit-euler"] = "rk4"
     stabilisation: Stabilisation = Stabilisation()
     project: Literal["start", "step"] = "start"

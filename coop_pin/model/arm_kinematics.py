@@ -15,7 +15,7 @@ from coop_pin.spatial import inverse_pose
 from coop_pin.spatial.task_rows import TaskRows
 
 
-class PayloadView(NamedTuple):
+class PayloadKinematics(NamedTuple):
     """The payload as an arm sees it.
 
     Attributes:
@@ -42,8 +42,8 @@ class ArmKinematics:
         self._rows = rows
         self._to_joint_rates = np.linalg.inv(arm_model.drive)
 
-    def view(self, q: Array) -> PayloadView:
+    def view(self, q: Array) -> PayloadKinematics:
         """Return the payload pose and Jacobian at joint angles q."""
         J = pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
         pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
-        return PayloadView(pose, self._rows.select(J).dot(self._to_joint_rates))
+        return PayloadKinematics(pose, self._rows.select(J).dot(self._to_joint_rates))

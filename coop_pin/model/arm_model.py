@@ -23,7 +23,7 @@ _SLACK = 1e-9
 _DRIVEN = ("revolute", "continuous", "prismatic")
 
 
-class WholeArm(NamedTuple):
+class UnreducedArm(NamedTuple):
     """An arm before its joints are locked.
 
     Attributes:
@@ -39,7 +39,7 @@ class WholeArm(NamedTuple):
     configuration: Array
 
 
-def arm_alone(arm: Arm) -> pin.Model:
+def load_arm_model(arm: Arm) -> pin.Model:
     """Return the model of an arm by itself, with its base at the origin: a copy, which the caller may change.
 
     Models are built several times for a run; the file is read again only when it has changed.
@@ -55,8 +55,8 @@ def arm_alone(arm: Arm) -> pin.Model:
     return _reduced(file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore").copy()
 
 
-def whole_arm(arm: Arm) -> WholeArm:
-    """Return the model of an arm with all its joints, and which of them are locked where; raises as arm_alone."""
+def load_unreduced_arm(arm: Arm) -> UnreducedArm:
+    """Return the model of an arm with all its joints, and which of them are locked where; raises as load_arm_model."""
     return _whole(arm.file, arm.locked, arm.mimic == "ignore")
 
 
@@ -66,7 +66,7 @@ def _reduced(file: UrdfFile, version: tuple[int, int], locked: tuple[tuple[str, 
     return pin.buildReducedModel(whole.model, whole.locked, whole.configuration) if whole.locked else whole.model
 
 
-def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> WholeArm:
+def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:
     text = load_checked(file)
     robot, model = Robot(text), model_from_text(text, file.path.name)
     angles = robot.locked(locked)
@@ -82,7 +82,7 @@ def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> W
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
-    return WholeArm(model, text, [joint_id(model, joint) for joint in angles], q)
+    return UnreducedArm(model, text, [joint_id(model, joint) for joint in angles], q)
 
 
 def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
@@ -123,7 +123,7 @@ class ArmModel:
             UrdfNotFoundError, UrdfError: the URDF is missing or defective.
             FrameNotFoundError: the tip is not in the URDF.
         """
-        alone = arm_alone(arm)
+        alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
         X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_array("X_PE", X_PE, 4, 4)))

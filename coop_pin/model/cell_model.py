@@ -1,4 +1,4 @@
-"""A cell as one Pinocchio tree: arms side by side, and the payload rooted at the first tip or floating free."""
+"""A cell as one Pinocchio tree: arms side by side, and the payload welded at the first tip or floating free."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
-from coop_pin.model.arm_model import arm_alone
+from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id
 from coop_pin.spatial import inverse_pose
@@ -45,7 +45,7 @@ class CellModel:
     Attributes:
         model: the Pinocchio model.
         arms: where each arm sits.
-        closed_by_tree: names of arms whose grasp the tree itself holds (the first, when the payload is rooted).
+        closed_by_tree: names of arms whose grasp the tree itself holds (the first, when the payload is welded).
         payload_frame: index of frame P.
         payload_joint: the joint that carries the payload.
     """
@@ -75,8 +75,8 @@ class CellModel:
         return q
 
 
-def rooted_cell_model(cell: Cell) -> CellModel:
-    """Return the tree with the payload rooted at the first arm's tip: m - 1 grasps remain to be closed."""
+def welded_cell_model(cell: Cell) -> CellModel:
+    """Return the tree with the payload welded at the first arm's tip: m - 1 grasps remain to be closed."""
     model = _arms_tree(cell)
     first = next(iter(cell.arms))
     tip = model.frames[frame_id(model, f"{first}/grasp")]
@@ -91,13 +91,13 @@ def free_cell_model(cell: Cell) -> CellModel:
     return CellModel(cell, int(joint), model, pin.SE3.Identity(), rooted_at=None)
 
 
-CELL_MODELS: dict[str, Callable[[Cell], CellModel]] = {"rooted": rooted_cell_model, "free": free_cell_model}
+CELL_MODELS: dict[str, Callable[[Cell], CellModel]] = {"welded": welded_cell_model, "free": free_cell_model}
 
 
 def _arms_tree(cell: Cell) -> pin.Model:
     model = empty_model(cell.gravity)
     for name, arm in cell.arms.items():
-        alone = arm_alone(arm)
+        alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)].copy()
         for frame in alone.frames:
             if frame.name == "grasp":  # a link of the URDF

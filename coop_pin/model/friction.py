@@ -8,7 +8,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm, JointFriction
-from coop_pin.model.arm_model import arm_alone
+from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_limits import per_joint
 
 
@@ -38,7 +38,7 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
     Raises:
         FieldShapeError: a coefficient does not fit the arm.
     """
-    model, chosen = arm_alone(arm), arm.friction
+    model, chosen = load_arm_model(arm), arm.friction
     joints = int(model.nv)
     if isinstance(chosen, JointFriction):
         path = f"cell.arms.{name}.friction"

@@ -11,7 +11,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.arm import Arm
 from coop_pin.errors import FieldShapeError
-from coop_pin.model.arm_model import arm_alone
+from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_angles import JointAngles
 
 
@@ -44,7 +44,7 @@ def joint_limits(arm: Arm, name: str = "arm") -> JointLimits:
     Raises:
         FieldShapeError: the torque limits do not fit the arm.
     """
-    model = arm_alone(arm)
+    model = load_arm_model(arm)
     angles = JointAngles(model)
     lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     bounded = ~angles.continuous

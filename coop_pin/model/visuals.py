@@ -14,7 +14,7 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.errors import GeometryWarning
-from coop_pin.model.arm_model import WholeArm, whole_arm
+from coop_pin.model.arm_model import UnreducedArm, load_unreduced_arm
 from coop_pin.model.cell_model import CELL_MODELS
 from coop_pin.model.pinocchio_model import joint_id
 from coop_pin.model.shapes import Shape, shape_of
@@ -56,7 +56,7 @@ class CellVisuals:
         joints: names of the joints of each arm, in the order of its drives.
     """
 
-    def __init__(self, cell: Cell, payload: Literal["rooted", "free"]) -> None:
+    def __init__(self, cell: Cell, payload: Literal["welded", "free"]) -> None:
         """Read the visual geometry of every arm.
 
         Args:
@@ -104,7 +104,7 @@ class CellVisuals:
 
 def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
     """Return the shapes of an arm by the joint that moves them; "universe" for what stands still."""
-    whole = whole_arm(arm)
+    whole = load_unreduced_arm(arm)
     geometry = pin.GeometryModel()
     for part in _geometries(whole, [str(folder) for folder in arm.file.package_dirs], arm.urdf):
         geometry.addGeometryObject(part)
@@ -124,7 +124,7 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
     return visuals
 
 
-def _geometries(whole: WholeArm, folders: list[str], urdf: str) -> Iterator[Any]:
+def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[Any]:
     """Yield Pinocchio's visual geometry objects; where one cannot be read, those of the other links."""
     try:
         yield from _build(whole.model, whole.text, folders)

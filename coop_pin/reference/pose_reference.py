@@ -213,7 +213,7 @@ def check_consistency(reference: PoseReference, times: ArrayLike, allowed: float
         allowed: largest accepted gap as a fraction of the largest value.
 
     Returns:
-        the largest gaps, where all are accepted.
+        the largest closure_errors, where all are accepted.
 
     Raises:
         ShapeError, NotFiniteError, NotAPoseError: a target is not what PoseTarget says.
@@ -243,9 +243,9 @@ def _check_target(reference: PoseReference, time: float) -> None:
 def _largest_gap(name: str, times: Sequence[float], given: Array, differences: Array, allowed: float) -> float:
     """Return the largest entry of given - differences, both of shape (n, 6), once each half is accepted."""
     for part, half in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
-        gaps = np.linalg.norm(given[:, half] - differences[:, half], axis=1)
+        closure_errors = np.linalg.norm(given[:, half] - differences[:, half], axis=1)
         scale = max(SMALLEST_SCALE, float(np.linalg.norm(differences[:, half], axis=1).max(initial=0.0)))
-        if gaps.max(initial=0.0) > allowed * scale:
-            worst = int(gaps.argmax())
-            raise InconsistentReferenceError(f"{part} part of {name}", times[worst], float(gaps[worst]), allowed * scale)
+        if closure_errors.max(initial=0.0) > allowed * scale:
+            worst = int(closure_errors.argmax())
+            raise InconsistentReferenceError(f"{part} part of {name}", times[worst], float(closure_errors[worst]), allowed * scale)
     return float(np.abs(given - differences).max(initial=0.0))

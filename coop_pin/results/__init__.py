@@ -3,6 +3,6 @@
 from coop_pin.results.dataset import RunSamples
 from coop_pin.results.metrics import LimitTable, LimitViolation
 from coop_pin.results.run_result import RunResult
-from coop_pin.results.snapshot import Moment, Observer, Viewing
+from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
 
-__all__ = ["LimitTable", "LimitViolation", "Moment", "Observer", "RunResult", "RunSamples", "Viewing"]
+__all__ = ["LimitTable", "LimitViolation", "Snapshot", "Observer", "RunResult", "RunSamples", "ThrottledObserver"]

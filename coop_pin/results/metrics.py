@@ -97,7 +97,7 @@ class Window(NamedTuple):
     end: float
 
 
-class InternalForceJudgement(NamedTuple):
+class InternalForceMetrics(NamedTuple):
     """Internal-wrench errors over a window, over all arms.
 
     The axis of an arm is the line from its own tip to the middle of the other tips: for two arms, the line between the tips.
@@ -163,7 +163,7 @@ def axial_directions(data: xr.Dataset) -> Array:
     return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
 
 
-def internal_force(data: xr.Dataset, window: Window) -> InternalForceJudgement:
+def internal_force(data: xr.Dataset, window: Window) -> InternalForceMetrics:
     """Judge internal wrenches over a window; not a number for a single arm, which has none."""
     inside, axis = samples_of(data, window), axial_directions(data)
     actual = np.nan_to_num(data["internal_wrench"].values)  # outside the task rows nothing is known and nothing is judged
@@ -173,7 +173,7 @@ def internal_force(data: xr.Dataset, window: Window) -> InternalForceJudgement:
     shear_error = np.linalg.norm(error[..., :3] - axial_error[..., None] * axis, axis=2)
     moment_error = np.linalg.norm(error[..., 3:], axis=2)
     mean = float(axial.mean()) if axial.size else math.nan
-    return InternalForceJudgement(mean, rms(axial_error[inside]), rms(shear_error[inside]), rms(moment_error[inside]))
+    return InternalForceMetrics(mean, rms(axial_error[inside]), rms(shear_error[inside]), rms(moment_error[inside]))
 
 
 def energy_balance(data: xr.Dataset) -> Array:

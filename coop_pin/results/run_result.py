@@ -14,7 +14,7 @@ from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
 from coop_pin.results import metrics as judgements
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.dataset import RunSamples, dataset
-from coop_pin.results.metrics import InternalForceJudgement, LimitTable, LimitViolation, Window, limit_violations
+from coop_pin.results.metrics import InternalForceMetrics, LimitTable, LimitViolation, Window, limit_violations
 
 
 class RunResult:
@@ -81,7 +81,7 @@ class RunResult:
         """Return the rms of the orientation error over the steady window, rad."""
         return self._error_rms(slice(3, 6))
 
-    def internal_force(self) -> InternalForceJudgement:
+    def internal_force(self) -> InternalForceMetrics:
         """Return the judgements of the internal wrench over the steady window."""
         return judgements.internal_force(self.data, self.steady_window)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from coop_pin.arrays import Array, Mask
 
 
-class Moment(NamedTuple):
+class Snapshot(NamedTuple):
     """A run at one tick, as it will stand in the result; all arrays are read-only. m arms, at most k joints each.
 
     Attributes:
@@ -40,16 +40,16 @@ class Moment(NamedTuple):
     jacobian_condition: Array
 
 
-Observer = Callable[[Moment], None]
+Observer = Callable[[Snapshot], None]
 """Sees a run after every tick; it changes nothing."""
 
 
 @runtime_checkable
-class Viewing(Protocol):
+class ThrottledObserver(Protocol):
     """An Observer that leaves moments out where they come too fast; it is shown the last one of a run in any case."""
 
-    def __call__(self, moment: Moment) -> None:
+    def __call__(self, moment: Snapshot) -> None:
         """See a moment, or leave it out."""
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: Snapshot) -> None:
         """Show a moment now."""

@@ -1,7 +1,7 @@
 """From a scenario and a controller to a recorded run: sensing, actuation, events and the loop."""
 
-from coop_pin.simulation.realtime import Pace
+from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulate import simulate
 from coop_pin.simulation.simulation import Simulation
 
-__all__ = ["Pace", "Simulation", "simulate"]
+__all__ = ["RealtimePacer", "Simulation", "simulate"]

@@ -72,7 +72,7 @@ class Actuation:
         return Applied(applied, saturated)
 
 
-class Drives:
+class Transmission:
     """Maps between the drives of a cell and the velocities of its tree.
 
     ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place.

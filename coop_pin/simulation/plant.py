@@ -8,7 +8,7 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.plant import PlantOptions
-from coop_pin.simulation.actuation import Drives
+from coop_pin.simulation.actuation import Transmission
 
 CHANNELS = ("actuation", "friction", "external")
 """The forces that do work on the chain besides gravity."""
@@ -30,7 +30,7 @@ class Plant:
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         model = chain.tree.model
-        self.chain, self.drives = chain, Drives(chain.cell, chain.tree.arms, model.nv)
+        self.chain, self.drives = chain, Transmission(chain.cell, chain.tree.arms, model.nv)
         self.q, self.v = q, np.zeros(model.nv)
         self.external, self.work = np.zeros(6), np.zeros(len(CHANNELS))
         self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False

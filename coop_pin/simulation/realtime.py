@@ -10,7 +10,7 @@ from coop_pin.errors import NotPositiveError
 _LOST_S = 0.1
 
 
-class Pace:
+class RealtimePacer:
     """Waits so that simulated time goes by evenly.
 
     Where the computer cannot keep up, the time that it lost is not made up for by running faster afterwards.
@@ -26,7 +26,7 @@ class Pace:
             NotPositiveError: the rate is not greater than zero.
         """
         if not rate > 0.0:
-            raise NotPositiveError("pace", rate)
+            raise NotPositiveError("realtime_rate", rate)
         self.rate = rate
         self._origin: float | None = None
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.cell_chain import determined_rows
+from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
-from coop_pin.results import LimitTable, Moment, RunResult, RunSamples
+from coop_pin.results import LimitTable, RunResult, RunSamples, Snapshot
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
@@ -31,7 +31,7 @@ class Recorder:
         self._cell, self._plant, self._limits = scenario.cell, plant, limits
         self.count = 0
         self.payload_energy = 0.0
-        self._determined = determined_rows(plant.chain, plant.q)
+        self._determined = determinate_rows(plant.chain, plant.q)
         samples, arms = timeline.ticks + 1, plant.chain.tree.arms
         joints = max(len(arm.drive) for arm in arms)
         m, model = len(arms), plant.chain.tree.model
@@ -76,7 +76,7 @@ class Recorder:
         kept.configuration[tick], kept.velocity[tick] = plant.q, plant.v
         seen = plant.observe()
         kept.payload_pose[tick], kept.payload_twist[tick] = seen.payload_pose, seen.payload_twist
-        kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.gaps
+        kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.closure_errors
         kept.interaction_wrench[tick] = seen.interaction_wrenches
         kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = target.X_WP_d, target.V_WP_d, squeeze
         kept.external_wrench[tick] = plant.external
@@ -91,11 +91,11 @@ class Recorder:
             self._jacobians[index][tick] = measurement.payload_jacobian
         self.count = tick + 1
 
-    def moment(self) -> Moment:
+    def moment(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         kept, last = self._samples, self.count - 1
         interaction, pose = np.where(self._determined, kept.interaction_wrench[last], np.nan), kept.payload_pose[last]
-        return Moment(
+        return Snapshot(
             time=float(kept.time[last]),
             configuration=frozen(kept.configuration[last]),
             payload_pose=frozen(pose),

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
-from coop_pin.results import Observer, RunResult, Viewing
-from coop_pin.simulation.realtime import Pace
+from coop_pin.results import Observer, RunResult, ThrottledObserver
+from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulation import Simulation
 
 Progress = Callable[[int, int], None]
@@ -21,7 +21,7 @@ def simulate(
     controller: CellController,
     progress: Progress | None = None,
     view: Observer | None = None,
-    pace: float | None = None,
+    realtime_rate: float | None = None,
 ) -> RunResult:
     """Run a controller on the plant of a scenario.
 
@@ -30,7 +30,7 @@ def simulate(
         controller: who decides; it sees measurements only.
         progress: called after every tick.
         view: sees every tick, for example what coop_pin.viz.open_view returns.
-        pace: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
@@ -41,7 +41,7 @@ def simulate(
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
     run = Simulation(scenario, controller)
-    steady = Pace((1.0 if view else math.inf) if pace is None else pace)
+    steady = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
     try:
         while not run.is_finished:
             steady.wait_until(run.time)
@@ -50,7 +50,7 @@ def simulate(
                 view(run.moment())
             if progress is not None:
                 progress(run.ticks_done - 1, run.timeline.ticks)
-        if isinstance(view, Viewing):
+        if isinstance(view, ThrottledObserver):
             view.show(run.moment())
     except CoopPinError as error:
         error.result = run.result() if run.ticks_done else None

@@ -17,7 +17,7 @@ from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.reference import PoseTarget
-from coop_pin.results import Moment, RunResult
+from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
@@ -25,7 +25,7 @@ from coop_pin.simulation.sensing import ArmSensor, ForceSensor
 from coop_pin.simulation.timeline import Timeline
 
 _SPEED_LIMIT = 1e3
-_GAP_LIMIT = 1e-2
+_CLOSURE_ERROR_LIMIT = 1e-2
 _TORQUE_LIMIT = 1e7
 _OPEN_START = 1e-6
 
@@ -113,7 +113,7 @@ class Simulation:
         with np.errstate(over="ignore", invalid="ignore"):  # what runs away is refused with its time, not warned of
             self._tick(self.ticks_done)
 
-    def moment(self) -> Moment:
+    def moment(self) -> Snapshot:
         """Return the run at its last recorded tick; there must be one."""
         return self.recorder.moment()
 
@@ -220,6 +220,6 @@ class Simulation:
         speed = float(np.abs(self.plant.v).max())
         if not speed < _SPEED_LIMIT:
             raise DivergedError(time, "joint speed, rad/s,", speed, _SPEED_LIMIT)
-        gap = max(max(gap) for gap in self.chain.gaps(self.plant.q))
-        if not gap < _GAP_LIMIT:
-            raise DivergedError(time, "closure error, m or rad,", gap, _GAP_LIMIT)
+        gap = max(max(gap) for gap in self.chain.closure_errors(self.plant.q))
+        if not gap < _CLOSURE_ERROR_LIMIT:
+            raise DivergedError(time, "closure error, m or rad,", gap, _CLOSURE_ERROR_LIMIT)

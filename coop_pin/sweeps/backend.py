@@ -17,7 +17,7 @@ from distributed import CancelledError, KilledWorker
 
 from coop_pin.errors import CodeChangedError, FieldError, RunTimeoutError, WorkerDiedError, WorkersLostError
 from coop_pin.sweeps.cluster import Cluster
-from coop_pin.sweeps.job import BEGUN, Job, Outcome, run_job, run_jobs, run_suspect
+from coop_pin.sweeps.job import BEGUN, Job, Outcome, run_isolated, run_job, run_jobs
 from coop_pin.sweeps.record import Failure, Record
 
 
@@ -54,13 +54,13 @@ class Where(NamedTuple):
         return bool(self.workers or self.scheduler)
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[ThisProcess | Workers]:
+    def open(self) -> Iterator[SerialBackend | DaskBackend]:
         """Yield what computes there, for one batch of jobs after the other."""
         with contextlib.ExitStack() as stack:
-            yield Workers(self, stack) if self.elsewhere else ThisProcess()
+            yield DaskBackend(self, stack) if self.elsewhere else SerialBackend()
 
 
-class ThisProcess:
+class SerialBackend:
     """Computes jobs one after the other, here."""
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
@@ -69,7 +69,7 @@ class ThisProcess:
             yield run_job(job)
 
 
-class Workers:
+class DaskBackend:
     """Computes jobs on workers, which are there from the first job on until the stack ends."""
 
     def __init__(self, where: Where, stack: contextlib.ExitStack) -> None:
@@ -170,7 +170,7 @@ class ClusterExecutor:
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
         ticket = uuid.uuid4().hex
-        future = self._cluster.submit(run_suspect, jobs[0], ticket) if deaths else self._cluster.submit(run_jobs, jobs)
+        future = self._cluster.submit(run_isolated, jobs[0], ticket) if deaths else self._cluster.submit(run_jobs, jobs)
         self._under_way[future] = _Task(jobs, deaths, ticket)
         future.add_done_callback(self._done.put)
 

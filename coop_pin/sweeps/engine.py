@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
-from coop_pin.sweeps.backend import ThisProcess, Where, Workers
+from coop_pin.sweeps.backend import DaskBackend, SerialBackend, Where
 from coop_pin.sweeps.job import Job, Outcome
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.record import Failure, Record
@@ -69,7 +69,7 @@ class Session:
         bar: how far it is.
     """
 
-    def __init__(self, store: SweepStore, computer: ThisProcess | Workers, bar: SweepBar) -> None:
+    def __init__(self, store: SweepStore, computer: SerialBackend | DaskBackend, bar: SweepBar) -> None:
         self.store, self.bar, self._computer = store, bar, computer
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
@@ -109,7 +109,7 @@ def open_session(folder: str | Path, where: Where, total: int, *, quiet: bool = 
             _LOG.warning("the last sweep in %s (%s) ended without leaving; its finished runs are kept", folder, lock.left_by)
         aside = store.tidy()
         if aside:
-            _LOG.warning("%d files in %s that no sweep wrote were moved to set-aside", aside, folder)
+            _LOG.warning("%d files in %s that no sweep wrote were moved to quarantine", aside, folder)
         with SweepBar(total, quiet) as bar:
             try:
                 with where.open() as computer:
@@ -143,7 +143,7 @@ class _Pass:
         self._plan, self._store, self._bar, self._retry_failed = plan, store, bar, retry_failed
         self._under_way: dict[str, int] = {}
 
-    def run(self, computer: ThisProcess | Workers) -> None:
+    def run(self, computer: SerialBackend | DaskBackend) -> None:
         """Compute, write and count."""
         with OutcomeWriter(self._store) as writer, contextlib.closing(self._outcomes(computer, writer)) as outcomes:
             for outcome in outcomes:
@@ -151,8 +151,8 @@ class _Pass:
                 for _ in range(self._under_way.pop(outcome.record.key)):
                     self._bar.count(outcome.record.failure is not None)
 
-    def _outcomes(self, computer: ThisProcess | Workers, writer: OutcomeWriter) -> Generator[Outcome]:
-        yield from computer.outcomes(self._jobs(writer, isinstance(computer, Workers)))
+    def _outcomes(self, computer: SerialBackend | DaskBackend, writer: OutcomeWriter) -> Generator[Outcome]:
+        yield from computer.outcomes(self._jobs(writer, isinstance(computer, DaskBackend)))
 
     def _jobs(self, writer: OutcomeWriter, elsewhere: bool) -> Iterator[Job]:
         """Yield what is still to be done; what cannot be done is written down at once."""

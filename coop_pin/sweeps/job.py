@@ -134,7 +134,7 @@ def run_jobs(jobs: list[Job]) -> list[Outcome]:
     return outcomes
 
 
-def run_suspect(job: Job, ticket: str) -> list[Outcome]:
+def run_isolated(job: Job, ticket: str) -> list[Outcome]:
     """Run a job whose worker died before; its beginning is reported first, so that a hang can be told from a crash.
 
     Args:

@@ -15,17 +15,17 @@ _HEAD, _MIDDLE, _TAIL = b'{"content": ', b', "sha256": "', b'"}\n'
 _DIGEST = 64
 
 
-def seal(content: Mapping[str, Any]) -> bytes:
+def to_checksummed_json(content: Mapping[str, Any]) -> bytes:
     """Return ``{"content": ..., "sha256": digest of the content's bytes}`` as JSON."""
     body = json.dumps(content, allow_nan=False).encode()
     return _HEAD + body + _MIDDLE + hashlib.sha256(body).hexdigest().encode() + _TAIL
 
 
-def unseal(data: bytes) -> dict[str, Any]:
+def from_checksummed_json(data: bytes) -> dict[str, Any]:
     """Return the content.
 
     Raises:
-        SweepStoreError: a bit of it is not as it was written, or it was not written by seal.
+        SweepStoreError: a bit of it is not as it was written, or it was not written by to_checksummed_json.
     """
     end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
     if end < len(_HEAD) or not (data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)):
@@ -90,7 +90,7 @@ class Record(NamedTuple):
         content = self._asdict() | {"format": _FORMAT, "metrics": _written(self.metrics), "times": dict(self.times)}
         if self.failure is not None:
             content["failure"] = self.failure._asdict() | {"numbers": _written(self.failure.numbers)}
-        return seal(content)
+        return to_checksummed_json(content)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
@@ -99,7 +99,7 @@ class Record(NamedTuple):
         Raises:
             SweepStoreError: it is damaged, or not a record.
         """
-        content = unseal(data)
+        content = from_checksummed_json(data)
         if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
             raise SweepStoreError("the file is no record of a run, or one of another version")
         failure = content["failure"]

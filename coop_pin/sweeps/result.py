@@ -145,7 +145,7 @@ class SweepResult:
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
         """Return the runs that no other run beats in one metric without losing in the other; smaller is better."""
         a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
-        return [self.point(int(index)) for index in answers.not_dominated(a, b)]
+        return [self.point(int(index)) for index in answers.pareto_front(a, b)]
 
     def stability_boundary(self, field: str, by: Sequence[str] | None = None, stable: xr.DataArray | None = None) -> xr.Dataset:
         """Return, along other dimensions, the last stable and the first unstable value of a field.

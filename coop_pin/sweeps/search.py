@@ -20,7 +20,7 @@ Costs = Callable[[Array], Array]
 _SMALLEST = 5
 
 
-class Effort(NamedTuple):
+class Budget(NamedTuple):
     """How much is tried.
 
     Attributes:
@@ -34,7 +34,7 @@ class Effort(NamedTuple):
     seed: int
 
     @classmethod
-    def of(cls, generations: int, population: int, fields: int, seed: int) -> Effort:
+    def of(cls, generations: int, population: int, fields: int, seed: int) -> Budget:
         """Return the effort for so many runs in a generation for each field; at least five in all, which differential evolution needs."""
         return cls(generations, max(_SMALLEST, population * fields), seed)
 
@@ -44,18 +44,18 @@ class Effort(NamedTuple):
         return (self.generations + 1) * self.size
 
 
-Search = Callable[[Costs, Ranges, Effort], None]
+Search = Callable[[Costs, Ranges, Budget], None]
 """A way of searching: the points that it tries depend on its arguments and on the costs alone, never on who computes them or when."""
 
 
-def first_generation(ranges: Ranges, effort: Effort) -> Array:
+def first_generation(ranges: Ranges, effort: Budget) -> Array:
     """Return the points that every search begins with, a Latin hypercube: shape (s, fields)."""
     spans = {field: Span(low=low, high=high) for field, (low, high) in ranges.items()}
     sample = Sample(fields=spans, count=effort.size, method="latin-hypercube", seed=effort.seed)
     return np.array([list(sample.point(index).values()) for index in range(effort.size)])
 
 
-def search_by_optuna(costs: Costs, ranges: Ranges, effort: Effort) -> None:
+def search_by_optuna(costs: Costs, ranges: Ranges, effort: Budget) -> None:
     """Try a Latin hypercube first, then generations drawn from where good points are dense and bad ones are not.
 
     Points are asked for and told a generation at a time, so that they do not depend on which run ends first.
@@ -79,7 +79,7 @@ def search_by_optuna(costs: Costs, ranges: Ranges, effort: Effort) -> None:
                 study.tell(trial, float(cost))
 
 
-def _sampler(optuna: Any, effort: Effort) -> Any:
+def _sampler(optuna: Any, effort: Budget) -> Any:
     """Return the estimator: over all fields together, and counting points under way as bad, so that a generation spreads."""
     return optuna.samplers.TPESampler(n_startup_trials=effort.size, multivariate=True, constant_liar=True, seed=effort.seed)
 
@@ -105,7 +105,7 @@ def _quiet() -> Iterator[Any]:
         optuna.logging.set_verbosity(level)
 
 
-def search_by_evolution(costs: Costs, ranges: Ranges, effort: Effort) -> None:
+def search_by_evolution(costs: Costs, ranges: Ranges, effort: Budget) -> None:
     """Try a Latin hypercube first, then generations bred from the best and from differences of others.
 
     Args:

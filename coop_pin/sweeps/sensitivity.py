@@ -32,7 +32,7 @@ class SobolIndices(NamedTuple):
     total_high: Array
 
 
-def not_dominated(a: Array, b: Array) -> Array:
+def pareto_front(a: Array, b: Array) -> Array:
     """Return the places of the runs that no other run beats in one number without losing in the other, by rising ``a``.
 
     Smaller is better; runs with a number that is not finite are left out.

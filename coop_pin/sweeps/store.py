@@ -19,7 +19,7 @@ from coop_pin.errors import ScenarioError, StoreLockedError, StoreWriteError, Sw
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Record, seal, unseal
+from coop_pin.sweeps.record import Record, from_checksummed_json, to_checksummed_json
 
 
 class FolderLock:
@@ -81,7 +81,7 @@ class SweepStore:
     """A folder that holds the runs of a sweep.
 
     ``runs/ab/ab....json`` is the record of the run with that key, ``results/ab/ab....nc`` its full result if it was asked for,
-    ``set-aside/`` what was found damaged or foreign, ``plan.json`` the last plan.
+    ``quarantine/`` what was found damaged or foreign, ``plan.json`` the last plan.
 
     Attributes:
         folder: the folder.
@@ -128,7 +128,7 @@ class SweepStore:
             record = self.read(key)
         except (SweepStoreError, IsADirectoryError) as error:
             self._set_aside(self.record_path(key))
-            _LOG.warning("a run is computed again: %s; its file was moved to set-aside", error)
+            _LOG.warning("a run is computed again: %s; its file was moved to quarantine", error)
             return None
         if record is None or not with_result or record.failure is not None:
             return record
@@ -163,7 +163,7 @@ class SweepStore:
 
     def write_plan(self, plan: SweepPlan) -> None:
         """Write the plan, so that the sweep can be read without the command that made it."""
-        self._write(self.folder / "plan.json", seal(plan.model_dump(mode="json")))
+        self._write(self.folder / "plan.json", to_checksummed_json(plan.model_dump(mode="json")))
 
     def read_plan(self) -> SweepPlan:
         """Return the last plan.
@@ -173,7 +173,7 @@ class SweepStore:
         """
         path = self.folder / "plan.json"
         try:
-            return SweepPlan(**unseal(path.read_bytes()))
+            return SweepPlan(**from_checksummed_json(path.read_bytes()))
         except FileNotFoundError:
             raise SweepStoreError(f"{self.folder} holds no sweep: there is no {path.name}") from None
         except (SweepStoreError, ScenarioError) as error:
@@ -224,7 +224,7 @@ class SweepStore:
         """Move a file out of the way without destroying it."""
         if not (file.exists() or file.is_symlink()):
             return False
-        aside, count = self.folder / "set-aside" / file.name, 1
+        aside, count = self.folder / "quarantine" / file.name, 1
         while aside.exists():
             aside, count = aside.with_name(f"{file.stem}.{count}{file.suffix}"), count + 1
         try:

@@ -16,7 +16,7 @@ from coop_pin.sweeps.backend import Where
 from coop_pin.sweeps.engine import Session, open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import PointResult, SweepResult
-from coop_pin.sweeps.search import Effort, Ranges, Search, search_by_evolution, search_by_optuna
+from coop_pin.sweeps.search import Budget, Ranges, Search, search_by_evolution, search_by_optuna
 
 _FORM = re.compile(r"\s*(?P<metric>[^\s<>=]+)\s*(?P<sign>[<>])=?\s*(?P<bound>[^\s<>=]+)\s*")
 
@@ -65,7 +65,7 @@ _FAILED = 1e100
 """What a failed run costs; a number, because scipy evaluates a population of infinities twice."""
 
 
-class Goal(NamedTuple):
+class Objective(NamedTuple):
     """What is wanted of a run.
 
     Attributes:
@@ -104,10 +104,10 @@ class Goal(NamedTuple):
         return cost < _OUTSIDE
 
 
-class Tries:
+class Evaluator:
     """Points that were tried; a generation of them is one pass of the session."""
 
-    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], goal: Goal) -> None:
+    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], goal: Objective) -> None:
         self._session, self._base, self._fields, self._goal = session, base, tuple(fields), goal
         self._points: list[tuple[float, ...]] = []
         self._lowest = np.inf
@@ -199,11 +199,11 @@ def tune(
     """
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
-    goal = Goal(minimize, tuple(map(Bound.parse, bounds)))
+    goal = Objective(minimize, tuple(map(Bound.parse, bounds)))
     _check(base, vary, method, generations, population)
-    effort = Effort.of(generations, population, len(vary), seed)
+    effort = Budget.of(generations, population, len(vary), seed)
     with open_session(out, Where.of(workers, scheduler), effort.runs, quiet=quiet) as session:
-        tries = Tries(session, base, list(vary), goal)
+        tries = Evaluator(session, base, list(vary), goal)
         _SEARCHES[method](tries.costs, vary, effort)
         history = tries.history()
         history.write_tables()

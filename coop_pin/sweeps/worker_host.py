@@ -1,6 +1,6 @@
 """The process that keeps local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in a session of its own.
 
-Workers are started from here and not from the user's process: they would import the user's script once more, and a script without an
+DaskBackend are started from here and not from the user's process: they would import the user's script once more, and a script without an
 ``if __name__ == "__main__"`` would start its sweep in every worker. It ends with its parent: when its standard input closes.
 """
 

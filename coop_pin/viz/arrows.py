@@ -12,7 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Cylinder
-from coop_pin.results import Moment
+from coop_pin.results import Snapshot
 from coop_pin.viz.scene import Cone, Item, Paint, Track, translation
 
 HEAD_LENGTH_M = 0.05
@@ -133,7 +133,7 @@ def recorded_scales(cell: Cell, data: xr.Dataset) -> ArrowScales:
     return _scales(cell, _typical_recorded(data), bool(np.abs(moments).max(initial=0.0) > _NOTHING))
 
 
-def expected_scales(cell: Cell, first: Moment) -> ArrowScales:
+def expected_scales(cell: Cell, first: Snapshot) -> ArrowScales:
     """Return the scales of a run that is yet to come: its desired squeeze is about 0.2 m long, or without one the weight on one arm.
 
     Args:
@@ -205,7 +205,7 @@ def recorded_wrenches(data: xr.Dataset) -> Wrenches:
     return Wrenches(*(data[name].values for name in names))
 
 
-def wrenches_at(moment: Moment) -> Wrenches:
+def wrenches_at(moment: Snapshot) -> Wrenches:
     """Return the wrenches of a run under way, as one sample."""
     parts = (moment.tip_position, moment.interaction_wrench, moment.internal_wrench, moment.payload_pose[:3, 3], moment.external_wrench)
     return Wrenches(*(part[None] for part in parts))

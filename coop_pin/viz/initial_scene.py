@@ -8,18 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.chain.cell_chain import CellChain, determined_rows
+from coop_pin.chain.cell_chain import CellChain, determinate_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.results import Moment, RunResult
+from coop_pin.results import RunResult, Snapshot
 from coop_pin.spatial import rotate_vector6
 
 _PATH_SAMPLES = 400
 
 
-class Standing(NamedTuple):
+class InitialScene(NamedTuple):
     """A cell at rest.
 
     Attributes:
@@ -31,11 +31,11 @@ class Standing(NamedTuple):
 
     cell: Cell
     plant: PlantOptions
-    moment: Moment
+    moment: Snapshot
     desired_path: Array
 
 
-def standing_of(what: Cell | Scenario | RunResult | str | Path) -> tuple[str, Standing]:
+def initial_scene(what: Cell | Scenario | RunResult | str | Path) -> tuple[str, InitialScene]:
     """Return the name and the start of whatever has a cell.
 
     Args:
@@ -53,7 +53,7 @@ def standing_of(what: Cell | Scenario | RunResult | str | Path) -> tuple[str, St
     return scenario.name, standing_scenario(scenario)
 
 
-def standing_scenario(scenario: Scenario) -> Standing:
+def standing_scenario(scenario: Scenario) -> InitialScene:
     """Return the start of a scenario.
 
     Raises:
@@ -62,10 +62,10 @@ def standing_scenario(scenario: Scenario) -> Standing:
     motion = scenario.motion.build()
     path = np.array([motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, scenario.duration, _PATH_SAMPLES)])
     moment = _at_rest(scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches)
-    return Standing(scenario.cell, scenario.plant, moment, path)
+    return InitialScene(scenario.cell, scenario.plant, moment, path)
 
 
-def standing_cell(cell: Cell) -> Standing:
+def standing_cell(cell: Cell) -> InitialScene:
     """Return a cell with its payload at ``payload_pose``, or where the first arm holds it in its posture.
 
     Raises:
@@ -78,14 +78,14 @@ def standing_cell(cell: Cell) -> Standing:
         model = ArmModel(arm, cell.grasps[name].matrix)
         X_WP = model.payload_pose(model.configuration(np.zeros(model.nv) if arm.posture is None else arm.posture))
     plant = PlantOptions()
-    return Standing(cell, plant, _at_rest(cell, plant, X_WP, X_WP, np.zeros((len(cell.arms), 6))), X_WP[None, :3, 3])
+    return InitialScene(cell, plant, _at_rest(cell, plant, X_WP, X_WP, np.zeros((len(cell.arms), 6))), X_WP[None, :3, 3])
 
 
-def _at_rest(cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeeze: Array) -> Moment:
+def _at_rest(cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeeze: Array) -> Snapshot:
     chain = CellChain(cell, plant)
     q, arms, joints = chain.configuration(X_WP), len(cell.arms), max(len(place.drive) for place in chain.tree.arms)
-    none = np.tile(np.where(determined_rows(chain, q), 0.0, np.nan), (arms, 1))
-    return Moment(
+    none = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
+    return Snapshot(
         time=0.0,
         configuration=q,
         payload_pose=X_WP,

@@ -14,7 +14,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, SqueezeError, UserCodeError
 from coop_pin.results import Observer, RunResult
-from coop_pin.simulation import Pace, Simulation
+from coop_pin.simulation import RealtimePacer, Simulation
 
 _JOIN_S = 5.0
 _ROUNDED_DOWN = 1.0 - 1e-12
@@ -28,20 +28,20 @@ class LiveRun:
         error: why the run broke off; None while it has not.
     """
 
-    def __init__(self, scenario: Scenario, view: Observer | None = None, pace: float = 1.0) -> None:
+    def __init__(self, scenario: Scenario, view: Observer | None = None, realtime_rate: float = 1.0) -> None:
         """Stand at the start, paused.
 
         Args:
             scenario: what to run.
             view: sees every tick.
-            pace: simulated seconds in one second of wall time.
+            realtime_rate: simulated seconds in one second of wall time.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
             NotPositiveError: the pace is not greater than zero.
         """
         self.scenario, self.error = scenario, None
-        self._view, self._pace = view, Pace(pace)
+        self._view, self._pace = view, RealtimePacer(realtime_rate)
         self._simulation = Simulation(scenario, build_controller(scenario))
         self._lock, self._stop = threading.Lock(), threading.Event()
         self._thread: threading.Thread | None = None
@@ -65,13 +65,13 @@ class LiveRun:
         return self._simulation.is_finished or self.error is not None
 
     @property
-    def pace(self) -> float:
+    def realtime_rate(self) -> float:
         """Simulated seconds in one second of wall time."""
         return self._pace.rate
 
-    @pace.setter
-    def pace(self, rate: float) -> None:
-        self._pace = Pace(rate)
+    @realtime_rate.setter
+    def realtime_rate(self, rate: float) -> None:
+        self._pace = RealtimePacer(rate)
 
     def when_it_ends(self, call: Callable[[], None]) -> None:
         """Call this, from the run's thread, when the run comes to its end or breaks off."""
@@ -82,7 +82,7 @@ class LiveRun:
         if self.is_running or self.is_finished:
             return
         self._stop.clear()
-        self._pace = Pace(self._pace.rate)
+        self._pace = RealtimePacer(self._pace.rate)
         self._thread = threading.Thread(target=self._run, name="coop_pin live run", daemon=True)
         self._thread.start()
 

@@ -13,7 +13,7 @@ from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import Moment
+from coop_pin.results import Snapshot
 from coop_pin.spatial import pose_error
 from coop_pin.viz.arrows import ArrowSeries, arrow_items, arrow_tracks, expected_scales, largest_force, wrench_arrows, wrenches_at
 from coop_pin.viz.cell_scene import (
@@ -100,7 +100,7 @@ class LiveScene:
         scales: of the arrows.
     """
 
-    def __init__(self, cell: Cell, plant: PlantOptions, first: Moment, desired_path: Array) -> None:
+    def __init__(self, cell: Cell, plant: PlantOptions, first: Snapshot, desired_path: Array) -> None:
         """Build the scene around a first moment.
 
         Args:
@@ -126,7 +126,7 @@ class LiveScene:
         self.nodes = tuple(track.path for track in self._tracks(first))
         self.bodies = tuple(f"arms/{body.name}" for body in self._arms.bodies)
 
-    def frame(self, moment: Moment) -> LiveFrame:
+    def frame(self, moment: Snapshot) -> LiveFrame:
         """Return what there is to see at a moment."""
         error = pose_error(moment.payload_pose, moment.desired_pose)
         bodies = [body.name for body in self._arms.bodies]
@@ -141,7 +141,7 @@ class LiveScene:
             rows=self._rows(moment),
         )
 
-    def _rows(self, moment: Moment) -> Array:
+    def _rows(self, moment: Snapshot) -> Array:
         tracks = self._tracks(moment)
         rows = np.tile(_STILL, (len(tracks), 1))
         for row, track in zip(rows, tracks, strict=True):
@@ -150,7 +150,7 @@ class LiveScene:
                     row[columns] = values[0]
         return rows
 
-    def _tracks(self, moment: Moment) -> tuple[Track, ...]:
+    def _tracks(self, moment: Snapshot) -> tuple[Track, ...]:
         """Return the tracks of one sample: bodies, payload, ghost, arrows."""
         poses = self._arms.poses(moment.configuration[None]).swapaxes(0, 1)
         return (
@@ -160,7 +160,7 @@ class LiveScene:
             *(track for arrow in self._arrows(moment) for track in arrow_tracks(arrow)),
         )
 
-    def _arrows(self, moment: Moment) -> tuple[ArrowSeries, ...]:
+    def _arrows(self, moment: Snapshot) -> tuple[ArrowSeries, ...]:
         return wrench_arrows(self._names, wrenches_at(moment), self.scales)
 
 

@@ -13,9 +13,9 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.figures import palette
-from coop_pin.results import Moment, RunResult, Viewing
+from coop_pin.results import RunResult, Snapshot, ThrottledObserver
 from coop_pin.viz.cell_scene import COLOURS, TRAIL_RADIUS_M, TRAIL_SPACING_M
-from coop_pin.viz.initial_scene import Standing, standing_of
+from coop_pin.viz.initial_scene import InitialScene, initial_scene
 from coop_pin.viz.live_scene import MOST_POINTS, LiveFrame, LiveScene
 from coop_pin.viz.live_server import ViewServer
 from coop_pin.viz.meshcat_commands import scene_messages
@@ -25,7 +25,7 @@ from coop_pin.viz.replay import page_frame
 FRAMES_PER_SECOND = 30.0
 
 
-class Viewer(Viewing, Protocol):
+class Viewer(ThrottledObserver, Protocol):
     """Shows a run while it is under way; an Observer. None of its methods waits for anything or raises because nobody looks.
 
     What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame that says where the nodes of
@@ -100,7 +100,7 @@ class LiveView:
         dropped: frames that found the way to it full.
     """
 
-    def __init__(self, title: str, standing: Standing, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> None:
+    def __init__(self, title: str, standing: InitialScene, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> None:
         """Start to serve the page. Where that is not possible warn, and show nothing.
 
         Args:
@@ -139,13 +139,13 @@ class LiveView:
         """The server process; None where there is none."""
         return self._server.pid if self._server else None
 
-    def __call__(self, moment: Moment) -> None:
+    def __call__(self, moment: Snapshot) -> None:
         """Show a moment, unless the last one was shown too short a time ago."""
         self._last = moment
         if self._rate.is_due():
             self.show(moment)
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: Snapshot) -> None:
         """Show a moment now."""
         self._last = moment
         if self._server is None or not self._server.is_alive:
@@ -202,7 +202,7 @@ def open_view(what: Cell | Scenario | RunResult | str | Path, frames_per_second:
         UnreachablePoseError: an arm does not reach its grasp at the start.
         PortTakenError: the chosen port cannot be had.
     """
-    title, standing = standing_of(what)
+    title, standing = initial_scene(what)
     return LiveView(title, standing, frames_per_second, port)
 
 

@@ -21,7 +21,7 @@ from coop_pin.viz.replay import page_frame
 _DECADE = 10.0
 
 
-class Knob(NamedTuple):
+class Slider(NamedTuple):
     """A slider for a gain.
 
     Attributes:
@@ -45,23 +45,23 @@ class Knob(NamedTuple):
         return value if self.gain is None else _scaled(self.gain, value)
 
 
-def gain_knobs(scenario: Scenario) -> tuple[Knob, ...]:
+def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
     """Return the knobs of a scenario's gains; none for a user's own controller, whose gains nobody here knows."""
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return ()
-    knobs: list[Knob] = []
+    sliders: list[Slider] = []
     for name, gain in chosen.gains:
         if name == "force_gain" and isinstance(chosen.force_path, NoForcePath):
             continue  # the law would not feel it
         field, label = f"controller.gains.{name}", name.replace("_", " ")
         if isinstance(gain, tuple):
-            knobs.append(Knob(field, f"{label} \u00d7", 1.0, 1.0 / _DECADE, _DECADE, gain))
+            sliders.append(Slider(field, f"{label} \u00d7", 1.0, 1.0 / _DECADE, _DECADE, gain))
         elif name in ("sign_gain", "force_gain"):
-            knobs.append(Knob(field, label, gain, 0.0, max(5.0 * gain, 1.0)))
+            sliders.append(Slider(field, label, gain, 0.0, max(5.0 * gain, 1.0)))
         else:
-            knobs.append(Knob(field, label, gain, gain / _DECADE, gain * _DECADE))
-    return tuple(knobs)
+            sliders.append(Slider(field, label, gain, gain / _DECADE, gain * _DECADE))
+    return tuple(sliders)
 
 
 def _scaled(gain: Any, factor: float) -> Any:
@@ -69,7 +69,7 @@ def _scaled(gain: Any, factor: float) -> Any:
 
 
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_SHOVE_N, _LARGEST_SHOVE_N, _SHOVE_S = 150.0, 500.0, 0.2
+_PUSH_N, _LARGEST_PUSH_N, _PUSH_S = 150.0, 500.0, 0.2
 _MASS_FACTOR = 4.0
 _LARGEST_SQUEEZE_FACTOR = 4.0
 _HEIGHT = 600
@@ -84,16 +84,16 @@ class Panel:
         run: the run under way.
         view: its live view.
         widget: everything, as one ipywidget.
-        sliders: the sliders by the field of the scenario that they change; besides gains "mass", "squeeze" and "shove".
-        buttons: "start", "reset" and "shove".
+        sliders: the sliders by the field of the scenario that they change; besides gains "mass", "squeeze" and "push".
+        buttons: "start", "reset" and "push".
     """
 
-    def __init__(self, scenario: Scenario | str | Path, pace: float = 1.0) -> None:
+    def __init__(self, scenario: Scenario | str | Path, realtime_rate: float = 1.0) -> None:
         """Stand at the start, paused.
 
         Args:
             scenario: a Scenario, a name in the catalogue or the path of a TOML file; its duration is how long one can play.
-            pace: simulated seconds in one second of wall time.
+            realtime_rate: simulated seconds in one second of wall time.
 
         Raises:
             MissingExtraError: ipywidgets is not installed.
@@ -103,13 +103,13 @@ class Panel:
         self._kit = _widgets()
         scenario = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
         self.view = open_view(scenario)
-        self.run = LiveRun(scenario, self.view, pace)
+        self.run = LiveRun(scenario, self.view, realtime_rate)
         self.run.when_it_ends(self._tell_state)
         self.sliders: dict[str, Any] = {}
         self.buttons = {
             "start": self._button("Start", "play", self._toggle),
             "reset": self._button("Reset", "undo", self._reset),
-            "shove": self._button("Shove", "hand-pointer-o", self._shove),
+            "push": self._button("Shove", "hand-pointer-o", self._push),
         }
         self._speed = self._kit.Dropdown(options=[(f"\u00d7 {speed:g}", speed) for speed in _SPEEDS], value=1.0, layout={"width": "90px"})
         self._speed.observe(self._change_speed, "value")
@@ -134,19 +134,19 @@ class Panel:
     # ------------------------------------------------------------ layout
 
     def _controls(self, scenario: Scenario) -> Any:
-        for knob in gain_knobs(scenario):
+        for knob in gain_sliders(scenario):
             self._add(knob, functools.partial(self._change_gain, knob))
         mass, squeeze = scenario.cell.payload.mass, float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
-        self._add(Knob("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR), self.run.change_mass)
+        self._add(Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR), self.run.change_mass)
         if squeeze > 0.0:
-            self._add(Knob("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze), self.run.change_squeeze)
-        self._add(Knob("shove", "shove, N", _SHOVE_N, 0.0, _LARGEST_SHOVE_N), lambda _: None)
+            self._add(Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze), self.run.change_squeeze)
+        self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None)
         gains = [slider for field, slider in self.sliders.items() if "." in field]
         rest = [slider for field, slider in self.sliders.items() if "." not in field]
         buttons = self._kit.HBox([*self.buttons.values(), self._speed])
         return self._kit.HBox([self._kit.VBox([buttons, *rest]), self._kit.VBox(gains)])
 
-    def _add(self, knob: Knob, act: Callable[[float], None]) -> None:
+    def _add(self, knob: Slider, act: Callable[[float], None]) -> None:
         common = {"description": knob.label, "continuous_update": False, "style": {"description_width": "110px"}}
         if knob.low > 0.0:
             low, high = np.log10(knob.low), np.log10(knob.high)
@@ -188,14 +188,14 @@ class Panel:
         else:
             self.run.step()
 
-    def _shove(self) -> None:
-        self.run.push((0.0, self.sliders["shove"].value, 0.0, 0.0, 0.0, 0.0), _SHOVE_S)
+    def _push(self) -> None:
+        self.run.push((0.0, self.sliders["push"].value, 0.0, 0.0, 0.0, 0.0), _PUSH_S)
 
-    def _change_gain(self, knob: Knob, value: float) -> None:
+    def _change_gain(self, knob: Slider, value: float) -> None:
         self.run.change({knob.field: knob.field_value(value)})
 
     def _change_speed(self, change: Any) -> None:
-        self.run.pace = change["new"]
+        self.run.realtime_rate = change["new"]
 
     def _tell_state(self) -> None:
         running = self.run.is_running and not self.run.is_finished
