@@ -29,7 +29,12 @@ def ring_cell(count: int) -> Cell:
         turn = make_pose(rpy=(0.0, 0.0, 2.0 * np.pi * index / count))
         base = Pose.from_matrix(turn @ make_pose((-0.6, 0.0, 0.0)))
         arms[f"arm{index}"] = Arm(
-            urdf="panda", tip="panda_hand_tcp", base=base, posture=POSTURE, locked={"panda_finger_joint1": 0.03}, friction="none"
+            urdf="panda",
+            tip="panda_hand_tcp",
+            base=base,
+            posture=POSTURE,
+            locked={"panda_finger_joint1": 0.03},
+            friction="none",
         )
         grasps[f"arm{index}"] = Pose.from_matrix(turn @ grasp)
     return Cell(arms=arms, payload=Payload.cylinder(4.0, 0.25, 0.03), grasps=grasps)
@@ -47,7 +52,9 @@ def numbers(values: np.ndarray) -> str:
 
 def placement(X: pin.SE3) -> str:
     quaternion = pin.Quaternion(X.rotation)
-    return f'pos="{numbers(X.translation)}" quat="{quaternion.w} {quaternion.x} {quaternion.y} {quaternion.z}"'
+    return (
+        f'pos="{numbers(X.translation)}" quat="{quaternion.w} {quaternion.x} {quaternion.y} {quaternion.z}"'
+    )
 
 
 def body_xml(model: pin.Model, joint: int) -> str:
@@ -60,7 +67,9 @@ def body_xml(model: pin.Model, joint: int) -> str:
         for frame in model.frames
         if frame.parentJoint == joint and (frame.name.startswith("payload/") or frame.name.endswith("/grasp"))
     )
-    children = "".join(body_xml(model, child) for child in range(joint + 1, model.njoints) if model.parents[child] == joint)
+    children = "".join(
+        body_xml(model, child) for child in range(joint + 1, model.njoints) if model.parents[child] == joint
+    )
     return f"""<body {placement(model.jointPlacements[joint])}><joint axis="0 0 1"/>
         <inertial pos="{numbers(inertia.lever)}" mass="{inertia.mass}" fullinertia="{numbers(np.array((xx, yy, zz, xy, xz, yz)))}"/>
         {sites}{children}</body>"""
@@ -72,7 +81,8 @@ def mjcf(plant: Plant) -> str:
     roots = [joint for joint in range(1, tree.model.njoints) if tree.model.parents[joint] == 0]
     held = [arm.name for arm in tree.arms if arm.name not in tree.closed_by_tree]
     welds = "".join(
-        f'<weld site1="{name}/grasp" site2="payload/{name}" solimp="0.9999 0.9999 0.001 0.5 2" solref="{2 * STEP} 1"/>' for name in held
+        f'<weld site1="{name}/grasp" site2="payload/{name}" solimp="0.9999 0.9999 0.001 0.5 2" solref="{2 * STEP} 1"/>'
+        for name in held
     )
     return f"""<mujoco><compiler balanceinertia="true" boundmass="1e-9" boundinertia="1e-9"/>
         <option integrator="RK4" timestep="{STEP}" gravity="{numbers(tree.model.gravity.linear)}"/>
@@ -119,10 +129,14 @@ def main(argv: list[str] | None = None) -> None:
         tasks[f"mujoco {count}"] = mujoco_task(plant)
     seconds = interleaved(tasks, options.blocks, options.calls)
     unit = seconds["coop_pin 1"]
-    print(f"coop_pin {cp.__version__}: one RK4 step of 1 ms, in steps of coop_pin with one arm; median (range)")
+    print(
+        f"coop_pin {cp.__version__}: one RK4 step of 1 ms, in steps of coop_pin with one arm; median (range)"
+    )
     for count in range(1, options.arms + 1):
         ours, theirs = seconds[f"coop_pin {count}"], seconds[f"mujoco {count}"]
-        print(f"{count} arms: coop_pin {ratio(ours, unit)}   mujoco {ratio(theirs, unit)}   coop_pin/mujoco {ratio(ours, theirs)}")
+        print(
+            f"{count} arms: coop_pin {ratio(ours, unit)}   mujoco {ratio(theirs, unit)}   coop_pin/mujoco {ratio(ours, theirs)}"
+        )
 
 
 if __name__ == "__main__":

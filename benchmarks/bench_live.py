@@ -2,9 +2,10 @@
 
     python benchmarks/bench_live.py [--duration 5] [--blocks 5]
 
-The slowdown is processor time of a run as fast as possible with a view against the same run alone, interleaved. Frames a second are
-counted at wall-clock pace: those handed to the server process, those that reached a reader, and, where playwright and a Chromium are
-there, those that a browser drew. Printed, never asserted.
+The slowdown is processor time of a run as fast as possible with a view against the same run alone,
+interleaved. Frames a second are counted at wall-clock pace: those handed to the server process, those that
+reached a reader, and, where playwright and a Chromium are there, those that a browser drew. Printed, never
+asserted.
 """
 
 from __future__ import annotations
@@ -24,7 +25,13 @@ from tornado.websocket import websocket_connect
 import coop_pin as cp
 from coop_pin.viz import LiveView, open_view
 
-CHROMIUM_ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-quic", "--disable-sync"]
+CHROMIUM_ARGUMENTS = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-sandbox",
+    "--disable-quic",
+    "--disable-sync",
+]
 
 
 def slowdown(scenario: cp.Scenario, blocks: int) -> None:
@@ -32,18 +39,28 @@ def slowdown(scenario: cp.Scenario, blocks: int) -> None:
     view, every = open_view(scenario), open_view(scenario)
     tasks = {
         "alone": lambda: cp.run(scenario),
-        "with a view, 30 frames in a second of wall time": lambda: cp.run(scenario, view=view, realtime_rate=math.inf),
-        "with a view that is sent every tick": lambda: cp.run(scenario, view=every.show, realtime_rate=math.inf),
+        "with a view, 30 frames in a second of wall time": lambda: cp.run(
+            scenario, view=view, realtime_rate=math.inf
+        ),
+        "with a view that is sent every tick": lambda: cp.run(
+            scenario, view=every.show, realtime_rate=math.inf
+        ),
     }
     seconds = common.interleaved(tasks, blocks, 1)
     view.close()
     every.close()
     ticks = scenario.duration * scenario.clock.rate_hz
-    print(f"processor time of {scenario.duration:g} s of {scenario.name} as fast as possible; median (min .. max) of alone")
+    print(
+        f"processor time of {scenario.duration:g} s of {scenario.name} as fast as possible; median (min .. max) of alone"
+    )
     for name, values in seconds.items():
-        print(f"  {name:50s} {common.ratio(values, seconds['alone'])}   {1e6 * np.median(values) / ticks:6.0f} us a tick")
+        print(
+            f"  {name:50s} {common.ratio(values, seconds['alone'])}   {1e6 * np.median(values) / ticks:6.0f} us a tick"
+        )
     share = (np.median(seconds["with a view that is sent every tick"]) - np.median(seconds["alone"])) / ticks
-    print(f"  a frame costs the run {1e6 * share:.0f} us; thirty a second take {100 * 30 * share:.1f} % of one core")
+    print(
+        f"  a frame costs the run {1e6 * share:.0f} us; thirty a second take {100 * 30 * share:.1f} % of one core"
+    )
 
 
 def frames(scenario: cp.Scenario) -> None:
@@ -56,11 +73,17 @@ def frames(scenario: cp.Scenario) -> None:
     start = time.monotonic()
     result = cp.run(scenario, view=view)
     wall = time.monotonic() - start
-    print(f"{result.end:g} s at wall-clock pace took {wall:.2f} s: {view.sent / wall:.1f} frames a second sent, {view.dropped} dropped,")
+    print(
+        f"{result.end:g} s at wall-clock pace took {wall:.2f} s: {view.sent / wall:.1f} frames a second sent, {view.dropped} dropped,"
+    )
     print(f"  {counted[0] / wall:.1f} reached a reader", end="")
     view.close()
     drawn = in_browser(scenario)
-    print(f", {drawn:.1f} a second were drawn by Chromium without a graphics card" if drawn else "; no browser here")
+    print(
+        f", {drawn:.1f} a second were drawn by Chromium without a graphics card"
+        if drawn
+        else "; no browser here"
+    )
 
 
 async def count(view: LiveView, counted: list[int], ready: threading.Event) -> None:
@@ -103,7 +126,9 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blocks", type=int, default=5)
-    parser.add_argument("--duration", type=float, default=5.0, help="of each run, s; shorter ones have no events")
+    parser.add_argument(
+        "--duration", type=float, default=5.0, help="of each run, s; shorter ones have no events"
+    )
     options = parser.parse_args(arguments)
     scenario = common.shortened(cp.Scenario.load("adept-paper"), options.duration)
     slowdown(scenario, options.blocks)

@@ -2,8 +2,9 @@
 
     python benchmarks/bench_mujoco.py [--rounds 15] [--duration 20] [--solref 2 3 4]
 
-Both run the same law object on the same kinematics at 80 Hz, with the same events. Coulomb friction is left out on both sides (in
-MuJoCo it is a constraint, another model than ours). Errors are against coop_pin at 64 steps a tick. Printed, never asserted.
+Both run the same law object on the same kinematics at 80 Hz, with the same events. Coulomb friction is left
+out on both sides (in MuJoCo it is a constraint, another model than ours). Errors are against coop_pin at 64
+steps a tick. Printed, never asserted.
 """
 
 from __future__ import annotations
@@ -55,21 +56,38 @@ def main(arguments: list[str] | None = None) -> None:
     """Run, compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--duration", type=float, default=20.0, help="s; the events are left out of shorter runs")
-    parser.add_argument("--solref", type=float, nargs="+", default=[2.0, 3.0, 4.0], help="time constants of the weld in plant steps")
+    parser.add_argument(
+        "--duration", type=float, default=20.0, help="s; the events are left out of shorter runs"
+    )
+    parser.add_argument(
+        "--solref",
+        type=float,
+        nargs="+",
+        default=[2.0, 3.0, 4.0],
+        help="time constants of the weld in plant steps",
+    )
     options = parser.parse_args(arguments)
     scenario = shortened(cp.Scenario.load("adept-paper", OVERRIDES), options.duration)
-    runs = {f"coop_pin, {12.5 / steps:g} ms": lambda n=steps: recorded(coop_pin_run(scenario, n)) for steps in (5, 2, 1)}
+    runs = {
+        f"coop_pin, {12.5 / steps:g} ms": lambda n=steps: recorded(coop_pin_run(scenario, n))
+        for steps in (5, 2, 1)
+    }
     for solref in options.solref:
-        runs[f"MuJoCo, 2.5 ms, solref {solref:g} dt"] = lambda s=solref: MujocoRun(scenario, build_controller(scenario), s).run()
+        runs[f"MuJoCo, 2.5 ms, solref {solref:g} dt"] = lambda s=solref: MujocoRun(
+            scenario, build_controller(scenario), s
+        ).run()
     reference = recorded(coop_pin_run(scenario, 64))
     measured = {name: errors(run(), reference) for name, run in runs.items()}
     seconds = interleaved(runs, options.rounds, 1)
     unit = seconds[f"MuJoCo, 2.5 ms, solref {options.solref[0]:g} dt"]
     print(f"{options.duration:g} s of adept-paper, whole runs; largest errors over the run")
-    print(f"{'':26s}{'gap m':>10s}{'gap rad':>10s}{'pose m':>10s}{'pose rad':>10s}{'int. N':>10s}{'int. N m':>10s}   cost (MuJoCo = 1)")
+    print(
+        f"{'':26s}{'gap m':>10s}{'gap rad':>10s}{'pose m':>10s}{'pose rad':>10s}{'int. N':>10s}{'int. N m':>10s}   cost (MuJoCo = 1)"
+    )
     for name in runs:
-        print(f"{name:26s}" + "".join(f"{error:10.1e}" for error in measured[name]) + ratio(seconds[name], unit))
+        print(
+            f"{name:26s}" + "".join(f"{error:10.1e}" for error in measured[name]) + ratio(seconds[name], unit)
+        )
 
 
 if __name__ == "__main__":

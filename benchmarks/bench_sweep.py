@@ -50,14 +50,18 @@ class Memory(threading.Thread):
 
 def plan(runs: int, duration: float) -> SweepPlan:
     return SweepPlan(
-        base="adept-paper", changes={"duration": duration, "events": []}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, runs)}
+        base="adept-paper",
+        changes={"duration": duration, "events": []},
+        axes={"controller.gains.sign_gain": linspace(0.0, 0.4, runs)},
     )
 
 
 def cost(made: SweepPlan, workers: int) -> Cost:
     """Run a sweep; its wall time is that of all but the first runs, so that the start of workers stands apart."""
     with tempfile.TemporaryDirectory() as folder:
-        first = made.replace(axes={"controller.gains.sign_gain": [0.5 + i / 100.0 for i in range(2 * max(workers, 1))]})
+        first = made.replace(
+            axes={"controller.gains.sign_gain": [0.5 + i / 100.0 for i in range(2 * max(workers, 1))]}
+        )
         start = time.perf_counter()
         sweep(first, out=folder, workers=workers, quiet=True)
         few = time.perf_counter() - start
@@ -98,7 +102,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=1)
     options = parser.parse_args(arguments)
     made = plan(options.runs, options.duration)
-    print(f"{options.runs} runs of {options.duration:g} s, load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors")
+    print(
+        f"{options.runs} runs of {options.duration:g} s, load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors"
+    )
     print(f"a worker starts in {worker_start():.2f} s")
     for _ in range(options.rounds):
         alone = bare(made, 50)
@@ -107,7 +113,9 @@ def main(arguments: list[str] | None = None) -> None:
         for name, found in (("in this process", here), ("one worker", one), ("two workers", two)):
             flat = " ".join(f"{sample:.0f}" for sample in found.memory_mb)
             times = f"per run {1e3 * found.wall_s:7.2f} ms, in the run {1e3 * found.in_run_s:7.2f} ms"
-            print(f"{name:16s} {times}, processor beyond it {1e3 * found.beyond_cpu_s:.2f} ms here, memory by quarters {flat} MB")
+            print(
+                f"{name:16s} {times}, processor beyond it {1e3 * found.beyond_cpu_s:.2f} ms here, memory by quarters {flat} MB"
+            )
         print(
             f"beyond the run: {1e3 * (here.wall_s - here.in_run_s):.2f} ms here, {1e3 * (one.wall_s - one.in_run_s):.2f} ms with one worker"
         )

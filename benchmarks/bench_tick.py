@@ -30,7 +30,9 @@ def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.
     model = chain.tree.model
     a, b = (model.frames[model.getFrameId(name)] for name in ("right/grasp", "payload/right"))
     kind = pin.ContactType.CONTACT_6D
-    weld = pin.RigidConstraintModel(kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL)
+    weld = pin.RigidConstraintModel(
+        kind, model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.LOCAL
+    )
     welds, data = pin.StdVec_RigidConstraintModel([weld]), model.createData()
     weld_data = pin.StdVec_RigidConstraintData([weld.createData()])
     settings = pin.ProximalSettings(1e-14, 1e-8, 20)
@@ -48,15 +50,26 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     target, squeeze = run.motion.at(t), run.squeeze.at(t)
     references = run._references(target, squeeze)
     measured = run._measure(TICK, t, references)
-    law, state, answer = controller.controllers["left"], run.state, controller.step(measured, references, run.state).torque
+    law, state, answer = (
+        controller.controllers["left"],
+        run.state,
+        controller.step(measured, references, run.state).torque,
+    )
     commanded = run.actuation.commands(answer)
     applied, free = run.actuation.apply(commanded), run.saturated[0]
-    q, v, tau, h = plant.q, plant.v, plant.generalised_force(), run.timeline.period / scenario.clock.steps_per_tick
+    q, v, tau, h = (
+        plant.q,
+        plant.v,
+        plant.generalised_force(),
+        run.timeline.period / scenario.clock.steps_per_tick,
+    )
     angles = q[chain.tree.arms[0].q]
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.chain.solver.acceleration(q, v, tau),
-        "one arm's tick of law (23), kinematics included": lambda: law.step(sensor.measure(t, q, v, None, free), references[0], state[0]),
+        "one arm's tick of law (23), kinematics included": lambda: law.step(
+            sensor.measure(t, q, v, None, free), references[0], state[0]
+        ),
         "  ArmSensor.measure": lambda: sensor.measure(t, q, v, None, free),
         "    ArmKinematics.view": lambda: sensor._kinematics.view(angles),
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
@@ -91,7 +104,9 @@ def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
     }
     shares["references, events, guards, colder caches"] = total - sum(shares.values())
     title = f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, {scenario.duration / total:.0f} times real time here"
-    return "\n".join([title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())])
+    return "\n".join(
+        [title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())]
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -99,11 +114,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blocks", type=int, default=40)
     parser.add_argument("--calls", type=int, default=100)
-    parser.add_argument("--duration", type=float, default=20.0, help="of the whole run, s; shorter ones have no events")
+    parser.add_argument(
+        "--duration", type=float, default=20.0, help="of the whole run, s; shorter ones have no events"
+    )
     options = parser.parse_args(arguments)
     scenario = cp.Scenario.load("adept-paper")
     seconds = common.interleaved(tasks(scenario), options.blocks, options.calls)
-    print(f"unit: one {UNIT} call on the rooted planar chain, {1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)")
+    print(
+        f"unit: one {UNIT} call on the rooted planar chain, {1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)"
+    )
     for name, values in seconds.items():
         print(f"{name:48s} {common.ratio(values, seconds[UNIT])}")
     print(whole_run(common.shortened(scenario, options.duration), seconds))

@@ -2,10 +2,11 @@
 
     python benchmarks/drill.py [--faults 100] [--runs 400] [--seed 0]
 
-Each round runs ``coop-pin sweep`` on one folder and hurts it: kills a worker, the keeper of the workers, the process itself or a dask
-scheduler elsewhere, sends Ctrl-C, starts a second sweep, limits the size of files, fills the disk (a small one in memory, where this
-user may mount it), flips bits in stored files, puts foreign files among them. After every round each run that was finished before is
-still there with the same numbers, unless the round damaged its file. In the end the table is that of an undisturbed sweep, byte for byte.
+Each round runs ``coop-pin sweep`` on one folder and hurts it: kills a worker, the keeper of the workers, the
+process itself or a dask scheduler elsewhere, sends Ctrl-C, starts a second sweep, limits the size of files,
+fills the disk (a small one in memory, where this user may mount it), flips bits in stored files, puts foreign
+files among them. After every round each run that was finished before is still there with the same numbers,
+unless the round damaged its file. In the end the table is that of an undisturbed sweep, byte for byte.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class Session:
     def __init__(self, drill: Drill, *options: str) -> None:
         self._drill = drill
         words = ["-m", "coop_pin", "sweep", str(drill.file), "--out", str(drill.folder), "--quiet", *options]
-        self.process = subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True, start_new_session=True)
+        self.process = subprocess.Popen(
+            [sys.executable, *words], stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
         self._start = drill.count()
 
     def progress(self, runs: int) -> None:
@@ -76,7 +79,9 @@ class Session:
             self.process.send_signal(sent)
         said = self.process.communicate(timeout=_PATIENCE_S)[1]
         code = self.process.returncode
-        if code == -signal.SIGINT:  # so Python ends when Ctrl-C comes while it compiles what it imports; a shell says 130 of both
+        if (
+            code == -signal.SIGINT
+        ):  # so Python ends when Ctrl-C comes while it compiles what it imports; a shell says 130 of both
             code = INTERRUPTED
         assert code in (*codes, OK), f"exit code {code}, expected {codes}: {said}"
         assert "Traceback" not in said, said
@@ -85,7 +90,11 @@ class Session:
     def children(self, mark: str) -> list[psutil.Process]:
         """Return descendants with a word in their command line."""
         with contextlib.suppress(psutil.NoSuchProcess):
-            return [child for child in psutil.Process(self.process.pid).children(recursive=True) if mark in " ".join(_command(child))]
+            return [
+                child
+                for child in psutil.Process(self.process.pid).children(recursive=True)
+                if mark in " ".join(_command(child))
+            ]
         return []
 
 
@@ -268,7 +277,11 @@ def scheduler_elsewhere(folder: Path) -> Iterator[tuple[str, subprocess.Popen[by
     try:
         for part in words:
             command = [sys.executable, "-m", "dask", *part]
-            processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment))
+            processes.append(
+                subprocess.Popen(
+                    command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+                )
+            )
             while not (file.exists() and file.read_text()):
                 time.sleep(0.05)
         yield json.loads(file.read_text())["address"], processes[0]
@@ -287,7 +300,9 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
     """Mount a small disk in memory at a folder where this user may; yield whether it is there."""
     folder.mkdir(parents=True, exist_ok=True)
     mounted = not subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(folder)], check=False, capture_output=True
+        ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(folder)],
+        check=False,
+        capture_output=True,
     ).returncode
     try:
         yield mounted
@@ -296,7 +311,9 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
             subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def run_drill(place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS) -> Counter[str]:
+def run_drill(
+    place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS
+) -> Counter[str]:
     """Hurt a sweep so many times and return how often each way; an AssertionError says what was lost."""
     with small_disk(place / "sweep", 64) as is_small:
         drill = Drill(place, runs, seed)
@@ -304,7 +321,9 @@ def run_drill(place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, 
         for number in range(faults):
             fault = kinds[number % len(kinds)]
             drill.hurt(fault)
-            print(f"{number + 1:4d} {fault:15s} {drill.count():5d} of {len(drill.plan)} runs kept", flush=True)
+            print(
+                f"{number + 1:4d} {fault:15s} {drill.count():5d} of {len(drill.plan)} runs kept", flush=True
+            )
         assert drill.finish() == drill.undisturbed(), "the table is not that of an undisturbed sweep"
     return drill.done
 
@@ -320,7 +339,9 @@ def main(arguments: list[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as place:
         done = run_drill(Path(place), options.faults, options.runs, options.seed)
     kinds = ", ".join(f"{count} {name}" for name, count in done.items())
-    print(f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s: nothing lost, the table is that of an undisturbed sweep")
+    print(
+        f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s: nothing lost, the table is that of an undisturbed sweep"
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """The planar cell on MuJoCo: MJCF from the same numbers, the same law, the same clock and events.
 
-Tuned for closed chains: RK4, payload merged into the first arm's tree, one weld, solimp 0.9999, solref a few steps. Torques act
-through motors on fixed tendons whose coefficients are the rows of the drive matrix T; viscous friction is those tendons' damping, so
-both act in drive coordinates. Coulomb friction is left out (MuJoCo's own is a constraint, another model than ours).
+Tuned for closed chains: RK4, payload merged into the first arm's tree, one weld, solimp 0.9999, solref a few
+steps. Torques act through motors on fixed tendons whose coefficients are the rows of the drive matrix T;
+viscous friction is those tendons' damping, so both act in drive coordinates. Coulomb friction is left out
+(MuJoCo's own is a constraint, another model than ours).
 """
 
 from __future__ import annotations
@@ -90,10 +91,15 @@ class MujocoRun:
     def __init__(self, scenario: cp.Scenario, controller: CellController, solref_steps: float = 2.0) -> None:
         self.loop, self.controller = Simulation(scenario, controller), controller
         self.steps = scenario.clock.steps_per_tick
-        self.model = mujoco.MjModel.from_xml_string(mjcf(scenario, scenario.clock.period / self.steps, solref_steps))
+        self.model = mujoco.MjModel.from_xml_string(
+            mjcf(scenario, scenario.clock.period / self.steps, solref_steps)
+        )
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = self.loop.plant.q
-        self.loop.plant.q, self.loop.plant.v = self.data.qpos, self.data.qvel  # live: the sensors see MuJoCo's state
+        self.loop.plant.q, self.loop.plant.v = (
+            self.data.qpos,
+            self.data.qvel,
+        )  # live: the sensors see MuJoCo's state
         self.payload, self.bar = scenario.cell.payload, self.model.body("payload").id
 
     def run(self) -> Recorded:
@@ -117,9 +123,17 @@ class MujocoRun:
         model, data, bar, acceleration = self.model, self.data, self.bar, np.zeros(6)
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
-        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, bar, acceleration, 0)  # angular first
+        mujoco.mj_objectAcceleration(
+            model, data, mujoco.mjtObj.mjOBJ_BODY, bar, acceleration, 0
+        )  # angular first
         mass, inertia, push = model.body_mass[bar], model.body_inertia[bar, 2], data.xfrc_applied[bar]
-        balance = np.array((mass * acceleration[3] - push[0], mass * acceleration[4] - push[1], inertia * acceleration[2] - push[5]))
+        balance = np.array(
+            (
+                mass * acceleration[3] - push[0],
+                mass * acceleration[4] - push[1],
+                inertia * acceleration[2] - push[5],
+            )
+        )
         seen = data.qfrc_constraint[3:], data.xpos[bar], data.xmat[bar], data.site_xpos, data.site_xmat
         return J, balance, *(live.copy() for live in seen)
 

@@ -1,6 +1,7 @@
 """coop_pin: two or more URDF arms that rigidly hold one object, on Pinocchio.
 
-Everything public is listed here and loaded on first use, so that importing ``coop_pin.control`` never loads Pinocchio.
+Everything public is listed here and loaded on first use, so that importing ``coop_pin.control`` never loads
+Pinocchio.
 """
 
 from __future__ import annotations

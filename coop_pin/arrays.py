@@ -34,7 +34,9 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
-    sizes_match = all(isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=False))
+    sizes_match = all(
+        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=False)
+    )
     if array.ndim != len(shape) or not sizes_match:
         raise ShapeError(name, array.shape, shape)
     finite = np.isfinite(array)

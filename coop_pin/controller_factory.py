@@ -39,7 +39,9 @@ def build_controller(scenario: Scenario) -> CellController:
     chosen = scenario.controller
     if isinstance(chosen, choice.UserController):
         return _users_controller(scenario, chosen)
-    return DecentralisedController({name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms})
+    return DecentralisedController(
+        {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
+    )
 
 
 def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> ArmController:
@@ -67,7 +69,9 @@ def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> 
     common["damping_gain"] = gain_matrix(chosen.gains_of(arm).damping_gain, model.nv, f"{path}.damping_gain")
     printed = SlidingModeController(**common)
     if isinstance(chosen, choice.RedundantSlidingMode):
-        return RedundantSlidingModeController(printed, _posture(scenario, chosen.posture, arm, model), chosen.inverse_damping)
+        return RedundantSlidingModeController(
+            printed, _posture(scenario, chosen.posture, arm, model), chosen.inverse_damping
+        )
     return printed
 
 
@@ -76,7 +80,9 @@ def _require_joints(chosen: choice.Prescribed, arm: str, joints: int, rows: int)
     if joints < rows or (isinstance(chosen, choice.SlidingMode) and joints != rows):
         wanted = "exactly as many" if isinstance(chosen, choice.SlidingMode) else "at least as many"
         detail = f"is {chosen.kind!r}, which needs {wanted} joints as task rows; arm {arm!r} has {joints} joints and the cell {rows} rows"
-        raise FieldError(f"{detail}. For more joints choose 'sliding-mode-redundant' or 'payload-space'", "controller.kind")
+        raise FieldError(
+            f"{detail}. For more joints choose 'sliding-mode-redundant' or 'payload-space'", "controller.kind"
+        )
 
 
 def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel) -> Posture:
@@ -86,7 +92,9 @@ def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel)
         raise FieldError(detail, "controller.posture")
     angles = scenario.cell.arms[arm].posture
     spring = np.zeros(model.nv) if angles is None else np.array(angles)
-    stiffness, damping = (np.broadcast_to(np.array(gain, dtype=float), (model.nv,)) for gain in (gains.stiffness, gains.damping))
+    stiffness, damping = (
+        np.broadcast_to(np.array(gain, dtype=float), (model.nv,)) for gain in (gains.stiffness, gains.damping)
+    )
     return Posture(model.drive @ spring, stiffness, damping)
 
 
@@ -106,8 +114,12 @@ def _users_controller(scenario: Scenario, chosen: choice.UserController) -> Cell
     if issubclass(kind, CellController):
         return kind(scenario, **chosen.options)
     if issubclass(kind, ArmController):
-        return DecentralisedController({name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms})
-    raise FieldError(f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target")
+        return DecentralisedController(
+            {name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms}
+        )
+    raise FieldError(
+        f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target"
+    )
 
 
 def _users_class(target: str) -> Any:
@@ -118,5 +130,10 @@ def _users_class(target: str) -> Any:
         raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     kind = getattr(module, class_name, None)
     if not isinstance(kind, type):
-        raise EntryNotFoundError("class", class_name, [name for name in dir(module) if name[0].isupper()], f"module {module_name!r}")
+        raise EntryNotFoundError(
+            "class",
+            class_name,
+            [name for name in dir(module) if name[0].isupper()],
+            f"module {module_name!r}",
+        )
     return kind

@@ -12,7 +12,9 @@ from typing import Any, Self
 def rebuild(kind: type[CoopPinError], message: str, fields: dict[str, Any]) -> CoopPinError:
     """Make an error from what it was pickled as."""
     layout: Any = kind
-    while layout.__module__ != "builtins":  # an OSError is larger than other exceptions: only its own __new__ may make one
+    while (
+        layout.__module__ != "builtins"
+    ):  # an OSError is larger than other exceptions: only its own __new__ may make one
         layout = layout.__base__
     error: CoopPinError = layout.__new__(kind, message)
     error.args = (message,)
@@ -113,7 +115,9 @@ class NotIncreasingError(ArgumentError):
 
     def __init__(self, name: str, index: int, value: float, previous: float) -> None:
         self.name, self.index, self.value, self.previous = name, index, value, previous
-        super().__init__(f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly: sort them, drop repeats")
+        super().__init__(
+            f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly: sort them, drop repeats"
+        )
 
 
 class AmbiguousTurnError(ArgumentError):
@@ -253,7 +257,9 @@ class NameNotFoundError(CoopPinError, KeyError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], where: str) -> None:
         self.kind, self.name, self.known = kind, name, tuple(known)
-        super().__init__(f"no {kind} {name!r} in {where}" + (f"; {suggestion(name, self.known)}" if self.known else ""))
+        super().__init__(
+            f"no {kind} {name!r} in {where}" + (f"; {suggestion(name, self.known)}" if self.known else "")
+        )
 
 
 class FrameNotFoundError(NameNotFoundError):
@@ -342,7 +348,9 @@ class JointLimitError(UnreachablePoseError):
         upper: likewise.
     """
 
-    def __init__(self, arm: str, gap_m: float, gap_rad: float, joint: str, value: float, lower: float, upper: float) -> None:
+    def __init__(
+        self, arm: str, gap_m: float, gap_rad: float, joint: str, value: float, lower: float, upper: float
+    ) -> None:
         self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
         detail = f". Only joint limits prevent it: {joint!r} would stand at {value:.4g} (allowed {lower:.4g} to {upper:.4g})"
         super().__init__(arm, gap_m, gap_rad, detail)
@@ -490,7 +498,10 @@ class AmbiguousTipError(UrdfError):
 
     def __init__(self, urdf: str, leaves: Iterable[str], path: str = "") -> None:
         self.leaves = tuple(leaves)
-        super().__init__(f"must be given: {urdf!r} has {len(self.leaves)} links at its ends, {', '.join(map(repr, self.leaves))}", path)
+        super().__init__(
+            f"must be given: {urdf!r} has {len(self.leaves)} links at its ends, {', '.join(map(repr, self.leaves))}",
+            path,
+        )
 
 
 class LockedJointError(UrdfError):
@@ -522,7 +533,10 @@ class UnsupportedJointError(UrdfError):
 
     def __init__(self, urdf: str, joint: str, kind: str, path: str = "") -> None:
         self.joint = joint
-        super().__init__(f"{urdf!r} has joint {joint!r} of type {kind}; arms have revolute, continuous, prismatic and fixed joints", path)
+        super().__init__(
+            f"{urdf!r} has joint {joint!r} of type {kind}; arms have revolute, continuous, prismatic and fixed joints",
+            path,
+        )
 
 
 class MeshError(FieldError):
@@ -539,7 +553,9 @@ class UserCodeError(CoopPinError, RuntimeError):
 
     def __init__(self, time: float, error: Exception) -> None:
         self.time, self.cause = time, f"{type(error).__name__}: {error}"
-        super().__init__(f"at t = {time:.6g} s a controller, motion or squeeze raised {self.cause}; the result up to then is kept")
+        super().__init__(
+            f"at t = {time:.6g} s a controller, motion or squeeze raised {self.cause}; the result up to then is kept"
+        )
 
 
 class DivergedError(CoopPinError, ArithmeticError):
@@ -586,7 +602,9 @@ class RunFinishedError(CoopPinError, RuntimeError):
 
     def __init__(self, end: float) -> None:
         self.end = end
-        super().__init__(f"the run has come to its end at t = {end:.6g} s; make a new Simulation, or give the scenario a longer duration")
+        super().__init__(
+            f"the run has come to its end at t = {end:.6g} s; make a new Simulation, or give the scenario a longer duration"
+        )
 
 
 class ResultFileError(CoopPinError, ValueError):
@@ -602,7 +620,9 @@ class RunTimeoutError(CoopPinError, TimeoutError):
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
-        super().__init__(f"the run took longer than its limit of {limit:g} s; raise time_limit_s, shorten the run or lower steps_per_tick")
+        super().__init__(
+            f"the run took longer than its limit of {limit:g} s; raise time_limit_s, shorten the run or lower steps_per_tick"
+        )
 
 
 class WorkerDiedError(CoopPinError, RuntimeError):
@@ -631,7 +651,9 @@ class CodeChangedError(CoopPinError, RuntimeError):
     def __init__(self, name: str) -> None:
         self.name = name
         again = "start the same command again (in a notebook restart the kernel, elsewhere the workers): finished runs are kept"
-        super().__init__(f"{name} is not as this process loaded it: it was edited since, or a worker has another version; {again}")
+        super().__init__(
+            f"{name} is not as this process loaded it: it was edited since, or a worker has another version; {again}"
+        )
 
 
 class SweepStoreError(CoopPinError, ValueError):
@@ -660,7 +682,9 @@ class StoreWriteError(CoopPinError, OSError):
 
     def __init__(self, path: str, reason: str) -> None:
         self.path, self.reason = path, reason
-        super().__init__(f"{path} cannot be written: {reason}; make room, then run the same command again: finished runs are kept")
+        super().__init__(
+            f"{path} cannot be written: {reason}; make room, then run the same command again: finished runs are kept"
+        )
 
 
 class UnfinishedSweepError(CoopPinError, ValueError):
@@ -672,7 +696,9 @@ class UnfinishedSweepError(CoopPinError, ValueError):
 
     def __init__(self, question: str, unfinished: int, total: int) -> None:
         self.unfinished = unfinished
-        super().__init__(f"{question} needs all {total} runs, but {unfinished} of them failed or are missing; look at result.failures")
+        super().__init__(
+            f"{question} needs all {total} runs, but {unfinished} of them failed or are missing; look at result.failures"
+        )
 
 
 class NothingFeasibleError(CoopPinError, ValueError):
@@ -684,7 +710,9 @@ class NothingFeasibleError(CoopPinError, ValueError):
         folder: where they are kept.
     """
 
-    def __init__(self, tried: int, failed: int, bounds: Sequence[str], folder: str, complaint: str = "") -> None:
+    def __init__(
+        self, tried: int, failed: int, bounds: Sequence[str], folder: str, complaint: str = ""
+    ) -> None:
         self.tried, self.failed, self.folder = tried, failed, folder
         wanted = "keeps " + ", ".join(bounds) if bounds else "has a finite metric"
         said = f"; the first that failed said: {complaint}" if complaint else ""
@@ -705,7 +733,9 @@ class SweepInterruptedError(KeyboardInterrupt):
 
     def __init__(self, folder: str, finished: int, total: int) -> None:
         self.folder, self.finished, self.total = folder, finished, total
-        super().__init__(f"interrupted with {finished} of {total} runs kept in {folder}; run the same command again to go on")
+        super().__init__(
+            f"interrupted with {finished} of {total} runs kept in {folder}; run the same command again to go on"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by fields, not by message."""
@@ -737,7 +767,9 @@ class BrowserError(CoopPinError, RuntimeError):
 
     def __init__(self, browser: str, complaint: str) -> None:
         self.browser, self.complaint = browser, complaint
-        super().__init__(f"{browser} drew no picture: {complaint}; name another Chromium or Chrome in the variable CHROMIUM")
+        super().__init__(
+            f"{browser} drew no picture: {complaint}; name another Chromium or Chrome in the variable CHROMIUM"
+        )
 
 
 class VideoError(CoopPinError, OSError):
@@ -751,7 +783,9 @@ class VideoError(CoopPinError, OSError):
 
     def __init__(self, path: Path, frames: int, wanted: int) -> None:
         self.path, self.frames, self.wanted = path, frames, wanted
-        super().__init__(f"{path} was not written: the encoder wrote {frames} of {wanted} frames and said why above; is the disk full?")
+        super().__init__(
+            f"{path} was not written: the encoder wrote {frames} of {wanted} frames and said why above; is the disk full?"
+        )
 
 
 class TimeOutsideRunError(ArgumentError):
@@ -790,7 +824,9 @@ class PortTakenError(CoopPinError, OSError):
 
     def __init__(self, port: int, reason: str) -> None:
         self.port, self.reason = port, reason
-        super().__init__(f"port {port} of 127.0.0.1 cannot be had ({reason}); choose another from 1024 to 65535, or 0 for any free one")
+        super().__init__(
+            f"port {port} of 127.0.0.1 cannot be had ({reason}); choose another from 1024 to 65535, or 0 for any free one"
+        )
 
 
 class UrdfWarning(UserWarning):

@@ -92,7 +92,10 @@ class RunFolder:
         self._write_json(self.TIMING, timing._asdict())
 
     def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
-        text = json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False) + "\n"
+        text = (
+            json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False)
+            + "\n"
+        )
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _write_figures(self, result: RunResult) -> None:
@@ -103,7 +106,11 @@ class RunFolder:
             figures.save_figure(make(result), self.path / name)
 
     def _pictures(self) -> list[str]:
-        return [self.REPLAY, self.REPORT, *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))]
+        return [
+            self.REPLAY,
+            self.REPORT,
+            *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg")),
+        ]
 
     def _remove(self, names: list[str]) -> None:
         for name in names:

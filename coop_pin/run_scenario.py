@@ -27,7 +27,8 @@ def run(
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
         progress: called after every tick with (ticks done, ticks in all).
         view: sees every tick, for example what coop_pin.viz.open_view returns.
-        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
+            1 with a view, otherwise inf.
 
     Raises:
         ScenarioError: the scenario has mistakes.

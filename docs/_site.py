@@ -17,7 +17,11 @@ def public_names() -> str:
     rows = []
     for name in coop_pin.__all__:
         room = coop_pin._PUBLIC[name]
-        first = (inspect.getdoc(getattr(importlib.import_module(room), name)) or "").split("\n\n")[0].replace("\n", " ")
+        first = (
+            (inspect.getdoc(getattr(importlib.import_module(room), name)) or "")
+            .split("\n\n")[0]
+            .replace("\n", " ")
+        )
         rows.append(f"| [`cp.{name}`](#{room}.{name}) | {first} |")
     return "\n".join(("| name | what it is |", "| --- | --- |", *rows))
 
@@ -42,7 +46,9 @@ def _signature(
     fields = getattr(obj, "model_fields", None) if what == "class" else None
     if fields is not None:
         return f"(*, {', '.join(fields)})", None
-    signature, returned = (text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returned))
+    signature, returned = (
+        text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returned)
+    )
     return signature, returned
 
 

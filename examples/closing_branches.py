@@ -11,4 +11,6 @@ payload = cp.Pose(xyz=(0.45, 0.05, 0.4))
 for q in cp.ik_branches("arm", model, payload.matrix, arm.posture):
     gap = np.abs(model.payload_pose(q) - payload.matrix).max()
     condition = np.linalg.cond(model.payload_jacobian(q))
-    print(f"q = {np.array2string(q, precision=3, suppress_small=True, sign=' ')}  condition {condition:5.1f}  gap {gap:.0e}")
+    print(
+        f"q = {np.array2string(q, precision=3, suppress_small=True, sign=' ')}  condition {condition:5.1f}  gap {gap:.0e}"
+    )

@@ -14,4 +14,6 @@ print("law                          position, mm rms   internal force, N rms off
 for name, changes in laws.items():
     result = cp.run("adept-paper", quiet | changes)
     force = result.internal_force()
-    print(f"{name:28} {result.position_rms() * 1e3:16.3f} {force.force_rms_error:27.2f} {result.torque_peak():18.1f}")
+    print(
+        f"{name:28} {result.position_rms() * 1e3:16.3f} {force.force_rms_error:27.2f} {result.torque_peak():18.1f}"
+    )

@@ -1,8 +1,9 @@
 """A chain of N four-bar linkages: closed loops without arms, checked against the closed form as they pass their singular poses.
 
-N + 1 upright rods stand on ground pivots one metre apart, their tips linked by N level rods; all are uniform, 1 m and 1 kg. The
-loops stay parallelograms, so that one angle theta tells everything: theta'' = -k cos theta with k = g ((N+1)/2 + N) / ((N+1)/3 + N).
-Wherever all rods lie flat (theta = 0 or pi) the closures lose rank: a benchmark of the IFToMM for multibody solvers.
+N + 1 upright rods stand on ground pivots one metre apart, their tips linked by N level rods; all are uniform,
+1 m and 1 kg. The loops stay parallelograms, so that one angle theta tells everything: theta'' = -k cos theta
+with k = g ((N+1)/2 + N) / ((N+1)/3 + N). Wherever all rods lie flat (theta = 0 or pi) the closures lose rank:
+a benchmark of the IFToMM for multibody solvers.
 """
 
 import numpy as np
@@ -52,7 +53,9 @@ def closed_form(loops, time):
     """The same from the closed form, theta(0) = pi/2 and theta'(0) = -1."""
     k = GRAVITY * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)
     state = (np.pi / 2, -1.0)
-    theta = solve_ivp(lambda _, y: (y[1], -k * np.cos(y[0])), time[[0, -1]], state, "DOP853", time, rtol=1e-13, atol=1e-13).y[0]
+    theta = solve_ivp(
+        lambda _, y: (y[1], -k * np.cos(y[0])), time[[0, -1]], state, "DOP853", time, rtol=1e-13, atol=1e-13
+    ).y[0]
     return np.column_stack((np.cos(theta), np.sin(theta)))
 
 
@@ -62,4 +65,6 @@ if __name__ == "__main__":
         motion = chain.integrate(*start(chain, loops), duration=5.0, step=step)
         error = np.linalg.norm(first_tip(chain, motion) - closed_form(loops, motion.time), axis=1).max()
         lost = chain.energy(motion.q[-1], motion.v[-1]).total - chain.energy(motion.q[0], motion.v[0]).total
-        print(f"{loops} loops, {step * 1e3:g} ms steps: tip within {error:.1e} m of the closed form, energy within {abs(lost):.1e} J")
+        print(
+            f"{loops} loops, {step * 1e3:g} ms steps: tip within {error:.1e} m of the closed form, energy within {abs(lost):.1e} J"
+        )

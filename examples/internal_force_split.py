@@ -21,4 +21,6 @@ for name, tau in (("as it is", torque), ("squeezed", squeezed)):
     F = np.array([rows.select(wrench) for wrench in plant.interaction_wrenches(q, v, tau)])
     load, internal = load_wrenches(F, cell.shares)[0], internal_wrenches(F, cell.shares)[0]
     acceleration = plant.chain.forward_dynamics(q, v, tau).acceleration
-    print(f"{name}: load {load.round(6)}, internal {internal.round(6)}, joint accelerations {acceleration[:3].round(6)}")
+    print(
+        f"{name}: load {load.round(6)}, internal {internal.round(6)}, joint accelerations {acceleration[:3].round(6)}"
+    )

@@ -1,7 +1,7 @@
 """A controller of your own: each arm pulls the payload to its place like a spring with a damper, and squeezes.
 
-It gets what an arm can measure and nothing else. Here it is run from Python; on the command line, from this folder:
-coop-pin run adept-paper --controller.kind user --controller.target own_controller:PayloadSpring
+It gets what an arm can measure and nothing else. Here it is run from Python; on the command line, from this
+folder: coop-pin run adept-paper --controller.kind user --controller.target own_controller:PayloadSpring
 """
 
 import numpy as np
@@ -23,13 +23,21 @@ class PayloadSpring(cp.ArmController):
     def step(self, measurement, reference, state):
         error = self.rows.pose_error(measurement.payload_pose, reference.pose)
         pull = self.stiffness * error + self.damping * (measurement.payload_twist - reference.twist)
-        squeeze = self.rows.turn(measurement.payload_pose, reference.internal_wrench)  # it is given in payload axes
+        squeeze = self.rows.turn(
+            measurement.payload_pose, reference.internal_wrench
+        )  # it is given in payload axes
         return cp.Command(-measurement.payload_jacobian.T @ (self.share * pull + squeeze), state)
 
 
 if __name__ == "__main__":
-    mine = {"kind": "user", "target": "own_controller:PayloadSpring", "options": {"damping": [800.0, 800.0, 12.0]}}
+    mine = {
+        "kind": "user",
+        "target": "own_controller:PayloadSpring",
+        "options": {"damping": [800.0, 800.0, 12.0]},
+    }
     for name, controller in (("paper's law", {}), ("spring and damper", {"controller": mine})):
         result = cp.run("adept-paper", controller)
         force = result.internal_force()
-        print(f"{name:18} position {result.position_rms() * 1e3:6.3f} mm rms, internal force {force.axial_rms_error:6.3f} N rms off")
+        print(
+            f"{name:18} position {result.position_rms() * 1e3:6.3f} mm rms, internal force {force.axial_rms_error:6.3f} N rms off"
+        )

@@ -13,7 +13,9 @@ result = cp.run(scenario)
 
 for name, value in result.metrics().items():
     print(f"{name:30} {value}")
-left = result.data["internal_wrench"].sel(arm="left", axis=["x", "y"], time=slice(4.0, 10.0))  # an xarray: names, units, plots
+left = result.data["internal_wrench"].sel(
+    arm="left", axis=["x", "y"], time=slice(4.0, 10.0)
+)  # an xarray: names, units, plots
 print(f"mean internal force on the left arm, world axes: {left.mean('time').values} {left.units}")
 
 result.save(folder / "result.nc")

@@ -53,7 +53,9 @@ print("events:  ", *scenario.events, sep="\n  ")
 
 # %%
 for name, arm in scenario.cell.arms.items():
-    print(f"{name:6} {arm.urdf}, base at {arm.base.xyz} m, starts near q = {arm.posture}, drive = {arm.drive}")
+    print(
+        f"{name:6} {arm.urdf}, base at {arm.base.xyz} m, starts near q = {arm.posture}, drive = {arm.drive}"
+    )
 print(f"payload {scenario.cell.payload.mass} kg, load shares {scenario.cell.load_shares}")
 print(f"desired internal force on the left arm {scenario.squeeze_wrenches[0, :3]} N, in the axes of the bar")
 
@@ -71,7 +73,8 @@ result = cp.run(scenario)
 metrics = result.metrics()
 window = metrics.pop("window_s")
 pd.Series(
-    {name: f"{value:.4g}" for name, value in metrics.items()}, name=f"{scenario.name}, rms from {window[0]:g} to {window[1]:g} s"
+    {name: f"{value:.4g}" for name, value in metrics.items()},
+    name=f"{scenario.name}, rms from {window[0]:g} to {window[1]:g} s",
 ).to_frame()
 
 # %% [markdown]

@@ -117,7 +117,12 @@ for name, place in zip(cell.arms, plant.tree.arms, strict=True):
     squeezed[place.v] += rows.select(model.payload_jacobian(q[place.q])).T @ w[name]
 before, after = (plant.chain.forward_dynamics(q, rest, tau).acceleration for tau in (torque, squeezed))
 print(f"accelerations differ by {np.abs(after - before).max():.1e} rad/s²")
-print("internal force on the left arm:", internal_wrenches(F, shares)[0], "->", internal_wrenches(wrenches(squeezed), shares)[0])
+print(
+    "internal force on the left arm:",
+    internal_wrenches(F, shares)[0],
+    "->",
+    internal_wrenches(wrenches(squeezed), shares)[0],
+)
 
 # %% [markdown]
 # ## In a run
@@ -125,15 +130,25 @@ print("internal force on the left arm:", internal_wrenches(F, shares)[0], "->", 
 # squeeze), shear across it.
 
 # %%
-ramp = {"kind": "ramp", "goal": {"left": [-30, 0, 0, 0, 0, 0], "right": [30, 0, 0, 0, 0, 0]}, "start_time": 1.0, "duration": 3.0}
+ramp = {
+    "kind": "ramp",
+    "goal": {"left": [-30, 0, 0, 0, 0, 0], "right": [30, 0, 0, 0, 0, 0]},
+    "start_time": 1.0,
+    "duration": 3.0,
+}
 result = cp.run(scenario, {"squeeze": ramp, "controller.gains.sign_gain": 0.0, "duration": 6.0, "events": []})
 notebook_view(result)
 
 # %%
-internal, desired = (result.data[name].sel(arm="left", axis=["x", "y"]) for name in ("internal_wrench", "desired_internal_wrench"))
+internal, desired = (
+    result.data[name].sel(arm="left", axis=["x", "y"])
+    for name in ("internal_wrench", "desired_internal_wrench")
+)
 figure, axes = plt.subplots(figsize=(7, 2.6))
 for part, values in (("internal", internal), ("desired", desired)):
-    axes.plot(result.data["time"], np.linalg.norm(values, axis=1), "-" if part == "internal" else "--", label=part)
+    axes.plot(
+        result.data["time"], np.linalg.norm(values, axis=1), "-" if part == "internal" else "--", label=part
+    )
 axes.set(xlabel="time (s)", ylabel="size of the force (N)", title="internal force on the left arm")
 axes.legend()
 plt.show()

@@ -41,7 +41,9 @@ from coop_pin.viz import notebook_view
 elbow = (0.1, -1.2, 1.6, -1.0, -1.4, 0.2)
 arms = {
     "left": cp.Arm.from_urdf("ur5", tip="tool0", base=(-0.2, 0.0, 0.0), posture=elbow),
-    "right": cp.Arm.from_urdf("ur5", tip="tool0", base=cp.Pose(xyz=(1.1, 0.1, 0.05), rpy=(0.0, 0.0, 3.0)), posture=elbow),
+    "right": cp.Arm.from_urdf(
+        "ur5", tip="tool0", base=cp.Pose(xyz=(1.1, 0.1, 0.05), rpy=(0.0, 0.0, 3.0)), posture=elbow
+    ),
 }
 
 # %% [markdown]
@@ -115,7 +117,10 @@ figures.tracking_figure(result)
 # without a model or a force sensor can tell it from a squeeze. Feedback of the internal wrench divides it.
 
 # %%
-measured = cp.run(scenario, {"controller.force_path": {"kind": "low-pass", "pole": 0.95}, "controller.gains.force_gain": 9.0})
+measured = cp.run(
+    scenario,
+    {"controller.force_path": {"kind": "low-pass", "pole": 0.95}, "controller.gains.force_gain": 9.0},
+)
 for name, run in (("no force feedback", result), ("K_f = 9", measured)):
     force = run.internal_force()
     print(f"{name:18} axial {force.axial_mean:6.1f} N (desired -15), shear {force.shear_rms:5.2f} N rms")

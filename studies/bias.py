@@ -31,7 +31,11 @@ def numbers(results: Mapping[str, cp.SweepResult]) -> str:
     lines.append(_header(error.duration.values))
     for shift in error[BIAS].values:
         for rate in error[RATE].values:
-            lines.append(_line(f"payload space, sgn, {shift} m, {rate:g} Hz", error.sel({BIAS: shift, RATE: rate}).values))
+            lines.append(
+                _line(
+                    f"payload space, sgn, {shift} m, {rate:g} Hz", error.sel({BIAS: shift, RATE: rate}).values
+                )
+            )
     return "\n".join(lines)
 
 

@@ -20,10 +20,19 @@ def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
     drawn = sweep_figure(results["force_gain"], ERROR)
     panel = drawn.axes[0]
     pole = np.linspace(0.0, 0.94, 200)
-    (line,) = panel.plot(pole, [force_gain_bound(p) for p in pole], "k--", linewidth=1.2, label="$K_f = (1 + p) / (1 - p)$", scaley=False)
+    (line,) = panel.plot(
+        pole,
+        [force_gain_bound(p) for p in pole],
+        "k--",
+        linewidth=1.2,
+        label="$K_f = (1 + p) / (1 - p)$",
+        scaley=False,
+    )
     legend = panel.get_legend()
     patches = legend.legend_handles if legend else []
-    panel.legend(handles=[*patches, line], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    panel.legend(
+        handles=[*patches, line], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False
+    )
     return drawn
 
 

@@ -19,7 +19,9 @@ OURS = ("file:", "data:", "blob:", "about:", "http://127.0.0.1:", "ws://127.0.0.
 @functools.cache
 def chromium() -> str:
     """The path of the Chromium that pictures are drawn with; skips the test where there is none, or no playwright."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[test]'")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[test]'"
+    )
     with playwright.sync_playwright() as driver:
         own = Path(driver.chromium.executable_path)
     try:
@@ -41,7 +43,12 @@ def browser_page(width: int = 1200, height: int = 720, **context: object) -> Ite
         page = browser.new_context(viewport={"width": width, "height": height}, **context).new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.context.on("request", lambda request: None if request.url.startswith(OURS) else complaints.append(f"asked for {request.url}"))
+        page.context.on(
+            "request",
+            lambda request: (
+                None if request.url.startswith(OURS) else complaints.append(f"asked for {request.url}")
+            ),
+        )
         yield page
         browser.close()
     assert complaints == []

@@ -26,7 +26,11 @@ def spatial_cell() -> Cell:
     return Cell(
         arms={
             "left": Arm(
-                urdf="ur5", tip="tool0", base=Pose(xyz=(-0.2, 0.0, 0.0)), posture=(0.1, -1.2, 1.6, -1.0, -1.4, 0.2), friction=friction
+                urdf="ur5",
+                tip="tool0",
+                base=Pose(xyz=(-0.2, 0.0, 0.0)),
+                posture=(0.1, -1.2, 1.6, -1.0, -1.4, 0.2),
+                friction=friction,
             ),
             "right": Arm(
                 urdf="ur5",
@@ -48,7 +52,11 @@ def spatial_cell() -> Cell:
 def spatial_scenario() -> Scenario:
     """Hold the box of the spatial cell, squeezed."""
     gains = SlidingModeGains(
-        pose_gain=2.0, sign_gain=0.0, damping_gain=(60.0, 60.0, 30.0, 4.0, 4.0, 2.0), force_gain=0.0, transient_rate=5.0
+        pose_gain=2.0,
+        sign_gain=0.0,
+        damping_gain=(60.0, 60.0, 30.0, 4.0, 4.0, 2.0),
+        force_gain=0.0,
+        transient_rate=5.0,
     )
     return Scenario(
         name="spatial-hold",

@@ -9,7 +9,9 @@ from scipy.special import ellipj, ellipk
 import coop_pin as cp
 from coop_pin.spatial import inverse_pose, make_pose, rpy_from_rotation
 
-_EXAMPLE = importlib.util.spec_from_file_location("four_bar", Path(__file__).parent.parent / "examples" / "four_bar.py")
+_EXAMPLE = importlib.util.spec_from_file_location(
+    "four_bar", Path(__file__).parent.parent / "examples" / "four_bar.py"
+)
 four_bar = importlib.util.module_from_spec(_EXAMPLE)
 _EXAMPLE.loader.exec_module(four_bar)
 
@@ -66,12 +68,18 @@ def bennett(rows, **options):
     """
     bars = [bar("one", "ground", (0, 0, 0), length=A), bar("two", "one", (A, 0, 0), (ALPHA, 0, 0), length=B)]
     bars.append(bar("three", "two", (B, 0, 0), (BETA, 0, 0), length=A))
-    pivot, last, X_a = inverse_pose(make_pose((B, 0, 0), (BETA, 0, 0))), "three", make_pose((A, 0, 0), (ALPHA, 0, 0))
+    pivot, last, X_a = (
+        inverse_pose(make_pose((B, 0, 0), (BETA, 0, 0))),
+        "three",
+        make_pose((A, 0, 0), (ALPHA, 0, 0)),
+    )
     if rows == "full":
         bars.append(bar("stub", "three", (A, 0, 0), (ALPHA, 0, 0), length=0.1))
         last, X_a = "stub", None
     chain = cp.ClosedChain.from_urdf(robot(*bars), [cp.Closure(last, "world", rows, X_a, pivot)], **options)
-    return chain, chain.assemble(np.array((1.0, 1.0, -1.0, 0.0))[: chain.model.nq], chain.velocity({"one_pin": 1.0}))
+    return chain, chain.assemble(
+        np.array((1.0, 1.0, -1.0, 0.0))[: chain.model.nq], chain.velocity({"one_pin": 1.0})
+    )
 
 
 SARRUS_LEAN = 0.9
@@ -86,18 +94,32 @@ def sarrus(turn=1.9, **options):
     bars = [bar("lower", "ground", (1, 0, 0), axis=y), bar("upper", "lower", (1, 0, 0), axis=y)]
     bars.append(bar("plate", "upper", (1, 0, 0), axis=y, length=-1.0, mass=2.0))
     hip = make_pose((-1, 0, 0), (0, 0, turn)) @ make_pose((1, 0, 0))
-    bars += [bar("down", "plate", hip[:3, 3], rpy_from_rotation(hip[:3, :3]), axis=y), bar("foot", "down", (1, 0, 0), axis=y)]
+    bars += [
+        bar("down", "plate", hip[:3, 3], rpy_from_rotation(hip[:3, :3]), axis=y),
+        bar("foot", "down", (1, 0, 0), axis=y),
+    ]
     hinge = make_pose((1, 0, 0), (np.pi / 2, 0, 0))  # z along the hinge
     closure = cp.Closure("foot", "world", "axis", X_a=hinge, X_b=make_pose((0, 0, 0), (0, 0, turn)) @ hinge)
     chain = cp.ClosedChain.from_urdf(robot(*bars), [closure], **options)
     lean = SARRUS_LEAN
-    angles = {"lower_pin": lean, "upper_pin": np.pi - 2 * lean, "plate_pin": lean - np.pi, "down_pin": -lean, "foot_pin": 2 * lean - np.pi}
+    angles = {
+        "lower_pin": lean,
+        "upper_pin": np.pi - 2 * lean,
+        "plate_pin": lean - np.pi,
+        "down_pin": -lean,
+        "foot_pin": 2 * lean - np.pi,
+    }
     return chain, chain.configuration(angles)
 
 
 def bead(rows, X_b, kind="prismatic", **options):
     """A bead that three slides let move anywhere, held to a frame in the world; it starts in the origin."""
     frames = ['<link name="a"/>', '<link name="b"/>', link("bead")]
-    slides = [joint("a", "ground", (0, 0, 0), axis="1 0 0", kind=kind), joint("b", "a", (0, 0, 0), axis="0 1 0", kind=kind)]
+    slides = [
+        joint("a", "ground", (0, 0, 0), axis="1 0 0", kind=kind),
+        joint("b", "a", (0, 0, 0), axis="0 1 0", kind=kind),
+    ]
     slides.append(joint("bead", "b", (0, 0, 0), axis="0 0 1", kind=kind))
-    return cp.ClosedChain.from_urdf(robot(*frames, *slides), [cp.Closure("universe", "bead", rows, X_a=X_b)], **options)
+    return cp.ClosedChain.from_urdf(
+        robot(*frames, *slides), [cp.Closure("universe", "bead", rows, X_a=X_b)], **options
+    )

@@ -26,12 +26,15 @@ EVERYWHERE = {"errors", "lazy", "arrays", "spatial"}
 BELOW_RUNS = {"description", "model", "chain", "control", "reference", "results", "simulation"}
 BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
 
-# DESIGN.md, section 2: room -> (rooms it may import besides EVERYWHERE, third parties besides numpy). Where the plan says otherwise:
-# - runs and sweeps are the plan's run and sweep (functions have those names); output writes what a run leaves, for cli and notebooks;
+# DESIGN.md, section 2: room -> (rooms it may import besides EVERYWHERE, third parties besides numpy). Where
+# the plan says otherwise:
+# - runs and sweeps are the plan's run and sweep (functions have those names); output writes what a run
+# leaves, for cli and notebooks;
 # - integrators need nothing above chain and stand there, so that simulation needs no Pinocchio;
 # - description (URDF origins), results and viz turn quaternions with scipy;
 # - Pinocchio's picture of an arm is read in model, so that viz needs none;
-# - viz runs: its panel holds a Simulation under the user's hand, and a view that opens before the run asks chain how the cell stands;
+# - viz runs: its panel holds a Simulation under the user's hand, and a view that opens before the run asks
+# chain how the cell stands;
 #   nothing below viz imports it, simulate takes any observer;
 # - viz draws sweeps as it draws runs; sweeps never import viz, nor do their workers;
 # - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
@@ -45,7 +48,10 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "spatial": (set(), {"scipy"}),
     "reference": (set(), {"scipy"}),
     "control": ({"reference"}, {"scipy"}),
-    "description": ({"control", "reference"}, {"pydantic", "pydantic_core", "scipy", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"}),
+    "description": (
+        {"control", "reference"},
+        {"pydantic", "pydantic_core", "scipy", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
+    ),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "model_based": ({"control", "reference", "model", "chain"}, {"pinocchio", "scipy"}),
@@ -71,7 +77,10 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
             "zmq",
         },
     ),
-    "sweeps": ({"description", "results", "runs"}, {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"}),
+    "sweeps": (
+        {"description", "results", "runs"},
+        {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
+    ),
     "output": ({"description", "results", "viz"}, set()),
     "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
     "cli": (BELOW_VIEWS | {"analysis", "viz", "sweeps", "report", "output"}, {"tyro", "tqdm", "pydantic"}),
@@ -110,7 +119,11 @@ def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
         elif isinstance(node, ast.ImportFrom) and node.level:
             found.append(".")
         elif isinstance(node, ast.ImportFrom):
-            found += [imported_name(alias.name) for alias in node.names] if node.module == "coop_pin" else [str(node.module)]
+            found += (
+                [imported_name(alias.name) for alias in node.names]
+                if node.module == "coop_pin"
+                else [str(node.module)]
+            )
     return found
 
 
@@ -125,7 +138,9 @@ def imports() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
                 rooms[room_of(file)].add(rest[0] if rest else "coop_pin")
             elif top not in sys.stdlib_module_names:
                 third_parties[room_of(file)].add(top)
-    return {room: rooms[room] for room in {*ROOMS, *rooms}}, {room: third_parties[room] for room in {*ROOMS, *rooms}}
+    return {room: rooms[room] for room in {*ROOMS, *rooms}}, {
+        room: third_parties[room] for room in {*ROOMS, *rooms}
+    }
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
@@ -176,9 +191,16 @@ def test_there_are_no_cycles_between_rooms_in_fact_or_in_the_plan():
 
 def test_there_are_no_cycles_between_files():
     """A cycle inside a room would load by luck of order."""
-    names = {".".join(("coop_pin", *f.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): f for f in FILES}
+    names = {
+        ".".join(("coop_pin", *f.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): f
+        for f in FILES
+    }
     graph = {
-        name: {module for module in imported_modules(file, inside_functions=False) if module in names and module != name}
+        name: {
+            module
+            for module in imported_modules(file, inside_functions=False)
+            if module in names and module != name
+        }
         for name, file in names.items()
         if file.name != "__init__.py"
     }
@@ -187,15 +209,28 @@ def test_there_are_no_cycles_between_files():
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_there_is_no_type_checking_escape(file):
-    names = {node.id for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Name)}
-    attributes = {node.attr for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Attribute)}
+    names = {
+        node.id
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Name)
+    }
+    attributes = {
+        node.attr
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute)
+    }
     assert "TYPE_CHECKING" not in names | attributes
 
 
 def test_every_third_party_is_a_declared_dependency():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = project["dependencies"] + [entry for extra in project["optional-dependencies"].values() for entry in extra]
-    names = {requirement.split("=")[0].split(">")[0].split("<")[0].split("[")[0].strip() for requirement in declared}
+    declared = project["dependencies"] + [
+        entry for extra in project["optional-dependencies"].values() for entry in extra
+    ]
+    names = {
+        requirement.split("=")[0].split(">")[0].split("<")[0].split("[")[0].strip()
+        for requirement in declared
+    }
     importable = {IMPORTED_AS.get(name, name) for name in names}
     _, third_parties = imports()
     used = {COMES_WITH.get(module, module) for modules in third_parties.values() for module in modules}
@@ -233,7 +268,9 @@ print(" ".join(seen))
 
 
 def run_python(code: str) -> str:
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    answer = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120
+    )
     assert answer.returncode == 0, answer.stderr
     return answer.stdout
 
@@ -245,15 +282,24 @@ def test_control_imports_and_steps_where_importing_pinocchio_raises():
 
 
 def test_every_module_of_control_is_importable_without_pinocchio():
-    modules = sorted(f"coop_pin.control.{file.stem}" for file in (PACKAGE / "control").glob("*.py") if file.stem != "__init__")
+    modules = sorted(
+        f"coop_pin.control.{file.stem}"
+        for file in (PACKAGE / "control").glob("*.py")
+        if file.stem != "__init__"
+    )
     load = f"import sys, importlib\nsys.modules['pinocchio'] = None\nfor name in {modules}: importlib.import_module(name)\n"
-    loaded = run_python(load + "print(*sorted(name for name in sys.modules if name.startswith('coop_pin.control.')))").split()
+    loaded = run_python(
+        load + "print(*sorted(name for name in sys.modules if name.startswith('coop_pin.control.')))"
+    ).split()
     assert loaded == modules
 
 
 def test_importing_the_package_loads_nothing_until_a_name_is_used():
     code = "import sys, coop_pin; print('numpy' in sys.modules, [m for m in sys.modules if m.startswith('coop_pin.')]); coop_pin.Scenario"
-    assert run_python(code + "; print('pinocchio' in sys.modules)").split("\n")[:2] == ["False ['coop_pin.lazy']", "False"]
+    assert run_python(code + "; print('pinocchio' in sys.modules)").split("\n")[:2] == [
+        "False ['coop_pin.lazy']",
+        "False",
+    ]
 
 
 def test_every_public_name_exists_and_a_wrong_one_is_an_attribute_error():
@@ -281,11 +327,19 @@ class Spy(CellController):
 @pytest.mark.parametrize("path", ["none", "late"])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path):
-    scenario = SCENARIOS[name]().replace(events=(), duration=0.1).override({"controller.force_path": {"kind": path}})
+    scenario = (
+        SCENARIOS[name]().replace(events=(), duration=0.1).override({"controller.force_path": {"kind": path}})
+    )
     spy = Spy(build_controller(scenario))
     simulate(scenario, spy)
     k_0, joints = scenario.cell.task_rows.size, 3 if name == "planar" else 6
-    shapes = {"q": (joints,), "v": (joints,), "payload_pose": (4, 4), "payload_twist": (k_0,), "payload_jacobian": (k_0, joints)}
+    shapes = {
+        "q": (joints,),
+        "v": (joints,),
+        "payload_pose": (4, 4),
+        "payload_twist": (k_0,),
+        "payload_jacobian": (k_0, joints),
+    }
     assert len(spy.seen) > 4 * round(0.1 * scenario.clock.rate_hz)
     for seen in spy.seen:
         measured = seen._asdict()

@@ -48,7 +48,9 @@ def test_aba_undoes_rnea_with_and_without_a_wrench(arm):
     F = np.array([3.0, -2.0, 1.0, 0.5, -0.4, 0.3])
     for q, v, a in states(arm):
         assert_allclose(arm.forward_dynamics(q, v, arm.inverse_dynamics(q, v, a)), a, rtol=1e-9, atol=1e-9)
-        assert_allclose(arm.forward_dynamics(q, v, arm.inverse_dynamics(q, v, a, F), F), a, rtol=1e-9, atol=1e-9)
+        assert_allclose(
+            arm.forward_dynamics(q, v, arm.inverse_dynamics(q, v, a, F), F), a, rtol=1e-9, atol=1e-9
+        )
 
 
 def test_inverse_dynamics_is_mass_times_acceleration_plus_nonlinear_effects_minus_the_wrench(arm):
@@ -85,15 +87,24 @@ def test_gravity_pulls_as_and_where_it_was_asked_to(arm):
     mass = sum(inertia.mass for inertia in list(arm.model.inertias)[1:])
     for q, _, _ in states(arm, 5):
         slopes = [
-            (pin.centerOfMass(arm.model, data, q + d) - pin.centerOfMass(arm.model, data, q - d)) / (2 * h) for d in h * np.eye(arm.nv)
+            (pin.centerOfMass(arm.model, data, q + d) - pin.centerOfMass(arm.model, data, q - d)) / (2 * h)
+            for d in h * np.eye(arm.nv)
         ]
-        assert_allclose(arm.nonlinear_effects(q, np.zeros(arm.nv)), -mass * np.array(slopes) @ GRAVITY, rtol=1e-7, atol=1e-6)
+        assert_allclose(
+            arm.nonlinear_effects(q, np.zeros(arm.nv)),
+            -mass * np.array(slopes) @ GRAVITY,
+            rtol=1e-7,
+            atol=1e-6,
+        )
 
 
 def test_payload_jacobian_is_the_derivative_of_the_payload_pose(arm):
     h = 1e-6
     for q, _, _ in states(arm):
-        columns = [pose_error(arm.payload_pose(q + d), arm.payload_pose(q - d)) / (2.0 * h) for d in h * np.eye(arm.nv)]
+        columns = [
+            pose_error(arm.payload_pose(q + d), arm.payload_pose(q - d)) / (2.0 * h)
+            for d in h * np.eye(arm.nv)
+        ]
         assert_allclose(arm.payload_jacobian(q), np.array(columns).T, rtol=0, atol=1e-8)
 
 
@@ -101,11 +112,15 @@ def test_acceleration_bias_is_the_derivative_of_the_twist_at_constant_rates(arm)
     h = 1e-5
     for q, v, _ in states(arm):
         twists = [arm.payload_jacobian(q + sign * h * v) @ v for sign in (1.0, -1.0)]
-        assert_allclose(arm.payload_acceleration_bias(q, v), (twists[0] - twists[1]) / (2.0 * h), rtol=0, atol=1e-7)
+        assert_allclose(
+            arm.payload_acceleration_bias(q, v), (twists[0] - twists[1]) / (2.0 * h), rtol=0, atol=1e-7
+        )
 
 
 def test_payload_sits_at_the_tip_as_the_grasp_says(arm):
-    X_PE = next(X for description, X in ARMS.values() if description.urdf == ("ur5" if arm.nv == 6 else "adept_3dof"))
+    X_PE = next(
+        X for description, X in ARMS.values() if description.urdf == ("ur5" if arm.nv == 6 else "adept_3dof")
+    )
     for q, _, _ in states(arm, 5):
         assert_allclose(arm.payload_pose(q) @ X_PE, arm.tip_pose(q), rtol=0, atol=1e-14)
 
@@ -128,7 +143,11 @@ def test_the_base_moves_the_arm_as_one_body(name):
     description, X_PE = ARMS[name]
     at_origin = ArmModel(description.replace(base=Pose()), X_PE)
     for q, _, _ in states(at_origin, 3):
-        assert_allclose(ArmModel(description, X_PE).payload_pose(q), description.base.matrix @ at_origin.payload_pose(q), atol=1e-13)
+        assert_allclose(
+            ArmModel(description, X_PE).payload_pose(q),
+            description.base.matrix @ at_origin.payload_pose(q),
+            atol=1e-13,
+        )
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -140,7 +159,9 @@ def test_a_controllers_kinematics_are_the_arms_own_without_any_inertia(name):
     for q, v, _ in states(arm, 5):
         view = kinematics.view(q)
         assert_allclose(view.pose, arm.payload_pose(q), rtol=0, atol=1e-14)
-        assert_allclose(view.jacobian @ (arm.drive @ v), rows.select(arm.payload_jacobian(q) @ v), rtol=0, atol=1e-13)
+        assert_allclose(
+            view.jacobian @ (arm.drive @ v), rows.select(arm.payload_jacobian(q) @ v), rtol=0, atol=1e-13
+        )
     assert all(inertia.mass == 0.0 and not inertia.inertia.any() for inertia in kinematics._model.inertias)
     assert not kinematics._model.gravity.vector.any()
 

@@ -169,7 +169,9 @@ def narrow(tmp_path):
     def build(lower, upper):
         text = find_urdf("adept_3dof").path.read_text()
         head, elbow = text.split('<joint name="joint_2"')
-        elbow = elbow.replace('lower="-6.283185307179586" upper="6.283185307179586"', f'lower="{lower}" upper="{upper}"', 1)
+        elbow = elbow.replace(
+            'lower="-6.283185307179586" upper="6.283185307179586"', f'lower="{lower}" upper="{upper}"', 1
+        )
         path = tmp_path / "narrow.urdf"
         path.write_text(head + '<joint name="joint_2"' + elbow)
         return ArmModel(Arm(urdf=str(path), tip="tip"))
@@ -183,7 +185,9 @@ ELBOW = np.arccos((AWAY**2 - LENGTHS[0] ** 2 - LENGTHS[1] ** 2) / (2.0 * LENGTHS
 
 @pytest.mark.parametrize(("lower", "upper", "sign"), [(0.1, 3.0, 1.0), (-3.0, -0.1, -1.0), (ELBOW, 3.0, 1.0)])
 def test_a_branch_beyond_the_limits_is_no_solution_however_near(narrow, lower, upper, sign):
-    branches = ik_branches("arm", narrow(lower, upper), make_pose((AWAY, 0.0, 0.0)), (0.5, -sign * ELBOW, 0.0))
+    branches = ik_branches(
+        "arm", narrow(lower, upper), make_pose((AWAY, 0.0, 0.0)), (0.5, -sign * ELBOW, 0.0)
+    )
     assert len(branches) == 1
     assert_allclose(branches[0][1], sign * ELBOW, atol=1e-7)
 
@@ -222,7 +226,9 @@ def test_the_gap_of_a_spatial_arm_is_the_least_distance_first_and_then_the_least
     grasp = X_WP @ X_PE
     with pytest.raises(UnreachablePoseError) as caught:
         solve_ik(name, model, X_WP)
-    tried = [np.linalg.norm(model.tip_pose(q)[:3, 3] - grasp[:3, 3]) for q in JointRanges(model.model).spread(3000)]
+    tried = [
+        np.linalg.norm(model.tip_pose(q)[:3, 3] - grasp[:3, 3]) for q in JointRanges(model.model).spread(3000)
+    ]
     assert min(tried) >= caught.value.gap_m
     search = IKSolver(model)
     for start in search.ranges.spread(20):
@@ -260,7 +266,12 @@ def test_a_slide_has_no_whole_turns(tmp_path):
     """Ten metres are not ten metres less two pi; both angles of the continuous joint are found."""
     path = tmp_path / "slider.urdf"
     text = SLIDER.format(links="").replace('<link name="carriage"/><link name="arm"/><link name="hand"/>', "")
-    path.write_text(text.replace('<link name="base"/>', '<link name="base"/>' + "".join(map(LINK.format, ("carriage", "arm", "hand")))))
+    path.write_text(
+        text.replace(
+            '<link name="base"/>',
+            '<link name="base"/>' + "".join(map(LINK.format, ("carriage", "arm", "hand"))),
+        )
+    )
     model = ArmModel(Arm(urdf=str(path), tip="hand"))
     branches = ik_branches("slider", model, make_pose((10.0, 0.3, 0.0), (0.0, 0.0, 0.9)), (9.0, 0.0, 0.0))
     angle = np.arcsin(0.6)

@@ -43,7 +43,9 @@ from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import make_pose
 
 FINGERS = {"panda_finger_joint1": 0.02}
-BODY = '<inertial><mass value="{m}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+BODY = (
+    '<inertial><mass value="{m}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
 LIMIT = '<limit lower="-2" upper="2" effort="10" velocity="3"/>'
 
 
@@ -106,7 +108,9 @@ def test_the_urdf_reader_knows_pinocchios_joint_order_and_link_poses(name):
     angles, data = np.random.default_rng(0).normal(size=model.nv), model.createData()
     pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), angles))
     named = dict(zip(robot.joints, angles, strict=True))
-    links = [(index, frame.name) for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
+    links = [
+        (index, frame.name) for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
+    ]
     for index, link in links[1:]:
         assert_allclose(robot.pose(link, named), data.oMf[index].homogeneous, rtol=0, atol=1e-12)
 
@@ -128,12 +132,17 @@ def test_xacro_without_its_extra_says_what_to_install(urdf, monkeypatch):
 def test_xacro_is_expanded_with_its_arguments_and_its_own_includes(tmp_path):
     pytest.importorskip("xacrodoc")
     head = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-    (tmp_path / "body.xacro").write_text(f'{head}<xacro:macro name="body" params="m">{BODY.format(m="${m}")}</xacro:macro></robot>')
+    (tmp_path / "body.xacro").write_text(
+        f'{head}<xacro:macro name="body" params="m">{BODY.format(m="${m}")}</xacro:macro></robot>'
+    )
     arm = f"""{head}<xacro:arg name="mass" default="1"/><xacro:include filename="body.xacro"/>
     <link name="base"/><link name="end"><xacro:body m="$(arg mass)"/></link>
     <joint name="j" type="continuous"><parent link="base"/><child link="end"/><axis xyz="0 0 1"/></joint></robot>"""
     (tmp_path / "arm.urdf.xacro").write_text(arm)
-    models = [load_arm_model(Arm.from_urdf(tmp_path / "arm.urdf.xacro", xacro_args=args)) for args in ({}, {"mass": "3.5"})]
+    models = [
+        load_arm_model(Arm.from_urdf(tmp_path / "arm.urdf.xacro", xacro_args=args))
+        for args in ({}, {"mass": "3.5"})
+    ]
     assert [model.inertias[1].mass for model in models] == [1.0, 3.5]
     (tmp_path / "arm.urdf.xacro").write_text(arm.replace("body.xacro", "none.xacro"))
     with pytest.raises(UrdfError, match="cannot be expanded"):
@@ -152,10 +161,16 @@ def test_locked_joints_leave_the_arm_as_it_stands():
     for q in np.random.default_rng(1).normal(size=(5, 7)):
         full = np.append(q, (0.02, 0.02))
         pin.framesForwardKinematics(whole, data, full)
-        assert_allclose(reduced.tip_pose(q), data.oMf[whole.getFrameId("panda_hand_tcp")].homogeneous, rtol=0, atol=1e-14)
+        assert_allclose(
+            reduced.tip_pose(q), data.oMf[whole.getFrameId("panda_hand_tcp")].homogeneous, rtol=0, atol=1e-14
+        )
         M = np.triu(pin.crba(whole, data, full))
         assert_allclose(np.triu(reduced.mass_matrix(q)), M[:7, :7], rtol=0, atol=1e-12)
-    assert_allclose(sum(body.mass for body in reduced.model.inertias), sum(body.mass for body in whole.inertias), rtol=1e-14)
+    assert_allclose(
+        sum(body.mass for body in reduced.model.inertias),
+        sum(body.mass for body in whole.inertias),
+        rtol=1e-14,
+    )
 
 
 def test_a_continuous_joint_locks_at_its_angle():
@@ -163,7 +178,12 @@ def test_a_continuous_joint_locks_at_its_angle():
     locked = ArmModel(arm.replace(locked={"j2s6s200_joint_1": 2.5}))
     whole, angles = ArmModel(arm), np.array((2.5, 3.0, 1.5, -0.4, 2.0, 0.3))
     assert (locked.nq, locked.nv) == (7, 5)
-    assert_allclose(locked.tip_pose(locked.configuration(angles[1:])), whole.tip_pose(whole.configuration(angles)), rtol=0, atol=1e-14)
+    assert_allclose(
+        locked.tip_pose(locked.configuration(angles[1:])),
+        whole.tip_pose(whole.configuration(angles)),
+        rtol=0,
+        atol=1e-14,
+    )
 
 
 def test_what_cannot_be_locked_is_refused_by_name():
@@ -230,7 +250,12 @@ def test_a_mesh_of_a_box_is_the_box_wherever_its_file_puts_it(tmp_path):
 
 def test_a_cylinder_has_the_inertia_of_its_mesh(tmp_path):
     trimesh.creation.cylinder(radius=0.1, height=0.4, sections=2000).export(tmp_path / "rod.stl")
-    assert_allclose(Payload.cylinder(2.0, 0.1, 0.4).inertia, Payload.mesh(tmp_path / "rod.stl", mass=2.0).inertia, rtol=1e-4, atol=1e-7)
+    assert_allclose(
+        Payload.cylinder(2.0, 0.1, 0.4).inertia,
+        Payload.mesh(tmp_path / "rod.stl", mass=2.0).inertia,
+        rtol=1e-4,
+        atol=1e-7,
+    )
 
 
 def test_meshes_that_enclose_nothing_are_refused(tmp_path):
@@ -255,7 +280,8 @@ def test_a_urdf_link_becomes_a_payload_about_its_centre_of_mass(urdf):
     <visual><origin xyz="0.1 0.2 0.3"/><geometry><cylinder radius="0.05" length="0.3"/></geometry></visual></link></robot>"""
     payload = Payload.from_urdf(urdf(text))
     moved = text.replace(
-        "</robot>", '<link name="w"/><joint name="j" type="continuous"><parent link="w"/><child link="part"/></joint></robot>'
+        "</robot>",
+        '<link name="w"/><joint name="j" type="continuous"><parent link="w"/><child link="part"/></joint></robot>',
     )
     expected = pin.buildModelFromXML(moved).inertias[1]
     assert payload.mass == expected.mass
@@ -314,7 +340,9 @@ def test_mistakes_in_a_file_are_named_at_their_fields():
         data["cell"] |= cell
         return cp.Scenario.from_dict(data)
 
-    with pytest.raises(ScenarioError, match=r"(?s)cell\.payload\.mass: is -1.*cell\.payload\.size: has 2 entries"):
+    with pytest.raises(
+        ScenarioError, match=r"(?s)cell\.payload\.mass: is -1.*cell\.payload\.size: has 2 entries"
+    ):
         read('{ kind = "box", mass = -1.0, size = [0.3, 0.2] }')
     with pytest.raises(FieldError, match=r"cell\.payload\.kind: is 'ball'"):
         read('{ kind = "ball" }')
@@ -349,7 +377,9 @@ def moving_state(chain, X_WP, seed):
     rng, q, model = np.random.default_rng(seed), chain.configuration(X_WP), chain.tree.model
     V_WP, v, tau = 0.2 * rng.normal(size=6), np.zeros(model.nv), np.zeros(model.nv)
     for place in chain.tree.arms:
-        J = ArmModel(chain.cell.arms[place.name], chain.cell.grasps[place.name].matrix).payload_jacobian(q[place.q])
+        J = ArmModel(chain.cell.arms[place.name], chain.cell.grasps[place.name].matrix).payload_jacobian(
+            q[place.q]
+        )
         J_plus, drives = np.linalg.pinv(J), len(place.drive)
         v[place.v] = J_plus @ V_WP + (np.eye(drives) - J_plus @ J) @ rng.normal(size=drives)
         tau[place.v] = 5.0 * rng.normal(size=drives)
@@ -387,7 +417,9 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
         plant.advance(2e-3)
     assert np.abs(plant.v).max() > 1.0
     assert max(max(gap) for gap in chain.closure_errors(plant.q)) < 1e-8
-    assert chain.chain.energy(plant.q, plant.v).total - plant.work.sum() == pytest.approx(start, rel=0, abs=1e-6)
+    assert chain.chain.energy(plant.q, plant.v).total - plant.work.sum() == pytest.approx(
+        start, rel=0, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", CATALOGUE_CELLS)
@@ -447,7 +479,9 @@ def test_a_single_arm_is_an_ordinary_arm_with_a_load(payload):
     load = pin.Inertia(cell.payload.mass, np.zeros(3), cell.payload.inertia_matrix)
     arm.model.inertias[frame.parentJoint] += frame.placement.act(load)
     expected = pin.aba(arm.model, arm.model.createData(), q[place.q], v[place.v], tau[place.v])
-    assert_allclose(chain.chain.forward_dynamics(q, v, tau).acceleration[place.v], expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(
+        chain.chain.forward_dynamics(q, v, tau).acceleration[place.v], expected, rtol=1e-9, atol=1e-9
+    )
     result = cp.simulate(scenario_of(cell, X_WP, plant={"payload": payload}), Still())
     assert result.energy_balance_max() < 1e-6
     assert max(result.closure_error_max()) < 1e-8
@@ -472,7 +506,12 @@ class Constant(Still):
 def test_continuous_joints_are_measured_and_recorded_as_angles_that_never_jump():
     """A Kinova swings a load about its continuous joints: angles integrate the rates, whatever cosines and sines q holds."""
     pair, X_WP = catalogue_cell("kinova-pair")
-    cell = Cell(arms={"one": pair.arms["left"]}, payload=pair.payload, grasps={"one": pair.grasps["left"]}, gravity=(0.0, 0.0, 0.0))
+    cell = Cell(
+        arms={"one": pair.arms["left"]},
+        payload=pair.payload,
+        grasps={"one": pair.grasps["left"]},
+        gravity=(0.0, 0.0, 0.0),
+    )
     controller = Constant((3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     result = cp.simulate(scenario_of(cell, X_WP, duration=0.8), controller)
     angles, rates = result.data.joint_position.values, result.data.joint_velocity.values
@@ -538,7 +577,9 @@ def test_the_summary_of_the_planar_cell_says_which_closure_rows_are_redundant():
     scenario = cp.Scenario.load("adept-paper")
     summary = cell_summary(scenario.cell, scenario.start.matrix)
     assert (summary.closure_rows, summary.rank, summary.freedom) == (12, 9, 3)
-    assert summary.arms[0].extent == pytest.approx(np.hypot(0.425 + 0.375, 0.25), rel=1e-6)  # stretched, tip 0.25 m below joint 1
+    assert summary.arms[0].extent == pytest.approx(
+        np.hypot(0.425 + 0.375, 0.25), rel=1e-6
+    )  # stretched, tip 0.25 m below joint 1
 
 
 def test_vectors_that_do_not_fit_the_arm_are_refused():
@@ -547,4 +588,8 @@ def test_vectors_that_do_not_fit_the_arm_are_refused():
     with pytest.raises(FieldShapeError, match=r"arms\.one\.torque_limits"):
         joint_limits(Arm.from_urdf("ur5", "tool0", torque_limits=[1.0] * 5), "one")
     with pytest.raises(ScenarioError, match="payload"):
-        Cell(arms={"payload": Arm.from_urdf("ur5", "tool0")}, payload=Payload.bar(1.0, 1.0), grasps={"payload": Pose()})
+        Cell(
+            arms={"payload": Arm.from_urdf("ur5", "tool0")},
+            payload=Payload.bar(1.0, 1.0),
+            grasps={"payload": Pose()},
+        )

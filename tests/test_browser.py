@@ -40,7 +40,9 @@ AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 def arrow(page, path: str, scale: float) -> np.ndarray:
     """The force or moment that an arrow of the browser's scene stands for."""
     read = "path => { const {quaternion: q, position: p, scale: s} = NODE(path); return [q.x, q.y, q.z, q.w, p.z, s.z]; }"
-    read = read.replace("NODE(path)", "coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object")
+    read = read.replace(
+        "NODE(path)", "coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object"
+    )
     along = Rotation.from_quat(page.evaluate(read, path)[:4]).apply((0.0, 0.0, 1.0))
     *_, position, stretch = page.evaluate(read, f"{path}/head")
     return scale * (position + HEAD_LENGTH_M * stretch) * along
@@ -48,7 +50,11 @@ def arrow(page, path: str, scale: float) -> np.ndarray:
 
 def assert_not_blank(picture: bytes) -> None:
     """The middle of the picture has many colours: a blank page has one, a background alone a few dozen."""
-    pixels = np.round(255 * matplotlib.image.imread(io.BytesIO(picture))[150:600, 330:870, :3]).astype(int).reshape(-1, 3)
+    pixels = (
+        np.round(255 * matplotlib.image.imread(io.BytesIO(picture))[150:600, 330:870, :3])
+        .astype(int)
+        .reshape(-1, 3)
+    )
     assert len(np.unique(pixels, axis=0)) > 500
     assert pixels.std(axis=0).max() > 20
 
@@ -84,7 +90,9 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
         for index, arm in enumerate(scenario.cell.arms):
             internal = np.nan_to_num(seen[-1].internal_wrench)[index]
             load = np.nan_to_num(seen[-1].interaction_wrench)[index] - internal
-            for group, per_metre, rows in zip(("forces", "moments"), scene.scales, (slice(0, 3), slice(3, 6)), strict=True):
+            for group, per_metre, rows in zip(
+                ("forces", "moments"), scene.scales, (slice(0, 3), slice(3, 6)), strict=True
+            ):
                 assert_allclose(arrow(page, f"{group}/{arm}/internal", per_metre), internal[rows], atol=2e-3)
                 assert_allclose(arrow(page, f"{group}/{arm}/load", per_metre), load[rows], atol=2e-3)
         place = page.evaluate("coopPin.node('payload').position.toArray()")
@@ -133,7 +141,9 @@ def test_the_replay_plays_with_the_network_off(tmp_path):
         internal = np.nan_to_num(result.data["internal_wrench"].values)[sample, 0]
         scales = recorded_scales(result.scenario.cell, result.data)
         assert_allclose(arrow(page, "forces/left/internal", scales.newtons_per_metre), internal[:3], atol=1.0)
-        assert_allclose(arrow(page, "moments/left/internal", scales.newton_metres_per_metre), internal[3:], atol=0.1)
+        assert_allclose(
+            arrow(page, "moments/left/internal", scales.newton_metres_per_metre), internal[3:], atol=0.1
+        )
         assert page.locator("#clock").text_content().startswith("t = 1.00 s")
         assert_not_blank(drawn(page))
 
@@ -142,8 +152,12 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
     result = cp.run(planar_scenario().replace(duration=2.0, events=()))
     save_report(result, tmp_path / "report.html")
     with offline_page(tmp_path / "report.html") as page:
-        assert shown_widths(page, "main img") == [pytest.approx(832, abs=1)] * 5  # the drawing of the motion is for paper
-        assert page.locator("#judgements tbody tr").count() == len(result.metrics()) - 1  # the window is told below the table
+        assert (
+            shown_widths(page, "main img") == [pytest.approx(832, abs=1)] * 5
+        )  # the drawing of the motion is for paper
+        assert (
+            page.locator("#judgements tbody tr").count() == len(result.metrics()) - 1
+        )  # the window is told below the table
         assert page.locator("#scenario tbody tr").count() > 5
         assert_plays(page.locator("#motion iframe"))
         assert_fits(page)
@@ -169,7 +183,9 @@ def assert_plays(element) -> None:
     """The replay in a frame draws the arms and lets its time go by."""
     element.scroll_into_view_if_needed()
     frame = element.element_handle().content_frame()
-    frame.wait_for_function("window.coopPin !== undefined && Number(document.getElementById('time').value) > 0.1")
+    frame.wait_for_function(
+        "window.coopPin !== undefined && Number(document.getElementById('time').value) > 0.1"
+    )
     assert frame.evaluate(MESHES) > 10
 
 
@@ -202,12 +218,19 @@ def site(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [420, 1400])
 def test_the_pages_of_the_site_show_their_equations_and_pictures_with_the_network_off(site, width):
-    pages = [site / "index.html", site / "quickstart.html", site / "verification.html", site / "api" / "index.html"]
+    pages = [
+        site / "index.html",
+        site / "quickstart.html",
+        site / "verification.html",
+        site / "api" / "index.html",
+    ]
     pages += [*sorted((site / "concepts").glob("*.html")), *sorted((site / "howto").glob("*.html"))]
     equations = 0
     for path in pages:
         with offline_page(path, width) as page:
-            page.wait_for_function("[...document.querySelectorAll('.math')].every(one => one.querySelector('mjx-container'))")
+            page.wait_for_function(
+                "[...document.querySelectorAll('.math')].every(one => one.querySelector('mjx-container'))"
+            )
             equations += page.locator("mjx-container").count()
             assert page.locator("mjx-merror").count() == 0
             shown_widths(page, "article img")
@@ -235,8 +258,18 @@ def lab(tmp_path):
     pytest.importorskip("jupyterlab", reason="jupyterlab is not installed: pip install 'coop-pin[test]'")
     for name in NOTEBOOKS:
         shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), tmp_path)
-    own = {name: str(tmp_path / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")}
-    options = ("--no-browser", "--allow-root", "--ip=127.0.0.1", "--port=0", f"--ServerApp.root_dir={tmp_path}", "--expose-app-in-browser")
+    own = {
+        name: str(tmp_path / name.lower())
+        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")
+    }
+    options = (
+        "--no-browser",
+        "--allow-root",
+        "--ip=127.0.0.1",
+        "--port=0",
+        f"--ServerApp.root_dir={tmp_path}",
+        "--expose-app-in-browser",
+    )
     server = subprocess.Popen(
         [sys.executable, "-m", "jupyterlab", *options],
         stdout=subprocess.DEVNULL,
@@ -262,17 +295,21 @@ def lab(tmp_path):
 def wait_for_the_notebook(page) -> None:
     """Wait for a kernel, and for the last cell of a notebook.
 
-    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a kernel. Who runs "the first
-    four cells" too early runs others, or none.
+    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a
+    kernel. Who runs "the first four cells" too early runs others, or none.
     """
     page.get_by_text(re.compile(r"\(ipykernel\) \| Idle")).wait_for()
-    page.locator(".jp-MarkdownCell.jp-mod-rendered", has=page.locator("h2", has_text=re.compile("^Try"))).wait_for(state="attached")
+    page.locator(
+        ".jp-MarkdownCell.jp-mod-rendered", has=page.locator("h2", has_text=re.compile("^Try"))
+    ).wait_for(state="attached")
 
 
 def run_cells(page, *words: str) -> None:
     """Run the code cells in which these words stand, one after the other, and see each through to its end."""
     wait_for_the_notebook(page)
-    page.evaluate("jupyterapp.commands.execute('notebook:clear-all-cell-outputs')")  # and the numbers of cells that ran before
+    page.evaluate(
+        "jupyterapp.commands.execute('notebook:clear-all-cell-outputs')"
+    )  # and the numbers of cells that ran before
     for word in words:
         cell = page.locator(".jp-CodeCell", has_text=word)
         cell.locator(".jp-InputArea-prompt").click()
@@ -297,7 +334,9 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         page.locator(".jupyter-button", has_text="Start").click()
         paused = frame.evaluate(SHOWN)
         frame.wait_for_function(f"{SHOWN} > {paused} + 1.5")
-        before = frame.evaluate("[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]")
+        before = frame.evaluate(
+            "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
+        )
         handle = page.locator(".widget-slider", has_text="squeeze, N").locator(".noUi-handle")
         handle.focus()
         for _ in range(30):
@@ -305,11 +344,16 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         frame.wait_for_function("coopPin.shown.desired_internal > 12")
         asked = frame.evaluate(SHOWN)
         frame.wait_for_function(f"{SHOWN} > {asked} + 2")
-        after = frame.evaluate("[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]")
+        after = frame.evaluate(
+            "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
+        )
         samples = json.loads(frame.evaluate("JSON.stringify(coopPin.samples)"))
         assert np.abs(np.subtract(before[0], after[0])).max() > 1e-4  # the arm moves on
         assert after[1] > before[1] + 1.5  # and squeezes harder
-        assert {round(sample["desired_internal"], 6) for sample in samples} >= {10.0, round(samples[-1]["desired_internal"], 6)}
+        assert {round(sample["desired_internal"], 6) for sample in samples} >= {
+            10.0,
+            round(samples[-1]["desired_internal"], 6),
+        }
         page.locator(".jupyter-button", has_text="Pause").click()
         if folder := os.environ.get("COOP_PIN_PICTURES"):  # for people who want to look
             page.screenshot(path=Path(folder) / "lab.png")

@@ -32,7 +32,9 @@ def smallest_singular_value(result):
         model = ArmModel(arm, cell.grasps[name].matrix)
         angles = result.data.configuration.values[::every, place : place + model.nq]
         place += model.nq
-        values += [np.linalg.svd(rows.select(model.payload_jacobian(q)), compute_uv=False)[-1] for q in angles]
+        values += [
+            np.linalg.svd(rows.select(model.payload_jacobian(q)), compute_uv=False)[-1] for q in angles
+        ]
     return min(values)
 
 
@@ -42,7 +44,9 @@ def test_cell_does_its_work(result):
     assert np.linalg.norm(moved) > 0.05
     assert result.position_rms() < 2e-3
     assert result.settling_time() < 3.0
-    assert not [violation for violation in result.limit_violations() if violation.kind in ("position", "velocity")]
+    assert not [
+        violation for violation in result.limit_violations() if violation.kind in ("position", "velocity")
+    ]
     assert smallest_singular_value(result) > 0.05
     assert max(result.closure_error_max()) < 1e-8
     assert result.energy_balance_max() < 1e-5

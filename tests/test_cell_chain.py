@@ -40,7 +40,10 @@ def closed(name, payload):
 
 
 def arms_of(plant):
-    return [ArmModel(arm, plant.cell.grasps[key].matrix, plant.cell.gravity) for key, arm in plant.cell.arms.items()]
+    return [
+        ArmModel(arm, plant.cell.grasps[key].matrix, plant.cell.gravity)
+        for key, arm in plant.cell.arms.items()
+    ]
 
 
 def push_of(plant):
@@ -82,7 +85,11 @@ def states(plant, q_closed, gap, count=4, seed=8):
     for _ in range(count):
         q = pin.integrate(plant.tree.model, q_closed, gap * rng.uniform(-1.0, 1.0, plant.tree.model.nv))
         v = rng.normal(size=plant.tree.model.nv)
-        yield q, v if gap else plant.chain.project_velocity(q, v), [10.0 * rng.normal(size=len(place.drive)) for place in plant.tree.arms]
+        yield (
+            q,
+            v if gap else plant.chain.project_velocity(q, v),
+            [10.0 * rng.normal(size=len(place.drive)) for place in plant.tree.arms],
+        )
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.04])
@@ -101,7 +108,9 @@ def test_rooted_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(
             tau = gathered(plant, torques) + plant.payload_jacobian(at).T @ push
             a = plant.chain.forward_dynamics(at, moving, tau).acceleration
             arms = np.concatenate([a[place.v] for place in plant.tree.arms])
-            answers.append((arms, np.array([rows.select(F) for F in plant.interaction_wrenches(at, moving, tau, push)])))
+            answers.append(
+                (arms, np.array([rows.select(F) for F in plant.interaction_wrenches(at, moving, tau, push)]))
+            )
         scale = 1.0 + np.abs(answers[0][0]).max()
         assert_allclose(answers[1][0], answers[0][0], rtol=0, atol=1e-9 * scale)
         force = 1.0 + np.abs(answers[0][1]).max()
@@ -124,7 +133,9 @@ def test_the_trees_payload_twist_is_what_every_arm_sees(name, payload):
     plant, q = built(name, payload)
     v = random_velocity(plant.chain, q, 3)
     for arm, place in zip(arms_of(plant), plant.tree.arms, strict=True):
-        assert_allclose(arm.payload_jacobian(q[place.q]) @ v[place.v], plant.payload_twist(q, v), rtol=0, atol=1e-10)
+        assert_allclose(
+            arm.payload_jacobian(q[place.q]) @ v[place.v], plant.payload_twist(q, v), rtol=0, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.04])
@@ -211,9 +222,14 @@ def test_a_static_squeeze_is_felt_as_commanded(name, payload, formulation):
     weight = np.concatenate((plant.cell.payload.mass * np.array(plant.cell.gravity), np.zeros(3)))
     desired = squeeze_of(plant, plant.payload_pose(q))
     torques = []
-    for arm, place, f_d, share in zip(arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True):
+    for arm, place, f_d, share in zip(
+        arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True
+    ):
         q_i = q[place.q]
-        torques.append(arm.nonlinear_effects(q_i, np.zeros(arm.nv)) - arm.payload_jacobian(q_i).T @ (f_d + share * weight))
+        torques.append(
+            arm.nonlinear_effects(q_i, np.zeros(arm.nv))
+            - arm.payload_jacobian(q_i).T @ (f_d + share * weight)
+        )
     tau = gathered(plant, torques)
     assert_allclose(plant.chain.forward_dynamics(q, v, tau).acceleration, np.zeros(len(v)), rtol=0, atol=1e-9)
     F = plant.interaction_wrenches(q, v, tau)
@@ -233,9 +249,13 @@ def test_a_squeeze_while_accelerating_and_pushed_is_felt_as_commanded(name, payl
     gyroscopic = np.concatenate((body.mass * A[:3], inertia @ A[3:] + np.cross(V[3:], inertia @ V[3:])))
     total = push + np.concatenate((body.mass * np.array(plant.cell.gravity), np.zeros(3))) - gyroscopic
     desired, expected, torques = squeeze_of(plant, X), [], []
-    for arm, place, f_d, share in zip(arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True):
+    for arm, place, f_d, share in zip(
+        arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True
+    ):
         q_i, v_i = q[place.q], v[place.v]
-        a_i = np.linalg.lstsq(arm.payload_jacobian(q_i), A - arm.payload_acceleration_bias(q_i, v_i), rcond=None)[0]
+        a_i = np.linalg.lstsq(
+            arm.payload_jacobian(q_i), A - arm.payload_acceleration_bias(q_i, v_i), rcond=None
+        )[0]
         torques.append(arm.inverse_dynamics(q_i, v_i, a_i, f_d + share * total))
         expected.append(a_i)
     tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
@@ -297,9 +317,15 @@ def test_an_observation_is_what_each_question_answers(name, payload):
         assert_allclose(seen.payload_twist, plant.payload_twist(q, v), rtol=0, atol=1e-13)
         assert_allclose(seen.tip_positions, plant.tip_positions(q), rtol=0, atol=1e-14)
         assert_allclose(seen.closure_errors, plant.closure_errors(q), rtol=0, atol=1e-14)
-        held = [gap for key, gap in zip(plant.cell.arms, seen.closure_errors, strict=True) if key not in plant.tree.closed_by_tree]
+        held = [
+            gap
+            for key, gap in zip(plant.cell.arms, seen.closure_errors, strict=True)
+            if key not in plant.tree.closed_by_tree
+        ]
         assert_allclose(held, plant.chain.closure_errors(q), rtol=0, atol=1e-14)
-        assert_allclose(seen.interaction_wrenches, plant.interaction_wrenches(q, v, tau, push), rtol=1e-12, atol=1e-10)
+        assert_allclose(
+            seen.interaction_wrenches, plant.interaction_wrenches(q, v, tau, push), rtol=1e-12, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])
@@ -316,7 +342,9 @@ def test_three_arms_share_a_payload(payload):
     tau = gathered(plant, torques)
     answer = plant.chain.forward_dynamics(q, v, tau)
     assert answer.rank == (6 if payload == "welded" else 12)
-    for arm, place, F in zip(arms_of(plant), plant.tree.arms, plant.interaction_wrenches(q, v, tau), strict=True):
+    for arm, place, F in zip(
+        arms_of(plant), plant.tree.arms, plant.interaction_wrenches(q, v, tau), strict=True
+    ):
         needed = arm.inverse_dynamics(q[place.q], v[place.v], answer.acceleration[place.v], F)
         assert_allclose(needed, torques[0], rtol=0, atol=1e-8)
 
@@ -324,7 +352,9 @@ def test_three_arms_share_a_payload(payload):
 def test_a_single_arm_carries_its_payload_alone(name):
     """Rooted, no closure is left; free, one: the arm moves alike and feels the same."""
     cell, start = cell_and_start(name)
-    cell = cell.replace(arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None)
+    cell = cell.replace(
+        arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None
+    )
     welded, free = (CellChain(cell, PlantOptions(payload=payload)) for payload in ("welded", "free"))
     q = welded.configuration(start)
     v = np.random.default_rng(0).normal(size=welded.tree.model.nv)
@@ -345,7 +375,10 @@ def test_what_rigid_bodies_determine_is_what_both_formulations_agree_on(name, pa
     expected = [True, True, False, False, False, True] if name == "planar" else [True] * 6
     assert determined.tolist() == expected
     v, tau = random_velocity(plant.chain, q, 4), np.ones(plant.tree.model.nv)
-    F, F_cut = plant.interaction_wrenches(q, v, tau), built(name, payload, "kkt")[0].interaction_wrenches(q, v, tau)
+    F, F_cut = (
+        plant.interaction_wrenches(q, v, tau),
+        built(name, payload, "kkt")[0].interaction_wrenches(q, v, tau),
+    )
     assert_allclose(F[:, determined], F_cut[:, determined], rtol=1e-9, atol=1e-8)
 
 

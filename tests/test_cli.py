@@ -38,7 +38,10 @@ METRICS = [
     "torque_peak_Nm",
     "window_s",
 ]
-PICTURES = ["replay.html", *(f"{name}.{kind}" for name in ("figure2", "figure3", "errors") for kind in ("png", "svg"))]
+PICTURES = [
+    "replay.html",
+    *(f"{name}.{kind}" for name in ("figure2", "figure3", "errors") for kind in ("png", "svg")),
+]
 NUMBER_FILES = ["scenario.toml", "result.nc", "metrics.json", "timing.json"]
 
 
@@ -49,7 +52,9 @@ def files(folder):
 def child(*words, cwd=None, code=None):
     """Run a process as a user does."""
     start = ["-c", code] if code else ["-m", "coop_pin"]
-    return subprocess.run([sys.executable, *start, *words], cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        [sys.executable, *start, *words], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +86,9 @@ def test_timing_is_kept_apart(paper_folder):
 
 def test_the_resolved_scenario_runs_again_to_the_same_bits(paper_folder, tmp_path):
     assert cp.Scenario.load(paper_folder / "scenario.toml") == cp.Scenario.load("adept-paper")
-    assert main(["run", str(paper_folder / "scenario.toml"), "--out", str(tmp_path), "--quiet", *NUMBERS]) == 0
+    assert (
+        main(["run", str(paper_folder / "scenario.toml"), "--out", str(tmp_path), "--quiet", *NUMBERS]) == 0
+    )
     for name in ("scenario.toml", "metrics.json"):
         assert (tmp_path / name).read_bytes() == (paper_folder / name).read_bytes()
     again, first = (cp.RunResult.load(folder / "result.nc") for folder in (tmp_path, paper_folder))
@@ -99,8 +106,14 @@ def test_a_table_is_printed_and_no_bar_where_nobody_looks(tmp_path, capsys):
 def test_what_is_no_number_is_told_in_words(tmp_path, capsys):
     """Half a second settles nothing, has no steady window and no event."""
     assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
-    lines = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
-    assert (lines["settling_time_s"], lines["resettling_time_s"], lines["position_rms_m"]) == ("never", "does not apply", "does not apply")
+    lines = dict(
+        line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")
+    )
+    assert (lines["settling_time_s"], lines["resettling_time_s"], lines["position_rms_m"]) == (
+        "never",
+        "does not apply",
+        "does not apply",
+    )
     assert lines["window_s"].startswith("none: the run ends")
 
 
@@ -114,7 +127,21 @@ def test_a_warning_is_told_without_the_source_line_that_gave_it():
 
 
 def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
-    assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT, "--cell.arms.left.torque-limits", "3"]) == 0
+    assert (
+        main(
+            [
+                "run",
+                "adept-paper",
+                "--out",
+                str(tmp_path),
+                *NUMBERS,
+                *SHORT,
+                "--cell.arms.left.torque-limits",
+                "3",
+            ]
+        )
+        == 0
+    )
     assert "beyond its limit: torque of left" in capsys.readouterr().out
 
 
@@ -152,14 +179,30 @@ def test_pictures_of_an_earlier_run_do_not_stay_beside_the_numbers_of_this_one(t
     [
         (["--controller.gains.sign-gain", "0.5"], "controller.gains.sign_gain", 0.5),
         (["--controller.gains.sign-gain=.5"], "controller.gains.sign_gain", 0.5),
-        (["--controller.gains.damping-gain", "1", "2", "3"], "controller.gains.damping_gain", (1.0, 2.0, 3.0)),
+        (
+            ["--controller.gains.damping-gain", "1", "2", "3"],
+            "controller.gains.damping_gain",
+            (1.0, 2.0, 3.0),
+        ),
         (["--clock.rate-hz", "400"], "clock.rate_hz", 400.0),
         (["--cell.arms.left.posture", "1.3", "-1.7", "1.9"], "cell.arms.left.posture", (1.3, -1.7, 1.9)),
         (["--plant.payload", "free"], "plant.payload", "free"),
         (["--controller.switching", '{kind = "tanh", width = 0.2}'], "controller.switching.width", 0.2),
-        (["--controller.switching.width", "0.2", "--controller.switching.kind", "tanh"], "controller.switching.width", 0.2),
-        (["--cell.load-shares.left", "0.3", "--cell.load-shares.right", "0.7"], "cell.load_shares.right", 0.7),
-        (["--events.0.kind", "payload-change", "--events.0.time", "0.1", "--events.0.mass", "6"], "events.0.mass", 6.0),
+        (
+            ["--controller.switching.width", "0.2", "--controller.switching.kind", "tanh"],
+            "controller.switching.width",
+            0.2,
+        ),
+        (
+            ["--cell.load-shares.left", "0.3", "--cell.load-shares.right", "0.7"],
+            "cell.load_shares.right",
+            0.7,
+        ),
+        (
+            ["--events.0.kind", "payload-change", "--events.0.time", "0.1", "--events.0.mass", "6"],
+            "events.0.mass",
+            6.0,
+        ),
         (["--beyond-bound"], "beyond_bound", True),
     ],
 )
@@ -167,12 +210,31 @@ def test_any_field_can_be_typed(words, path, value, tmp_path):
     assert main(["run", "adept-paper", *SHORT, *words, "--out", str(tmp_path), "--quiet", *NUMBERS]) == 0
     node = cp.Scenario.load(tmp_path / "scenario.toml")
     for key in path.split("."):
-        node = node[int(key)] if isinstance(node, tuple) else node[key] if isinstance(node, dict) else getattr(node, key)
+        node = (
+            node[int(key)]
+            if isinstance(node, tuple)
+            else node[key]
+            if isinstance(node, dict)
+            else getattr(node, key)
+        )
     assert node == value
 
 
 def test_own_words_are_told_apart_from_fields_in_any_order():
-    words = ["run", "a.toml", "--out", "d", "--a.b", "1", "-2", "--no-figures", "--c=3", "--quiet", "--flag", "-h"]
+    words = [
+        "run",
+        "a.toml",
+        "--out",
+        "d",
+        "--a.b",
+        "1",
+        "-2",
+        "--no-figures",
+        "--c=3",
+        "--quiet",
+        "--flag",
+        "-h",
+    ]
     own = ["run", "a.toml", "--out", "d", "--no-figures", "--quiet", "-h"]
     assert split_fields(words) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
 
@@ -208,9 +270,13 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
             continue
         fields[option] = [value] if value[0] in "[{" or option == "summary" else value.split()
     assert scenario.override(changes(fields, scenario.cell.arms)) == scenario
-    assert {"controller.gains.sign-gain", "cell.arms.left.posture", "events.1.wrench", "beyond-bound"} <= set(fields)
+    assert {"controller.gains.sign-gain", "cell.arms.left.posture", "events.1.wrench", "beyond-bound"} <= set(
+        fields
+    )
     # Where a field is missing in the list, changing it in the scenario would not show.
-    nothing = cp.Scenario.load("adept-paper").override({"events": [], "cell.payload.mass": 1.0, "plant.stabilisation.frequency": 1.0})
+    nothing = cp.Scenario.load("adept-paper").override(
+        {"events": [], "cell.payload.mass": 1.0, "plant.stabilisation.frequency": 1.0}
+    )
     kept = {path: words for path, words in fields.items() if path.split(".")[0] in ("cell", "plant")}
     assert nothing.override(changes(kept, scenario.cell.arms)) == scenario.override({"events": []})
 
@@ -218,7 +284,9 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
 def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys):
     assert main(["fields", "adept-paper"]) == 0
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
-    assert said["--controller.kind"].endswith("one of sliding-mode, sliding-mode-redundant, payload-space, user.")
+    assert said["--controller.kind"].endswith(
+        "one of sliding-mode, sliding-mode-redundant, payload-space, user."
+    )
     assert said["--events.1.kind"].endswith("one of payload-change, wrench-pulse.")
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 
@@ -255,7 +323,9 @@ def test_bad_input_is_told_without_a_traceback(words, said, tmp_path, monkeypatc
 
 def test_a_users_file_with_mistakes_has_them_all_told(tmp_path, capsys):
     scenario = cp.Scenario.load("adept-paper").to_toml()
-    (tmp_path / "mine.toml").write_text(scenario.replace("mass = 11.2", "masss = 11.2").replace("rate_hz = 80.0", "rate_hz = nan"))
+    (tmp_path / "mine.toml").write_text(
+        scenario.replace("mass = 11.2", "masss = 11.2").replace("rate_hz = 80.0", "rate_hz = nan")
+    )
     assert main(["run", str(tmp_path / "mine.toml")]) == 2
     err = capsys.readouterr().err
     assert "cell.payload.masss: there is no such field" in err
@@ -354,7 +424,9 @@ def test_view_of_a_result_file_writes_a_replay_beside_it(tmp_path, capsys):
 @pytest.mark.parametrize("words", [[], ["--run", "--pace", "5"]])
 def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     process = subprocess.Popen(
-        [sys.executable, "-m", "coop_pin", "view", "adept-paper", "--no-open", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-m", "coop_pin", "view", "adept-paper", "--no-open", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     url = process.stdout.readline().decode().strip()
     with urllib.request.urlopen(url, timeout=30) as page:
@@ -362,7 +434,9 @@ def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     process.send_signal(signal.SIGINT)
     said, hint = process.communicate(timeout=30)
     assert said == b""
-    assert hint.splitlines() == [b"coop-pin: open this address in a browser on this machine; Ctrl-C ends the view"]
+    assert hint.splitlines() == [
+        b"coop-pin: open this address in a browser on this machine; Ctrl-C ends the view"
+    ]
     assert process.returncode == 0
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)
@@ -504,7 +578,10 @@ def test_show_prints_the_cell_as_a_tree(capsys):
 def test_check_ends_with_the_verdict(tmp_path, capsys):
     assert main(["check", "adept-paper", "--poses", "21"]) == 0
     assert "sigma_min" in capsys.readouterr().out
-    away = cp.Scenario.load("adept-paper", {"motion": {"kind": "line", "start": {}, "goal": {"xyz": (0.5, 2.0, 0.0)}, "duration": 5.0}})
+    away = cp.Scenario.load(
+        "adept-paper",
+        {"motion": {"kind": "line", "start": {}, "goal": {"xyz": (0.5, 2.0, 0.0)}, "duration": 5.0}},
+    )
     away.save(tmp_path / "away.toml")
     assert main(["check", str(tmp_path / "away.toml"), "--poses", "21"]) == 1
     assert "left" in capsys.readouterr().out

@@ -56,7 +56,9 @@ def test_constraint_dynamics_and_rank_cut_agree_on_and_off_the_closures(case, ga
         scale = 1.0 + np.abs(first.acceleration).max()
         assert_allclose(first.acceleration, second.acceleration, rtol=0, atol=1e-9 * scale)
         force = 1.0 + np.abs(first.closure_wrenches).max()
-        assert_allclose(first.closure_wrenches[:, rows], second.closure_wrenches[:, rows], rtol=0, atol=1e-9 * force)
+        assert_allclose(
+            first.closure_wrenches[:, rows], second.closure_wrenches[:, rows], rtol=0, atol=1e-9 * force
+        )
         assert first.rank == second.rank == RANKS[case]
         assert max(first.residual, second.residual) < 1e-9 * scale
 
@@ -76,9 +78,18 @@ def test_the_solution_satisfies_the_equations_of_motion_and_the_stabilised_closu
             J_a, J_b = (pin.computeFrameJacobian(chain.model, data, q, frame, pin.LOCAL) for frame in (a, b))
             pin.framesForwardKinematics(chain.model, data, q)
             force -= (J_a - data.oMf[a].actInv(data.oMf[b]).toActionMatrix() @ J_b).T @ wrench
-        assert_allclose(force, np.zeros(chain.model.nv), rtol=0, atol=1e-8 * (1.0 + np.abs(answer.closure_wrenches).max()))
-        left = now.jacobian @ answer.acceleration + now.drift + 2.0 * 0.4 * 7.0 * now.velocity + 49.0 * now.position
-        assert_allclose(left, np.zeros_like(left), rtol=0, atol=1e-9 * (1.0 + np.abs(answer.acceleration).max()))
+        assert_allclose(
+            force, np.zeros(chain.model.nv), rtol=0, atol=1e-8 * (1.0 + np.abs(answer.closure_wrenches).max())
+        )
+        left = (
+            now.jacobian @ answer.acceleration
+            + now.drift
+            + 2.0 * 0.4 * 7.0 * now.velocity
+            + 49.0 * now.position
+        )
+        assert_allclose(
+            left, np.zeros_like(left), rtol=0, atol=1e-9 * (1.0 + np.abs(answer.acceleration).max())
+        )
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -89,20 +100,31 @@ def test_point_closures_agree_between_the_formulations_off_the_closure(name):
     oracle, q_closed = chain.with_kkt(), tree.configuration(start)
     for q, v, tau in states(chain, q_closed, 0.03):
         first, second = chain.forward_dynamics(q, v, tau), oracle.forward_dynamics(q, v, tau)
-        assert_allclose(first.acceleration, second.acceleration, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(first.acceleration).max()))
+        assert_allclose(
+            first.acceleration,
+            second.acceleration,
+            rtol=1e-9,
+            atol=1e-9 * (1.0 + np.abs(first.acceleration).max()),
+        )
         planar = slice(0, 2) if name == "planar" else slice(0, 6)
-        assert_allclose(first.closure_wrenches[:, planar], second.closure_wrenches[:, planar], rtol=1e-9, atol=1e-8)
+        assert_allclose(
+            first.closure_wrenches[:, planar], second.closure_wrenches[:, planar], rtol=1e-9, atol=1e-8
+        )
         assert first.rank == second.rank == (2 if name == "planar" else 3)
 
 
 def test_planar_rows_do_in_the_plane_what_full_rows_do():
     plant, q_closed = chain_of(("planar", "welded"))
-    planar = ClosedChain(plant.tree.model, [Closure("right/grasp", "payload/right", "planar")], plant.chain.stabilisation)
+    planar = ClosedChain(
+        plant.tree.model, [Closure("right/grasp", "payload/right", "planar")], plant.chain.stabilisation
+    )
     for q, v, tau in states(plant.chain, q_closed, 0.0):
         v = plant.chain.project_velocity(q, v)
         full, few = plant.chain.forward_dynamics(q, v, tau), planar.forward_dynamics(q, v, tau)
         assert_allclose(few.acceleration, full.acceleration, rtol=1e-9, atol=1e-9)
-        assert_allclose(few.closure_wrenches[0, [0, 1, 5]], full.closure_wrenches[0, [0, 1, 5]], rtol=1e-9, atol=1e-8)
+        assert_allclose(
+            few.closure_wrenches[0, [0, 1, 5]], full.closure_wrenches[0, [0, 1, 5]], rtol=1e-9, atol=1e-8
+        )
         assert few.rank == 3
 
 
@@ -114,7 +136,9 @@ def test_a_tree_without_closures_moves_as_aba_says(case):
     for solver in (chain, chain.with_kkt()):
         for q, v, tau in states(chain, q_closed, 0.5):
             answer = solver.forward_dynamics(q, v, tau)
-            assert_allclose(answer.acceleration, pin.aba(model, model.createData(), q, v, tau), rtol=1e-9, atol=1e-8)
+            assert_allclose(
+                answer.acceleration, pin.aba(model, model.createData(), q, v, tau), rtol=1e-9, atol=1e-8
+            )
             assert answer.closure_wrenches.shape == (0, 6)
             assert (answer.rank, answer.residual) == (0, 0.0)
         assert_allclose(chain.project_configuration(q_closed), q_closed, rtol=0, atol=0)
@@ -130,7 +154,10 @@ def test_two_calls_give_the_same_bits_whatever_came_between(case, formulation):
     first = plant.chain.forward_dynamics(q, v, tau)
     kept = [np.array(field) for field in first]
     plant.chain.forward_dynamics(q_2, v_2, tau_2)
-    again, fresh = plant.chain.forward_dynamics(q, v, tau), chain_of(case, formulation=formulation)[0].chain.forward_dynamics(q, v, tau)
+    again, fresh = (
+        plant.chain.forward_dynamics(q, v, tau),
+        chain_of(case, formulation=formulation)[0].chain.forward_dynamics(q, v, tau),
+    )
     for field, copy, second, third in zip(first, kept, again, fresh, strict=True):
         assert_allclose(field, copy, rtol=0, atol=0)
         assert_allclose(second, copy, rtol=0, atol=0)
@@ -146,7 +173,10 @@ def opened_by_a_decimetre(plant, name):
     beside = start.copy()
     beside[:3, 3] += (-0.06, 0.08, 0.0) if name == "planar" else (0.06, 0.0, -0.08)
     poses = dict(zip(cell.arms, (start, beside), strict=True))
-    angles = [solve_ik(arm, ArmModel(cell.arms[arm], cell.grasps[arm].matrix), X, cell.arms[arm].posture) for arm, X in poses.items()]
+    angles = [
+        solve_ik(arm, ArmModel(cell.arms[arm], cell.grasps[arm].matrix), X, cell.arms[arm].posture)
+        for arm, X in poses.items()
+    ]
     return plant.tree.configuration(angles, start)
 
 
@@ -164,7 +194,9 @@ def gap_at(t, e_0, omega, zeta):
 def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, formulation, zeta):
     name, _ = case
     omega, h, steps = 12.0, 2e-3, 150
-    plant, _ = chain_of(case, formulation=formulation, stabilisation=Stabilisation(frequency=omega, damping_ratio=zeta))
+    plant, _ = chain_of(
+        case, formulation=formulation, stabilisation=Stabilisation(frequency=omega, damping_ratio=zeta)
+    )
     model = plant.tree.model
     q, v = opened_by_a_decimetre(plant, name), np.zeros(model.nv)
     integrator = RungeKutta4(configuration_space(model))
@@ -178,20 +210,28 @@ def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, fo
         measured.append(plant.closure_errors(q))
     expected = np.abs(gap_at(h * np.arange(steps + 1), 0.1, omega, zeta))
     assert_allclose([closure_errors[1].distance for closure_errors in measured], expected, rtol=0, atol=1e-6)
-    assert_allclose([closure_errors[1].angle for closure_errors in measured], np.zeros(steps + 1), rtol=0, atol=1e-6)
-    assert_allclose([closure_errors[0] for closure_errors in measured], np.zeros((steps + 1, 2)), rtol=0, atol=1e-6)
+    assert_allclose(
+        [closure_errors[1].angle for closure_errors in measured], np.zeros(steps + 1), rtol=0, atol=1e-6
+    )
+    assert_allclose(
+        [closure_errors[0] for closure_errors in measured], np.zeros((steps + 1, 2)), rtol=0, atol=1e-6
+    )
 
 
 def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too():
     cell, _ = cell_and_start("spatial")
     plant, omega, h, steps = CellChain(cell), 12.0, 2e-3, 150
-    chain = ClosedChain(plant.tree.model, [Closure("right/grasp", "payload/right", "point")], Stabilisation(frequency=omega))
+    chain = ClosedChain(
+        plant.tree.model, [Closure("right/grasp", "payload/right", "point")], Stabilisation(frequency=omega)
+    )
     integrator = RungeKutta4(configuration_space(chain.model))
     for solver in (chain.solver, chain.with_kkt().solver):
         q, v = opened_by_a_decimetre(plant, "spatial"), np.zeros(chain.model.nv)
         measured = [chain.closure_errors(q)[0].distance]
         for _ in range(steps):
-            q, v, _ = integrator.step(lambda q, v, s=solver: (s.acceleration(q, v, np.zeros(len(v))), np.zeros(0)), q, v, h)
+            q, v, _ = integrator.step(
+                lambda q, v, s=solver: (s.acceleration(q, v, np.zeros(len(v))), np.zeros(0)), q, v, h
+            )
             measured.append(chain.closure_errors(q)[0].distance)
         assert_allclose(measured, gap_at(h * np.arange(steps + 1), 0.1, omega, 1.0), rtol=0, atol=1e-6)
 
@@ -202,8 +242,9 @@ def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too()
 def cut_arm(arm, link, hinge):
     """The arm with one link cut off, and the closure that holds it again.
 
-    The part beyond hangs on a free-flyer. With a hinge the cut goes through the joint that carries the link (an "axis" closure
-    takes its place); otherwise through the link's body, 0.4 of which stays with the arm (a "full" closure).
+    The part beyond hangs on a free-flyer. With a hinge the cut goes through the joint that carries the link
+    (an "axis" closure takes its place); otherwise through the link's body, 0.4 of which stays with the arm (a
+    "full" closure).
     """
     model, tree = arm.model, pin.Model()
     tree.gravity = model.gravity
@@ -211,17 +252,27 @@ def cut_arm(arm, link, hinge):
     for joint in range(1, model.njoints):
         inertia, parent = model.inertias[joint], model.parents[joint]
         if joint == link and not hinge:
-            new[joint] = tree.addJoint(new[parent], model.joints[joint], model.jointPlacements[joint], f"stump {joint}")
-            tree.appendBodyToJoint(new[joint], pin.Inertia(0.4 * inertia.mass, inertia.lever, 0.4 * inertia.inertia), pin.SE3.Identity())
+            new[joint] = tree.addJoint(
+                new[parent], model.joints[joint], model.jointPlacements[joint], f"stump {joint}"
+            )
+            tree.appendBodyToJoint(
+                new[joint],
+                pin.Inertia(0.4 * inertia.mass, inertia.lever, 0.4 * inertia.inertia),
+                pin.SE3.Identity(),
+            )
             inertia = pin.Inertia(0.6 * inertia.mass, inertia.lever, 0.6 * inertia.inertia)
         if joint == link:
             stump = (new[parent], model.jointPlacements[joint]) if hinge else (new[joint], pin.SE3.Identity())
             new[joint] = tree.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "cut")
             cut = new[joint]
         else:
-            new[joint] = tree.addJoint(new[parent], model.joints[joint], model.jointPlacements[joint], f"joint {joint}")
+            new[joint] = tree.addJoint(
+                new[parent], model.joints[joint], model.jointPlacements[joint], f"joint {joint}"
+            )
         tree.appendBodyToJoint(new[joint], inertia, pin.SE3.Identity())
-    axis = {"X": (0.0, np.pi / 2, 0.0), "Y": (-np.pi / 2, 0.0, 0.0), "Z": (0.0, 0.0, 0.0)}[model.joints[link].shortname()[-1]]
+    axis = {"X": (0.0, np.pi / 2, 0.0), "Y": (-np.pi / 2, 0.0, 0.0), "Z": (0.0, 0.0, 0.0)}[
+        model.joints[link].shortname()[-1]
+    ]
     z_along_axis = pin.SE3(pin.rpy.rpyToMatrix(*axis), np.zeros(3))
     for name, (parent, placement) in {"stump": stump, "part": (cut, pin.SE3.Identity())}.items():
         tree.addFrame(pin.Frame(name, parent, 0, placement * z_along_axis, pin.FrameType.OP_FRAME))
@@ -264,11 +315,17 @@ def test_a_cut_and_closed_arm_moves_as_the_uncut_one(name, link, hinge):
     whole, parts = RungeKutta4(configuration_space(arm.model)), RungeKutta4(configuration_space(chain.model))
     none = np.zeros(0)
     for step in range(400):
-        q, v, _ = whole.step(lambda q, v: (uncut.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, 2.5e-4)
-        q_cut, v_cut, _ = parts.step(lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q_cut, v_cut, 2.5e-4)
+        q, v, _ = whole.step(
+            lambda q, v: (uncut.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, 2.5e-4
+        )
+        q_cut, v_cut, _ = parts.step(
+            lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q_cut, v_cut, 2.5e-4
+        )
         if step % 40 == 39:
             expected = end_motion(arm.model, arm.model.njoints - 1, q, v)
-            assert_allclose(end_motion(chain.model, chain.model.njoints - 1, q_cut, v_cut), expected, rtol=0, atol=1e-10)
+            assert_allclose(
+                end_motion(chain.model, chain.model.njoints - 1, q_cut, v_cut), expected, rtol=0, atol=1e-10
+            )
             assert_allclose(chain.energy(q_cut, v_cut), uncut.energy(q, v), rtol=0, atol=1e-9)
             assert_allclose(uncut.energy(q, v).total, energy, rtol=0, atol=1e-8)
     assert np.abs(q - np.array(cell.arms["right"].posture)).max() > 0.02
@@ -293,8 +350,12 @@ def test_closures_that_contradict_each_other_are_refused():
     """Two closures that hold one frame at two places contradict each other."""
     cell, start = cell_and_start("spatial")
     plant = CellChain(cell)
-    chain = ClosedChain(plant.tree.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")])
+    chain = ClosedChain(
+        plant.tree.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")]
+    )
     with pytest.raises(ConstraintSolveError):
         chain.forward_dynamics(
-            plant.configuration(start), random_velocity(plant.chain, plant.configuration(start), 0), np.zeros(chain.model.nv)
+            plant.configuration(start),
+            random_velocity(plant.chain, plant.configuration(start), 0),
+            np.zeros(chain.model.nv),
         )

@@ -129,7 +129,10 @@ def test_no_angles_come_nearer_than_the_gap_that_a_spatial_arm_reports():
     cell, _ = cell_and_start("spatial")
     shoulder = np.array(cell.arms["left"].base.xyz)
     rng = np.random.default_rng(0)
-    reach = max(np.linalg.norm(arm.payload_pose(rng.uniform(-np.pi, np.pi, 6))[:3, 3] - shoulder) for _ in range(20000))
+    reach = max(
+        np.linalg.norm(arm.payload_pose(rng.uniform(-np.pi, np.pi, 6))[:3, 3] - shoulder)
+        for _ in range(20000)
+    )
     X_WP = make_pose(shoulder + np.array([2.5, 0.0, 0.5]), (0.3, 0.2, 0.1))
     distance = np.linalg.norm(X_WP[:3, 3] - shoulder)
     with pytest.raises(UnreachablePoseError, match="'left'") as error:

@@ -24,7 +24,11 @@ MASKS = [
     (False, True, False, False, False, False),
 ]
 ROWS = ["planar", "axis", *MASKS]
-PAIRS = {"arm": ("left/grasp", "payload/left"), "world": ("right/grasp", "universe"), "world first": ("universe", "payload")}
+PAIRS = {
+    "arm": ("left/grasp", "payload/left"),
+    "world": ("right/grasp", "universe"),
+    "world first": ("universe", "payload"),
+}
 
 
 @pytest.fixture(scope="module", params=SCENARIOS)
@@ -40,7 +44,11 @@ def random_states(tree, count=4, spread=0.4):
     model, q_0 = tree
     rng = np.random.default_rng(5)
     for _ in range(count):
-        yield pin.integrate(model, q_0, rng.uniform(-spread, spread, model.nv)), rng.normal(size=model.nv), rng.normal(size=model.nv)
+        yield (
+            pin.integrate(model, q_0, rng.uniform(-spread, spread, model.nv)),
+            rng.normal(size=model.nv),
+            rng.normal(size=model.nv),
+        )
 
 
 def along(model, closures, q, v, a, t):
@@ -62,7 +70,9 @@ def test_jacobian_and_drift_are_the_derivatives_of_the_error(tree, pair, rows):
     closures = ClosureSet(model, [Closure(*PAIRS[pair], rows)])
     for q, v, a in random_states(tree):
         e_rate, e_rate_rate, now = rates(model, closures, q, v, a)
-        assert pair == "world" or np.abs(now.position).max() > 1e-3  # a planar arm has no error across the plane of the world
+        assert (
+            pair == "world" or np.abs(now.position).max() > 1e-3
+        )  # a planar arm has no error across the plane of the world
         assert_allclose(now.velocity, e_rate, rtol=1e-7, atol=1e-7)
         assert_allclose(now.jacobian @ v, now.velocity, rtol=1e-13, atol=1e-13)
         assert_allclose(now.jacobian @ a + now.drift, e_rate_rate, rtol=1e-7, atol=1e-6)
@@ -77,7 +87,9 @@ def test_point_rows_are_differentiated_in_the_world(tree, pair):
 
     def frames(q):
         pin.framesForwardKinematics(model, data, q)
-        return data.oMf[model.getFrameId(closure.frame_a)].copy(), data.oMf[model.getFrameId(closure.frame_b)].copy()
+        return data.oMf[model.getFrameId(closure.frame_a)].copy(), data.oMf[
+            model.getFrameId(closure.frame_b)
+        ].copy()
 
     def gap(q, v, a, t):
         X_Wa, X_Wb = frames(pin.integrate(model, q, v * t + a * t * t / 2.0))
@@ -116,7 +128,9 @@ def test_the_velocity_error_of_a_weld_is_the_derivative_of_its_error_when_that_i
     direction, v = rng.normal(size=model.nv), rng.normal(size=model.nv)
     closure_errors = []
     for size in (1e-2, 1e-3):
-        e_rate, _, now = rates(model, closures, pin.integrate(model, q_0, size * direction), v, np.zeros(model.nv))
+        e_rate, _, now = rates(
+            model, closures, pin.integrate(model, q_0, size * direction), v, np.zeros(model.nv)
+        )
         closure_errors.append(np.abs(now.velocity - e_rate).max())
     assert_allclose(closure_errors[0] / closure_errors[1], 10.0, rtol=0.2)
 
@@ -131,7 +145,9 @@ def test_three_held_turns_follow_the_weld_and_fewer_are_exact(tree, turns):
         e_rate, _, now = rates(model, closures, q, v, a)
         if all(turns):
             pin.framesForwardKinematics(model, data, q)
-            R_ab = (data.oMf[model.getFrameId("left/grasp")].actInv(data.oMf[model.getFrameId("payload/left")])).rotation
+            R_ab = (
+                data.oMf[model.getFrameId("left/grasp")].actInv(data.oMf[model.getFrameId("payload/left")])
+            ).rotation
             e_rate[2:] = R_ab @ np.linalg.solve(pin.Jlog3(R_ab), e_rate[2:])
         assert_allclose(now.velocity, e_rate, rtol=1e-6, atol=1e-6)
 
@@ -165,8 +181,12 @@ def test_several_closures_stack_in_their_order(tree):
     q, v, _ = next(random_states(tree))
     states = [ClosureSet(model, [closure]).state(q, v) for closure in single]
     assert stacked.rows == 6 + 3 + 3
-    assert_allclose(stacked.state(q, v).position, np.concatenate([s.position for s in states]), rtol=0, atol=0)
-    assert_allclose(stacked.state(q, v).jacobian, np.concatenate([s.jacobian for s in states]), rtol=0, atol=0)
+    assert_allclose(
+        stacked.state(q, v).position, np.concatenate([s.position for s in states]), rtol=0, atol=0
+    )
+    assert_allclose(
+        stacked.state(q, v).jacobian, np.concatenate([s.jacobian for s in states]), rtol=0, atol=0
+    )
     assert_allclose(stacked.state(q, v).drift, np.concatenate([s.drift for s in states]), rtol=0, atol=0)
     assert_allclose(stacked.state(q, v).wrench_map[1][:, 6:9], states[1].wrench_map[0], rtol=0, atol=0)
     assert not stacked.state(q, v).wrench_map[1][:, :6].any()
@@ -188,15 +208,17 @@ def test_gaps_are_the_distance_and_angle_that_the_rows_hold(tree):
     assert_allclose([full, ball, free], [(0.05, 0.0), (0.05, 0.0), (0.0, 0.0)], atol=1e-9)
     turn = np.zeros(model.nv)
     turn[model.idx_vs[model.getJointId("payload")] :][:6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.02)
-    weld = ClosureSet(model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]).closure_errors(
-        pin.integrate(model, q_0, turn)
-    )[1]
+    weld = ClosureSet(
+        model, [Closure("payload/left", "universe"), Closure("left/grasp", "payload/left")]
+    ).closure_errors(pin.integrate(model, q_0, turn))[1]
     assert_allclose(weld.angle, 0.02, atol=1e-9)
 
 
 def test_a_state_does_not_change_when_the_closures_are_asked_again(tree):
     model, _ = tree
-    closures = ClosureSet(model, [Closure("left/grasp", "payload/left"), Closure("right/grasp", "universe", "axis")])
+    closures = ClosureSet(
+        model, [Closure("left/grasp", "payload/left"), Closure("right/grasp", "universe", "axis")]
+    )
     (q, v, _), (q_2, v_2, _) = itertools.islice(random_states(tree), 2)
     first = closures.state(q, v)
     kept = [field.copy() for field in first]
@@ -212,12 +234,19 @@ def test_rows_that_mean_nothing_are_refused(tree, rows):
         ClosedChain(tree[0], [Closure("left/grasp", "payload/left", rows)])
 
 
-@pytest.mark.parametrize("rows", [[True] * 6, [True] * 3 + [False] * 3, list(MASKS[0]), np.array(MASKS[1])], ids=str)
+@pytest.mark.parametrize(
+    "rows", [[True] * 6, [True] * 3 + [False] * 3, list(MASKS[0]), np.array(MASKS[1])], ids=str
+)
 def test_rows_may_be_any_sequence_of_six_booleans(tree, rows):
     chain = ClosedChain(tree[0], [Closure("left/grasp", "payload/left", rows)])
     named = ClosedChain(tree[0], [Closure("left/grasp", "payload/left", tuple(map(bool, rows)))])
     q, v, a = next(random_states(tree, spread=0.05))
-    assert_allclose(chain.forward_dynamics(q, v, a).acceleration, named.forward_dynamics(q, v, a).acceleration, rtol=0, atol=0)
+    assert_allclose(
+        chain.forward_dynamics(q, v, a).acceleration,
+        named.forward_dynamics(q, v, a).acceleration,
+        rtol=0,
+        atol=0,
+    )
 
 
 def test_a_wrong_frame_is_named_with_a_suggestion(tree):

@@ -37,7 +37,11 @@ SECTIONS = r"(?:Args|Attributes|Raises|Returns|Yields|Note|Example)s?:"
 def section(docstring, name):
     """The names that a section tells, in order; None without the section."""
     found = re.search(rf"^{name}:\n((?:(?!{SECTIONS}$).*\n?)*)", inspect.cleandoc(docstring), re.MULTILINE)
-    return None if found is None else [given.lstrip("*") for given in re.findall(r"^ {4}(\*{0,2}\w+):", found[1], re.MULTILINE)]
+    return (
+        None
+        if found is None
+        else [given.lstrip("*") for given in re.findall(r"^ {4}(\*{0,2}\w+):", found[1], re.MULTILINE)]
+    )
 
 
 def functions_of(file):
@@ -51,7 +55,15 @@ def functions_of(file):
 
 def arguments_of(node, inside_class):
     given = node.args
-    names = [argument.arg for argument in (*given.posonlyargs, *given.args, *([given.vararg] if given.vararg else []), *given.kwonlyargs)]
+    names = [
+        argument.arg
+        for argument in (
+            *given.posonlyargs,
+            *given.args,
+            *([given.vararg] if given.vararg else []),
+            *given.kwonlyargs,
+        )
+    ]
     names += [given.kwarg.arg] if given.kwarg else []
     static = any(isinstance(mark, ast.Name) and mark.id == "staticmethod" for mark in node.decorator_list)
     return names[1:] if inside_class and not static else names
@@ -62,7 +74,9 @@ def test_a_docstring_names_the_arguments_of_its_signature_in_their_order(file):
     for owner, node in functions_of(file):
         told = section(ast.get_docstring(node) or "", "Args")
         if told is not None:
-            assert told == arguments_of(node, owner is not None), f"{owner.name + '.' if owner else ''}{node.name}"
+            assert told == arguments_of(node, owner is not None), (
+                f"{owner.name + '.' if owner else ''}{node.name}"
+            )
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
@@ -71,11 +85,17 @@ def test_a_docstring_of_a_value_names_all_its_fields_and_no_other(file):
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
             continue
-        if not any(isinstance(base, ast.Name) and base.id in ("NamedTuple", "Description") for base in node.bases):
+        if not any(
+            isinstance(base, ast.Name) and base.id in ("NamedTuple", "Description") for base in node.bases
+        ):
             continue
         fields, below = [], []
         for entry, following in zip(node.body, [*node.body[1:], None], strict=True):
-            if isinstance(entry, ast.AnnAssign) and not entry.target.id.startswith("_") and entry.target.id != "kind":
+            if (
+                isinstance(entry, ast.AnnAssign)
+                and not entry.target.id.startswith("_")
+                and entry.target.id != "kind"
+            ):
                 fields.append(entry.target.id)
                 if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
                     below.append(entry.target.id)
@@ -85,7 +105,8 @@ def test_a_docstring_of_a_value_names_all_its_fields_and_no_other(file):
 
 def rooms():
     return sorted(
-        {coop_pin._PUBLIC[name] for name in coop_pin.__all__} | {f"coop_pin.{path.parent.name}" for path in PACKAGE.glob("*/__init__.py")}
+        {coop_pin._PUBLIC[name] for name in coop_pin.__all__}
+        | {f"coop_pin.{path.parent.name}" for path in PACKAGE.glob("*/__init__.py")}
     )
 
 
@@ -104,7 +125,11 @@ def test_everything_public_has_a_docstring():
         if inspect.isclass(thing) or inspect.isfunction(thing):
             assert inspect.getdoc(thing), name
         for method_name, method in vars(thing).items() if inspect.isclass(thing) else ():
-            if inspect.isfunction(method) and not method_name.startswith("_") and (method.__module__ or "").startswith("coop_pin"):
+            if (
+                inspect.isfunction(method)
+                and not method_name.startswith("_")
+                and (method.__module__ or "").startswith("coop_pin")
+            ):
                 assert method.__doc__, f"{name}.{method_name}"
 
 
@@ -114,7 +139,11 @@ def mentioned(name, text):
 
 def docstrings_of(thing):
     """What a class says of itself and of its constructor, its parents' words included."""
-    told = [part for parent in thing.__mro__ for part in (parent.__doc__, getattr(vars(parent).get("__init__"), "__doc__", None))]
+    told = [
+        part
+        for parent in thing.__mro__
+        for part in (parent.__doc__, getattr(vars(parent).get("__init__"), "__doc__", None))
+    ]
     return "\n".join(inspect.cleandoc(part) for part in told if part)
 
 
@@ -141,21 +170,37 @@ def attributes_of(thing):
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(thing))).body
     found = {}
     for entry, following in itertools.pairwise([*node.body, None]):
-        if isinstance(entry, ast.AnnAssign) and not (isinstance(entry.annotation, ast.Name) and entry.annotation.id == "ClassVar"):
+        if isinstance(entry, ast.AnnAssign) and not (
+            isinstance(entry.annotation, ast.Name) and entry.annotation.id == "ClassVar"
+        ):
             below = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
             found[entry.target.id] = following.value.value if below else ""
         if isinstance(entry, ast.FunctionDef) and entry.name == "__init__":
-            stored = [inner for inner in ast.walk(entry) if isinstance(inner, ast.Attribute) and isinstance(inner.ctx, ast.Store)]
-            found |= {inner.attr: "" for inner in stored if isinstance(inner.value, ast.Name) and inner.value.id == "self"}
+            stored = [
+                inner
+                for inner in ast.walk(entry)
+                if isinstance(inner, ast.Attribute) and isinstance(inner.ctx, ast.Store)
+            ]
+            found |= {
+                inner.attr: ""
+                for inner in stored
+                if isinstance(inner.value, ast.Name) and inner.value.id == "self"
+            }
     return {name: below for name, below in found.items() if not name.startswith("_") and name != "kind"}
 
 
 def test_the_attributes_of_every_public_class_are_told():
-    ours = {name: thing for name, thing in public().items() if inspect.isclass(thing) and thing.__module__.startswith("coop_pin")}
+    ours = {
+        name: thing
+        for name, thing in public().items()
+        if inspect.isclass(thing) and thing.__module__.startswith("coop_pin")
+    }
     assert len(ours) > 100
     for name, thing in ours.items():
         told = docstrings_of(thing)
-        assert [given for given, below in attributes_of(thing).items() if not below and not mentioned(given, told)] == [], name
+        assert [
+            given for given, below in attributes_of(thing).items() if not below and not mentioned(given, told)
+        ] == [], name
 
 
 # ---------------------------------------------------------------- the API reference
@@ -163,12 +208,20 @@ def test_the_attributes_of_every_public_class_are_told():
 
 def documented_modules():
     return set(
-        re.findall(r"^\.\. automodule:: ([\w.]+)$", "\n".join(page.read_text() for page in (DOCS / "api").glob("*.md")), re.MULTILINE)
+        re.findall(
+            r"^\.\. automodule:: ([\w.]+)$",
+            "\n".join(page.read_text() for page in (DOCS / "api").glob("*.md")),
+            re.MULTILINE,
+        )
     )
 
 
 def test_every_room_with_public_names_is_in_the_reference():
-    with_names = {room for room in rooms() if getattr(importlib.import_module(room), "__all__", ()) or room in coop_pin._PUBLIC.values()}
+    with_names = {
+        room
+        for room in rooms()
+        if getattr(importlib.import_module(room), "__all__", ()) or room in coop_pin._PUBLIC.values()
+    }
     assert with_names - documented_modules() == set()
     for module in documented_modules():
         assert importlib.import_module(module).__doc__, module
@@ -183,7 +236,9 @@ def test_every_public_name_is_in_the_reference():
     for name in coop_pin.__all__:
         room = coop_pin._PUBLIC[name]
         module = importlib.import_module(room)
-        (row,) = [line for line in table.splitlines() if line.startswith(f"| [`cp.{name}`](#{room}.{name}) | ")]
+        (row,) = [
+            line for line in table.splitlines() if line.startswith(f"| [`cp.{name}`](#{room}.{name}) | ")
+        ]
         assert len(row.split(" | ")[1]) > 10
         assert room in documented_modules()
         assert name in getattr(module, "__all__", vars(module))
@@ -204,7 +259,9 @@ def anchor(heading):
     return re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
 
 
-@pytest.mark.parametrize("page", [REPOSITORY / "README.md", *PAGES], ids=lambda page: str(page.relative_to(REPOSITORY)))
+@pytest.mark.parametrize(
+    "page", [REPOSITORY / "README.md", *PAGES], ids=lambda page: str(page.relative_to(REPOSITORY))
+)
 def test_links_and_pictures_of_a_page_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
     for target in re.findall(r"(?<!`)\]\(([^)\s]+)\)", text):
@@ -216,16 +273,22 @@ def test_links_and_pictures_of_a_page_lead_somewhere(page):
             file = REPOSITORY / "notebooks" / file.name  # copied there when the site is built
         assert file.exists(), target
         if heading and file.suffix == ".md":
-            assert heading in {anchor(line.lstrip("# ")) for line in file.read_text().splitlines() if line.startswith("#")}, target
+            assert heading in {
+                anchor(line.lstrip("# ")) for line in file.read_text().splitlines() if line.startswith("#")
+            }, target
 
 
 def test_every_page_is_in_a_table_of_contents():
     listed = set(
         re.findall(
-            r"^([\w/-]+)$", "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)), re.MULTILINE
+            r"^([\w/-]+)$",
+            "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)),
+            re.MULTILINE,
         )
     )
-    pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES if page.parent != DOCS / "api"} | {"api/index"}
+    pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES if page.parent != DOCS / "api"} | {
+        "api/index"
+    }
     assert pages - {"index"} == listed
 
 
@@ -271,7 +334,9 @@ def test_the_line_for_conda_names_all_that_the_package_needs_but_pinocchio():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lines = shell_lines(DOCS / "quickstart.md")
     (given,) = [words_of(line)[2:] for line in lines if line.startswith("pip install 'example-robot-data")]
-    assert given == [requirement for requirement in project["dependencies"] if not requirement.startswith("pin>=")]
+    assert given == [
+        requirement for requirement in project["dependencies"] if not requirement.startswith("pin>=")
+    ]
     (conda,) = [words_of(line)[-1] for line in lines if line.startswith("conda install")]
     (pin,) = set(project["dependencies"]) - set(given)
     assert conda.removeprefix("pinocchio") == pin.removeprefix("pin").partition(";")[0]
@@ -284,13 +349,17 @@ RUNNABLE = {"howto/arm.md", "howto/scenario.md", "howto/mechanism.md", "quicksta
 def test_python_on_a_page_runs(name, tmp_path):
     """One block after the other, as somebody who pastes them."""
     code = "\n".join(blocks(DOCS / name, "python"))
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_tests_named_on_a_page_exist():
     tests = {
-        name for file in (REPOSITORY / "tests").glob("test_*.py") for name in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)
+        name
+        for file in (REPOSITORY / "tests").glob("test_*.py")
+        for name in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)
     }
     for page in PAGES:
         assert set(re.findall(r"`(test_\w+)`", page.read_text())) - tests == set(), page
@@ -334,7 +403,18 @@ class Site(NamedTuple):
 
 def build_site(folder):
     """As tools/docs.sh does, but for the notebooks, which are run by tests of their own."""
-    options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-D", "nb_execution_mode=off", "-d", str(folder / "trees")]
+    options = [
+        "-b",
+        "html",
+        "-W",
+        "--keep-going",
+        "-n",
+        "-q",
+        "-D",
+        "nb_execution_mode=off",
+        "-d",
+        str(folder / "trees"),
+    ]
     command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
@@ -346,7 +426,11 @@ def site(tmp_path_factory):
     pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
     folder = built_once(tmp_path_factory, "site", build_site)
     files = [path.resolve() for path in (folder / "html").rglob("*.html") if "_static" not in path.parts]
-    return Site(folder / "html", (folder / "warnings").read_text(), {path: Page(path.read_text(encoding="utf-8")) for path in files})
+    return Site(
+        folder / "html",
+        (folder / "warnings").read_text(),
+        {path: Page(path.read_text(encoding="utf-8")) for path in files},
+    )
 
 
 FROM_ELSEWHERE = r"""@import\s*(?:url\()?\s*['"]?(?:https?:)?//|url\(\s*['"]?(?:https?:)?//"""
@@ -362,7 +446,10 @@ def test_nothing_on_the_site_is_loaded_from_elsewhere(site):
         for target in found.loaded:
             assert urlparse(target).scheme in ("", "data"), (page, target)
             assert not urlparse(target).netloc, (page, target)
-            assert target.startswith("data:") or (page.parent / unquote(urlparse(target).path)).exists(), (page, target)
+            assert target.startswith("data:") or (page.parent / unquote(urlparse(target).path)).exists(), (
+                page,
+                target,
+            )
         assert not re.search(FROM_ELSEWHERE, found.styles), page
     for style in (site.folder / "_static").rglob("*.css"):
         assert not re.search(FROM_ELSEWHERE, style.read_text(encoding="utf-8")), style
@@ -375,12 +462,19 @@ def test_links_within_the_site_lead_to_a_page_and_an_anchor_and_others_are_well_
             given = urlparse(target)
             if given.scheme or given.netloc:
                 assert given.scheme in ("https", "http", "mailto"), (page, target)
-                assert given.scheme == "mailto" or re.fullmatch(r"[\w-]+(\.[\w-]+)+(:\d+)?", given.netloc), (page, target)
+                assert given.scheme == "mailto" or re.fullmatch(r"[\w-]+(\.[\w-]+)+(:\d+)?", given.netloc), (
+                    page,
+                    target,
+                )
                 assert not re.search(r"\s", target), (page, target)
                 continue
             file = (page.parent / unquote(given.path)).resolve() if given.path else page
             assert file.exists(), (page, target)
-            assert not given.fragment or file not in site.pages or unquote(given.fragment) in site.pages[file].ids, (page, target)
+            assert (
+                not given.fragment
+                or file not in site.pages
+                or unquote(given.fragment) in site.pages[file].ids
+            ), (page, target)
             checked += 1
     assert checked > 1000
 
@@ -389,7 +483,11 @@ def members_of(thing):
     """Public methods and properties that a class defines itself."""
     kinds = (types.FunctionType, classmethod, staticmethod, property, functools.cached_property)
     hidden = {"model_post_init"}  # Pydantic's, called by it
-    return [name for name, value in vars(thing).items() if isinstance(value, kinds) and not name.startswith("_") and name not in hidden]
+    return [
+        name
+        for name, value in vars(thing).items()
+        if isinstance(value, kinds) and not name.startswith("_") and name not in hidden
+    ]
 
 
 def test_every_public_name_and_every_member_of_a_public_class_is_on_the_site(site):

@@ -14,7 +14,14 @@ EXAMPLES = sorted(FOLDER.glob("*.py"))
 
 def run(name, folder):
     """Run an example as a user does, in a folder; return what it prints."""
-    done = subprocess.run([sys.executable, str(FOLDER / name)], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / name)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout
@@ -39,7 +46,10 @@ def test_an_example_opens_with_a_title_line(path):
 
 def metrics_and_files(out, folder):
     assert "settling_time_s" in out
-    assert sorted(path.name for path in (folder / "out" / "run_paper").iterdir()) == ["replay.html", "result.nc"]
+    assert sorted(path.name for path in (folder / "out" / "run_paper").iterdir()) == [
+        "replay.html",
+        "result.nc",
+    ]
 
 
 def static_factor_and_bound(out, _folder):
@@ -61,7 +71,9 @@ def tracking_and_squeeze(out, _folder):
 
 def repaired_beats_printed(out, _folder):
     """At the same alpha; where the numbers stand in the rows."""
-    printed, _, repaired = ([float(word) for word in line.rsplit(None, 3)[1:]] for line in out.splitlines()[1:])
+    printed, _, repaired = (
+        [float(word) for word in line.rsplit(None, 3)[1:]] for line in out.splitlines()[1:]
+    )
     assert repaired[1] < 0.6 * printed[1]
     assert repaired[0] < 0.5
 
@@ -69,7 +81,9 @@ def repaired_beats_printed(out, _folder):
 def squeezed_without_motion(out, _folder):
     before, after = ([float(word) for word in re.findall(r"-?\d+\.\d*", line)] for line in out.splitlines())
     assert after[:3] + after[6:] == pytest.approx(before[:3] + before[6:], abs=2e-6)
-    assert [a - b for a, b in zip(after[3:6], before[3:6], strict=True)] == pytest.approx([-10.0, 0.0, 0.0], abs=2e-6)
+    assert [a - b for a, b in zip(after[3:6], before[3:6], strict=True)] == pytest.approx(
+        [-10.0, 0.0, 0.0], abs=2e-6
+    )
 
 
 def eight_branches(out, _folder):
@@ -88,7 +102,11 @@ def followed_and_pressed(out, _folder):
 
 def all_the_same(out, folder):
     assert [line.split()[-1] for line in out.splitlines()] == ["True"] * 3
-    assert sorted(path.name for path in (folder / "out" / "save_and_load").iterdir()) == ["report.html", "result.nc", "scenario.toml"]
+    assert sorted(path.name for path in (folder / "out" / "save_and_load").iterdir()) == [
+        "report.html",
+        "result.nc",
+        "scenario.toml",
+    ]
 
 
 def bound_of_a_late_force_path(out, folder):
@@ -99,7 +117,8 @@ def bound_of_a_late_force_path(out, folder):
 
 def close_to_the_closed_form(out, _folder):
     chains = [
-        re.fullmatch(r"(\d) loops, .* tip within (\S+) m of the closed form, energy within (\S+) J", line) for line in out.splitlines()
+        re.fullmatch(r"(\d) loops, .* tip within (\S+) m of the closed form, energy within (\S+) J", line)
+        for line in out.splitlines()
     ]
     assert [chain[1] for chain in chains] == ["1", "2", "2", "5"]
     assert max(float(chain[2]) for chain in chains) < 1e-6

@@ -57,7 +57,12 @@ def titles(figure: mpl.figure.Figure) -> list[str]:
 def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunResult) -> None:
     figure, data = tracking_figure(planar), planar.data
     x, y, psi, axial = figure.axes
-    assert titles(figure) == ["payload x", "payload y", "payload $\\psi$", "internal force on arm left, axial"]
+    assert titles(figure) == [
+        "payload x",
+        "payload y",
+        "payload $\\psi$",
+        "internal force on arm left, axial",
+    ]
     assert [panel.get_ylabel() for panel in figure.axes] == ["m", "m", "deg", "N"]
     assert [panel.get_xlabel() for panel in (psi, axial)] == ["time (s)"] * 2
     for axis, panel in enumerate((x, y)):
@@ -65,7 +70,10 @@ def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunR
         assert_array_equal(actual, data["payload_position"].values[:, axis])
         assert_array_equal(desired, data["desired_position"].values[:, axis])
     heading, desired_heading = data_lines(psi)
-    rotations = (Rotation.from_quat(data[f"{name}_quaternion"].values).as_rotvec(degrees=True)[:, 2] for name in ("payload", "desired"))
+    rotations = (
+        Rotation.from_quat(data[f"{name}_quaternion"].values).as_rotvec(degrees=True)[:, 2]
+        for name in ("payload", "desired")
+    )
     for drawn, wanted in zip((heading, desired_heading), rotations, strict=True):
         assert_allclose(drawn, wanted, atol=1e-9)
 
@@ -74,10 +82,14 @@ def test_drawn_axial_force_has_the_mean_and_the_error_that_the_result_judges(pla
     actual, desired = data_lines(tracking_figure(planar).axes[3])
     time, window = planar.data["time"].values, planar.steady_window
     inside = (time >= window.start) & (time < window.end - 1e-9)
-    judged = planar.internal_force()  # over both arms, whose internal forces are opposite and so are their axes
+    judged = (
+        planar.internal_force()
+    )  # over both arms, whose internal forces are opposite and so are their axes
     assert_allclose(actual[inside].mean(), judged.axial_mean, rtol=1e-9)
     assert_allclose(np.sqrt(np.mean((actual - desired)[inside] ** 2)), judged.axial_rms_error, rtol=1e-9)
-    assert_allclose(desired, -10.0, atol=0.6)  # the squeeze is fixed in the payload, the line is that of the tips
+    assert_allclose(
+        desired, -10.0, atol=0.6
+    )  # the squeeze is fixed in the payload, the line is that of the tips
 
 
 def test_peaks_out_of_the_picture_are_told(planar: RunResult) -> None:
@@ -85,10 +97,14 @@ def test_peaks_out_of_the_picture_are_told(planar: RunResult) -> None:
     actual = data_lines(panel)[0]
     low, high = panel.get_ylim()
     assert actual.min() < low or actual.max() > high
-    assert f"peaks cut off: {actual.min():.3g} to {actual.max():.3g} N" in [text.get_text() for text in panel.texts]
+    assert f"peaks cut off: {actual.min():.3g} to {actual.max():.3g} N" in [
+        text.get_text() for text in panel.texts
+    ]
 
 
-def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_of_the_internal_force(spatial: RunResult) -> None:
+def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_of_the_internal_force(
+    spatial: RunResult,
+) -> None:
     figure, data = tracking_figure(spatial), spatial.data
     positions, (rotation, axial, shear) = figure.axes[:3], figure.axes[3:]
     assert [panel.get_title(loc="left") for panel in positions] == ["payload x", "payload y", "payload z"]
@@ -104,7 +120,9 @@ def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_o
 
 
 @pytest.mark.parametrize(("name", "joints"), [("planar", 3), ("spatial", 6)])
-def test_torques_stand_in_a_column_for_each_arm_and_a_row_for_each_joint(name: str, joints: int, request: pytest.FixtureRequest) -> None:
+def test_torques_stand_in_a_column_for_each_arm_and_a_row_for_each_joint(
+    name: str, joints: int, request: pytest.FixtureRequest
+) -> None:
     result = request.getfixturevalue(name)
     figure = torque_figure(result)
     assert len(figure.axes) == 2 * joints
@@ -163,7 +181,12 @@ def test_the_same_result_gives_the_same_bytes(figure_of, planar: RunResult, tmp_
     first, second = (save_figure(figure_of(planar), tmp_path / name) for name in ("first", "second"))
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.png", "first.svg", "second.png", "second.svg"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "first.png",
+        "first.svg",
+        "second.png",
+        "second.svg",
+    ]
     assert b"<dc:date>" not in first[1].read_bytes()
 
 
@@ -186,7 +209,9 @@ def test_the_study_shows_its_runs() -> None:
     time = np.linspace(0.0, 20.0, 50)
     study = InternalForceStudy(
         sign_gains=tuple(
-            SignGainRun(alpha, rate, 0.15 + alpha * rate / 10.0) for rate in (80.0, 400.0, 2000.0) for alpha in (0.5, 0.0, 0.2)
+            SignGainRun(alpha, rate, 0.15 + alpha * rate / 10.0)
+            for rate in (80.0, 400.0, 2000.0)
+            for alpha in (0.5, 0.0, 0.2)
         ),
         force_gains=tuple(ForceGainRun(gain, 2.0 / (1.0 + gain)) for gain in (0.9, 0.0, 0.5)),
         biased=(BiasRun(0.0, time, np.full(50, -10.0)), BiasRun(0.2, time, -10.0 + time)),

@@ -1,7 +1,7 @@
 """Golden files: today's numbers, bit for bit, so that a change which should change no number is seen to change none.
 
-They hold for the machine and the libraries they were recorded with. A change that means to change numbers records them anew,
-and says why::
+They hold for the machine and the libraries they were recorded with. A change that means to change numbers
+records them anew, and says why::
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/test_golden.py --record [case ...]
 """
@@ -46,7 +46,9 @@ RECORDED = {
 def run_of(scenario):
     data = cp.run(scenario).data
     each = round(EVERY / float(data["time"].values[1]))
-    return {"time": data["time"].values[::each]} | {name: data[kept].values[::each] for name, kept in RECORDED.items()}
+    return {"time": data["time"].values[::each]} | {
+        name: data[kept].values[::each] for name, kept in RECORDED.items()
+    }
 
 
 def motion_of(chain, q, v, duration=2.0, step=5e-3, torque=None, project=True):
@@ -59,7 +61,9 @@ def recovery_of(plant, q, step=2e-3, duration=0.3):
     chain, v, states = plant.chain, np.zeros(plant.chain.model.nv), [(0.0, q, np.zeros(plant.chain.model.nv))]
     integrator, none = RungeKutta4(configuration_space(chain.model)), np.zeros(0)
     for k in range(round(duration / step)):
-        q, v, _ = integrator.step(lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, step)
+        q, v, _ = integrator.step(
+            lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, step
+        )
         states.append((step * (k + 1), q, v))
     return samples_of(chain, *(np.array(part) for part in zip(*states[:: round(EVERY / step)], strict=True)))
 
@@ -72,7 +76,11 @@ def samples_of(chain, time, q, v):
         try:
             acceleration, wrenches, rank, _ = chain.forward_dynamics(*at, tau)
         except ConstraintSolveError:
-            acceleration, wrenches, rank = np.full(len(tau), np.nan), np.full((len(chain.closures.closures), 6), np.nan), -1
+            acceleration, wrenches, rank = (
+                np.full(len(tau), np.nan),
+                np.full((len(chain.closures.closures), 6), np.nan),
+                -1,
+            )
         answers.append((acceleration, wrenches, rank))
     acceleration, wrenches, rank = (np.array(part) for part in zip(*answers, strict=True))
     return {"time": time, "q": q, "v": v, "acceleration": acceleration, "wrenches": wrenches, "rank": rank}
@@ -95,7 +103,9 @@ def of_four_bars(loops, formulation="auto", angle=np.pi / 2, rate=-1.0, **option
 
 def of_continuous_four_bars():
     revolute = four_bar.rod
-    with mock.patch.object(four_bar, "rod", lambda *where: revolute(*where).replace('"revolute"', '"continuous"')):
+    with mock.patch.object(
+        four_bar, "rod", lambda *where: revolute(*where).replace('"revolute"', '"continuous"')
+    ):
         return of_four_bars(2)
 
 
@@ -116,7 +126,9 @@ def of_bead(rows):
 
 def of_ladder():
     chain = ladder()
-    return motion_of(chain, *chain.assemble(chain.configuration({"a_pin": 0.3, "rod_pin": 2.0})), duration=1.0)
+    return motion_of(
+        chain, *chain.assemble(chain.configuration({"a_pin": 0.3, "rod_pin": 2.0})), duration=1.0
+    )
 
 
 def of_sled():
@@ -130,7 +142,9 @@ def of_cell(case, rows, formulation):
 
 
 def of_opened_cell(case, formulation):
-    plant, _ = chain_of(case, formulation=formulation, stabilisation=Stabilisation(frequency=12.0, damping_ratio=0.3))
+    plant, _ = chain_of(
+        case, formulation=formulation, stabilisation=Stabilisation(frequency=12.0, damping_ratio=0.3)
+    )
     return recovery_of(plant, opened_by_a_decimetre(plant, case[0]))
 
 
@@ -140,7 +154,9 @@ def of_cut_arm(name, link, hinge):
     arm = cp.ArmModel(cell.arms["right"], cell.grasps["right"].matrix, gravity)
     link = arm.model.njoints - 1 if link == "last" else 2
     chain, cut = cut_arm(arm, link, hinge)
-    state = cut_state(arm, chain, cut, link, hinge, np.array(cell.arms["right"].posture), np.linspace(-0.3, 0.3, arm.nv))
+    state = cut_state(
+        arm, chain, cut, link, hinge, np.array(cell.arms["right"].posture), np.linspace(-0.3, 0.3, arm.nv)
+    )
     return motion_of(chain, *state, torque=lambda _t, _q, v: -2.0 * v)
 
 
@@ -162,11 +178,17 @@ CASES["sled"] = of_sled
 SOLVED = {"full": FORMULATIONS, "point": FORMULATIONS[1:], "planar": ("auto",), "axis": ("auto",)}
 for cell, (rows, formulations) in itertools.product(CELLS, SOLVED.items()):
     for formulation in formulations:
-        CASES[f"cell {' '.join(cell)} {rows} {formulation}"] = functools.partial(of_cell, cell, rows, formulation)
+        CASES[f"cell {' '.join(cell)} {rows} {formulation}"] = functools.partial(
+            of_cell, cell, rows, formulation
+        )
 for cell, formulation in itertools.product(CELLS, FORMULATIONS[1:]):
-    CASES[f"cell {' '.join(cell)} opened {formulation}"] = functools.partial(of_opened_cell, cell, formulation)
+    CASES[f"cell {' '.join(cell)} opened {formulation}"] = functools.partial(
+        of_opened_cell, cell, formulation
+    )
 for arm, link, hinge in itertools.product(SCENARIOS, ("last", "middle"), (False, True)):
-    CASES[f"arm {arm} {link} {'hinged' if hinge else 'welded'}"] = functools.partial(of_cut_arm, arm, link, hinge)
+    CASES[f"arm {arm} {link} {'hinged' if hinge else 'welded'}"] = functools.partial(
+        of_cut_arm, arm, link, hinge
+    )
 
 
 def measured(case):
@@ -194,7 +216,9 @@ def test_the_numbers_are_those_of_the_golden_file_bit_for_bit(case):
         for name in golden.files:
             then = golden[name]
             assert now[name].shape == then.shape, name
-            assert np.array_equal(now[name], then, equal_nan=True), f"{name} is off by up to {np.nanmax(np.abs(now[name] - then)):.3g}"
+            assert np.array_equal(now[name], then, equal_nan=True), (
+                f"{name} is off by up to {np.nanmax(np.abs(now[name] - then)):.3g}"
+            )
 
 
 def test_every_golden_file_has_its_case():

@@ -18,7 +18,9 @@ def paper(changes=()):
 
 
 def with_damping(factor, changes=()):
-    return paper({"controller.gains.damping_gain": [60.0 * factor, 60.0 * factor, 10.0 * factor]} | dict(changes))
+    return paper(
+        {"controller.gains.damping_gain": [60.0 * factor, 60.0 * factor, 10.0 * factor]} | dict(changes)
+    )
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
@@ -31,7 +33,11 @@ def test_of_square_arms_it_is_the_closed_form(factor):
 
 def test_signs_events_and_the_way_the_payload_is_held_do_not_change_it():
     value = sampled_stability(paper()).value
-    assert_allclose(sampled_stability(cp.Scenario.load("adept-paper", {"controller.gains.sign_gain": 5.0})).value, value, rtol=1e-6)
+    assert_allclose(
+        sampled_stability(cp.Scenario.load("adept-paper", {"controller.gains.sign_gain": 5.0})).value,
+        value,
+        rtol=1e-6,
+    )
     assert_allclose(sampled_stability(paper({"plant.payload": "free"})).value, value, rtol=1e-6)
 
 
@@ -49,7 +55,9 @@ def test_runs_on_both_sides_of_the_bound_do_as_it_says(factor):
     """After a small push, without friction, which would damp a little more."""
     scenario = with_damping(factor, {"cell.arms.left.friction": "none", "cell.arms.right.friction": "none"})
     push = {"kind": "wrench-pulse", "time": 0.1, "duration": 0.1, "wrench": (2.0, 1.0, 0.0, 0.0, 0.0, 0.1)}
-    scenario = scenario.override({"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]})
+    scenario = scenario.override(
+        {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]}
+    )
     held = sampled_stability(scenario)
     assert held.ok == (factor < 2.75)
     assert (last_speed(scenario) < 0.05) == held.ok
@@ -78,7 +86,9 @@ class Transmission(ArmController):
 
 
 def test_a_law_that_drives_the_motion_is_told_without_a_rate():
-    held = sampled_stability(paper().override({"controller": {"kind": "user", "target": f"{__name__}:Transmission"}}))
+    held = sampled_stability(
+        paper().override({"controller": {"kind": "user", "target": f"{__name__}:Transmission"}})
+    )
     assert held.value == np.inf
     assert "Raise clock.rate_hz, or lower the gains" in held.text()
 

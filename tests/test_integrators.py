@@ -41,10 +41,14 @@ def smooth_forces(plant, q_0):
     driven = np.zeros(model.nv)
     for place in plant.tree.arms:
         driven[place.v] = 1.0
-    push = plant.cell.task_rows.expand(plant.cell.task_rows.select(np.array([6.0, -4.0, 3.0, 0.2, -0.1, 0.3])))
+    push = plant.cell.task_rows.expand(
+        plant.cell.task_rows.select(np.array([6.0, -4.0, 3.0, 0.2, -0.1, 0.3]))
+    )
 
     def rate(q, v):
-        forces = np.array([driven * hold, -driven * (0.8 * v + 0.5 * np.tanh(v / 0.5)), plant.payload_jacobian(q).T @ push])
+        forces = np.array(
+            [driven * hold, -driven * (0.8 * v + 0.5 * np.tanh(v / 0.5)), plant.payload_jacobian(q).T @ push]
+        )
         return plant.chain.solver.acceleration(q, v, forces.sum(axis=0)), forces @ v
 
     return rate
@@ -70,7 +74,13 @@ def errors(case, method, steps, duration, reference_step, project=False):
     found = []
     for h in steps:
         q, v, work = advance(case, method, h, duration, project)
-        found.append([np.linalg.norm(pin.difference(model, q_true, q)), np.linalg.norm(v - v_true), np.linalg.norm(work - work_true)])
+        found.append(
+            [
+                np.linalg.norm(pin.difference(model, q_true, q)),
+                np.linalg.norm(v - v_true),
+                np.linalg.norm(work - work_true),
+            ]
+        )
     return np.array(found)
 
 
@@ -119,7 +129,9 @@ def test_an_undriven_chain_keeps_its_energy_and_its_closures(case, project):
     energy = plant.chain.energy(q, v).total
     assert plant.chain.energy(q, v).kinetic > 0.05
     for _ in range(200):
-        q, v, _ = integrator.step(lambda q, v: (plant.chain.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, 1e-3)
+        q, v, _ = integrator.step(
+            lambda q, v: (plant.chain.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, 1e-3
+        )
         if project:
             q = plant.chain.project_configuration(q)
             v = plant.chain.project_velocity(q, v)
@@ -140,7 +152,10 @@ def test_two_integrations_give_the_same_bits(case, method):
 def test_the_short_form_for_vectors_is_the_same_method(name):
     plant, q, v = moving((name, "welded"))
     rate = smooth_forces(plant, q)
-    long, short = RungeKutta4(VectorSpace()).step(rate, q, v, 0.01), VectorRungeKutta4().step(rate, q, v, 0.01)
+    long, short = (
+        RungeKutta4(VectorSpace()).step(rate, q, v, 0.01),
+        VectorRungeKutta4().step(rate, q, v, 0.01),
+    )
     for one, other in zip(short, long, strict=True):
         assert_allclose(one, other, rtol=1e-12, atol=1e-13)
     assert type(INTEGRATORS["rk4"](configuration_space(plant.tree.model))) is VectorRungeKutta4
@@ -151,9 +166,13 @@ def test_the_short_form_for_vectors_is_the_same_method(name):
 def test_a_step_leaves_the_state_it_started_from_alone(method):
     plant, q, v = moving(("planar", "welded"))
     kept = q.copy(), v.copy()
-    step = INTEGRATORS[method](configuration_space(plant.tree.model)).step(smooth_forces(plant, q), q, v, 0.01)
+    step = INTEGRATORS[method](configuration_space(plant.tree.model)).step(
+        smooth_forces(plant, q), q, v, 0.01
+    )
     first = [field.copy() for field in step]
-    INTEGRATORS[method](configuration_space(plant.tree.model)).step(smooth_forces(plant, q), step.q, step.v, 0.01)
+    INTEGRATORS[method](configuration_space(plant.tree.model)).step(
+        smooth_forces(plant, q), step.q, step.v, 0.01
+    )
     assert_allclose([q, v], kept, rtol=0, atol=0)
     for field, copy in zip(step, first, strict=True):
         assert_allclose(field, copy, rtol=0, atol=0)
@@ -188,7 +207,9 @@ def test_a_free_flyer_that_ignores_dexp_would_be_of_second_order():
 def spinning_body():
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, -0.05, 0.2]), np.diag([0.3, 0.5, 0.7])), pin.SE3.Identity())
+    model.appendBodyToJoint(
+        joint, pin.Inertia(2.0, np.array([0.1, -0.05, 0.2]), np.diag([0.3, 0.5, 0.7])), pin.SE3.Identity()
+    )
     data, none = model.createData(), np.zeros(0)
     return model, lambda q, v: (pin.aba(model, data, q, v, np.zeros(6)), none)
 
@@ -210,7 +231,14 @@ def test_a_free_bodys_momentum_is_conserved_but_for_its_weight():
 
 
 @pytest.mark.parametrize(
-    "joint", [pin.JointModelFreeFlyer, pin.JointModelPlanar, pin.JointModelSpherical, pin.JointModelRUBZ, pin.JointModelRZ]
+    "joint",
+    [
+        pin.JointModelFreeFlyer,
+        pin.JointModelPlanar,
+        pin.JointModelSpherical,
+        pin.JointModelRUBZ,
+        pin.JointModelRZ,
+    ],
 )
 def test_the_increment_rate_is_the_derivative_of_the_increment(joint):
     """q_0 + u(t) moves with v when u' = dexp_u^-1 v: checked by finite differences on every kind of joint."""

@@ -15,7 +15,9 @@ QUIET = {"events": [], "duration": 10.0}
 
 
 def force_error(**changes):
-    return cp.run("adept-paper", QUIET | {key.replace("__", "."): value for key, value in changes.items()}).internal_force()
+    return cp.run(
+        "adept-paper", QUIET | {key.replace("__", "."): value for key, value in changes.items()}
+    ).internal_force()
 
 
 @pytest.mark.parametrize("shares", [(0.5, 0.5), (0.3, 0.7)])
@@ -44,7 +46,11 @@ def test_squeeze_is_what_the_torques_say(cell, moving, shares):
         drift = rows.select(arm.payload_acceleration_bias(q[place.q], v[place.v]))
         a = np.linalg.solve(J, rows.select(acceleration) - drift)
         on_arm = squeeze - share * np.concatenate((force, moment))
-        tau[place.v] = arm.mass_matrix(q[place.q]) @ a + arm.nonlinear_effects(q[place.q], v[place.v]) - J.T @ rows.select(on_arm)
+        tau[place.v] = (
+            arm.mass_matrix(q[place.q]) @ a
+            + arm.nonlinear_effects(q[place.q], v[place.v])
+            - J.T @ rows.select(on_arm)
+        )
     internal = internal_wrenches(chain.interaction_wrenches(q, v, tau), described.shares)
     for actual, wanted in zip(internal, f_d, strict=True):
         assert_allclose(rows.select(actual), rows.select(wanted), atol=2e-8)
@@ -53,7 +59,11 @@ def test_squeeze_is_what_the_torques_say(cell, moving, shares):
 def test_static_squeeze_of_the_paper():
     """-10 N along the line from tip 1 to tip 2, alpha = 0, at rest."""
     start = cp.Scenario.load("adept-paper").start.model_dump()
-    result = cp.run("adept-paper", QUIET | {"motion": {"kind": "hold", "pose": start}, "controller.gains.sign_gain": 0.0, "duration": 5.0})
+    result = cp.run(
+        "adept-paper",
+        QUIET
+        | {"motion": {"kind": "hold", "pose": start}, "controller.gains.sign_gain": 0.0, "duration": 5.0},
+    )
     force = result.internal_force()
     assert_allclose([force.axial_mean, force.axial_rms_error, force.shear_rms], [-10.0, 0.0, 0.0], atol=1e-9)
 
@@ -62,7 +72,12 @@ def test_static_squeeze_of_the_paper():
 def test_internal_force_error_grows_with_alpha(rate, steps, duration):
     """Theorem 3 promises zero. The rms error grows with alpha at every control rate, and is small only at alpha = 0."""
     errors = [
-        force_error(controller__gains__sign_gain=alpha, clock__rate_hz=rate, clock__steps_per_tick=steps, duration=duration).force_rms_error
+        force_error(
+            controller__gains__sign_gain=alpha,
+            clock__rate_hz=rate,
+            clock__steps_per_tick=steps,
+            duration=duration,
+        ).force_rms_error
         for alpha in (0.0, 0.05, 0.2, 1.0)
     ]
     assert errors == sorted(errors)
@@ -75,7 +90,9 @@ def test_force_gain_only_divides_by_one_plus_itself(path):
     """ "Larger K_f converges faster": it is the static factor 1 / (1 + K_f)."""
     gains = [0.0, 0.5, 0.9] if path["kind"] == "late" else [0.0, 1.0, 3.0, 9.0]
     errors = [
-        force_error(controller__force_path=path, controller__gains__force_gain=gain, controller__gains__sign_gain=0.0).force_rms_error
+        force_error(
+            controller__force_path=path, controller__gains__force_gain=gain, controller__gains__sign_gain=0.0
+        ).force_rms_error
         for gain in gains
     ]
     assert_allclose(np.array(errors) * (1 + np.array(gains)), errors[0], rtol=0.06)
@@ -88,14 +105,24 @@ def test_late_force_feedback_diverges_beyond_its_bound():
         cp.run("adept-paper", QUIET | late | {"controller.gains.force_gain": 1.1})
     assert 0.0 < caught.value.time < 10.0
     assert caught.value.result.end == pytest.approx(caught.value.time)
-    assert force_error(controller__force_path={"kind": "late"}, controller__gains__force_gain=0.9).force_rms_error < 2.5
+    assert (
+        force_error(
+            controller__force_path={"kind": "late"}, controller__gains__force_gain=0.9
+        ).force_rms_error
+        < 2.5
+    )
 
 
 @pytest.mark.parametrize(("pole", "inside", "outside"), [(0.0, 0.9, 1.1), (0.5, 2.7, 3.3), (0.9, 17.0, 21.0)])
 def test_force_gain_bound_is_sharp(pole, inside, outside):
     """(1 + p) / (1 - p)."""
     path = {"kind": "low-pass", "pole": pole}
-    assert force_error(controller__force_path=path, controller__gains__force_gain=inside, duration=5.0).force_rms_error < 2.5
+    assert (
+        force_error(
+            controller__force_path=path, controller__gains__force_gain=inside, duration=5.0
+        ).force_rms_error
+        < 2.5
+    )
     with pytest.raises(DivergedError):
         force_error(controller__force_path=path, controller__gains__force_gain=outside, beyond_bound=True)
 
@@ -104,7 +131,11 @@ def test_kinematic_bias_winds_the_sign_integral_up():
     """0.1 mm in one arm: with alpha > 0 internal force ramps, with alpha = 0 it stays."""
 
     def error_over_time(alpha):
-        changes = {"events": [], "controller.gains.sign_gain": alpha, "cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0]}
+        changes = {
+            "events": [],
+            "controller.gains.sign_gain": alpha,
+            "cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0],
+        }
         data = cp.run("adept-paper", changes).data
         error = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values)[:, 0, :3]
         return np.linalg.norm(error, axis=1)

@@ -60,21 +60,32 @@ def run(cell, X_WP, torques, duration=0.1):
 
 @pytest.mark.parametrize("drive", [None, SHEAR], ids=["own", "sheared"])
 def test_friction_of_the_urdf_acts_at_the_joints_whatever_the_drives(drive):
-    cell = Cell(arms={"one": XARM.replace(drive=drive)}, payload=Payload.bar(1.0, 0.2), grasps={"one": Pose()})
+    cell = Cell(
+        arms={"one": XARM.replace(drive=drive)}, payload=Payload.bar(1.0, 0.2), grasps={"one": Pose()}
+    )
     chain = CellChain(cell)
     v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
     speed = JointFriction().coulomb_velocity
     expected = -(XARM_DAMPING * v + XARM_COULOMB * np.tanh(v / speed))
-    assert_allclose(Transmission(cell, chain.tree.arms, chain.tree.model.nv).friction(v), expected, rtol=0, atol=1e-12)
+    assert_allclose(
+        Transmission(cell, chain.tree.arms, chain.tree.model.nv).friction(v), expected, rtol=0, atol=1e-12
+    )
 
 
 def test_stated_friction_acts_at_the_drives_and_wins_over_the_urdf():
     T, v = np.array(SHEAR), np.random.default_rng(1).normal(size=7)
-    arm = XARM.replace(drive=SHEAR, friction=JointFriction(viscous=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), coulomb=0.5, coulomb_velocity=0.2))
+    arm = XARM.replace(
+        drive=SHEAR,
+        friction=JointFriction(
+            viscous=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), coulomb=0.5, coulomb_velocity=0.2
+        ),
+    )
     cell = Cell(arms={"one": arm}, payload=Payload.bar(1.0, 0.2), grasps={"one": Pose()})
     w = T @ v
     expected = -T.T @ (np.arange(1.0, 8.0) * w + 0.5 * np.tanh(w / 0.2))
-    assert_allclose(Transmission(cell, CellChain(cell).tree.arms, 7).friction(v), expected, rtol=0, atol=1e-12)
+    assert_allclose(
+        Transmission(cell, CellChain(cell).tree.arms, 7).friction(v), expected, rtol=0, atol=1e-12
+    )
 
 
 def test_no_friction_is_none():
@@ -89,7 +100,9 @@ def test_no_friction_is_none():
 
 def test_the_work_of_the_urdfs_friction_closes_the_energy_balance():
     cell, X_WP = catalogue_cell("two-pandas-box")  # 0.003 N m s/rad at every joint
-    rough = cell.replace(arms={name: arm.replace(friction=JointFriction(viscous=0.5)) for name, arm in cell.arms.items()})
+    rough = cell.replace(
+        arms={name: arm.replace(friction=JointFriction(viscous=0.5)) for name, arm in cell.arms.items()}
+    )
     for each in (cell, rough):
         result, _ = run(each, X_WP, nothing)
         assert float(result.data.work_friction[-1]) < 0.0
@@ -105,7 +118,11 @@ def test_limits_are_those_of_the_urdf():
     assert_allclose(panda.velocity, (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61))
     assert_allclose((panda.lower[3], panda.upper[3]), (-3.0718, -0.0698))
     kinova = joint_limits(Arm.from_urdf("kinova", "j2s6s200_end_effector"))
-    assert list(np.isinf(kinova.lower)) == list(np.isinf(kinova.upper)) == [True, False, False, True, False, True]
+    assert (
+        list(np.isinf(kinova.lower))
+        == list(np.isinf(kinova.upper))
+        == [True, False, False, True, False, True]
+    )
     assert_allclose(kinova.lower[1], 47.0 * np.pi / 180.0, rtol=1e-6)
 
 
@@ -113,7 +130,9 @@ def test_torque_limits_are_stated_for_drives():
     assert_allclose(joint_limits(XARM.replace(torque_limits=7.0)).torque, np.full(7, 7.0))
     assert_allclose(joint_limits(XARM.replace(torque_limits=list(range(1, 8)))).torque, np.arange(1.0, 8.0))
     assert np.isinf(joint_limits(XARM.replace(torque_limits="none")).torque).all()
-    assert np.isinf(joint_limits(XARM.replace(drive=SHEAR)).torque).all()  # joint efforts are no drive torques
+    assert np.isinf(
+        joint_limits(XARM.replace(drive=SHEAR)).torque
+    ).all()  # joint efforts are no drive torques
     assert_allclose(joint_limits(XARM.replace(drive=SHEAR, torque_limits=3.0)).torque, np.full(7, 3.0))
     for wrong in ("some", 0.0, (1.0, -2.0), [[1.0]], float("nan")):
         with pytest.raises(FieldError, match="torque_limits"):
@@ -140,7 +159,9 @@ def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     motors, rng = Actuation(cell, limits), np.random.default_rng(0)
     commands = motors.commands([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()])
     applied = motors.apply(commands)
-    assert_allclose(applied.torques[0], np.clip(commands[0], -limits[0].torque, limits[0].torque), rtol=0, atol=0)
+    assert_allclose(
+        applied.torques[0], np.clip(commands[0], -limits[0].torque, limits[0].torque), rtol=0, atol=0
+    )
     assert list(applied.saturated[0]) == list(np.abs(commands[0]) > limits[0].torque)
     assert applied.saturated[0].any()
     assert_allclose(applied.torques[1], commands[1], rtol=0, atol=0)
@@ -202,7 +223,10 @@ def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_l
     for index, (arm, description) in enumerate(cell.arms.items()):
         limits = joint_limits(description)
         for joint in range(7):
-            position, velocity = data.joint_position.values[:, index, joint], data.joint_velocity.values[:, index, joint]
+            position, velocity = (
+                data.joint_position.values[:, index, joint],
+                data.joint_velocity.values[:, index, joint],
+            )
             torque = data.commanded_torque.values[:, index, joint]
             if position.max() > limits.upper[joint] or position.min() < limits.lower[joint]:
                 expected.add((arm, names[joint], "position"))
@@ -213,7 +237,9 @@ def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_l
     found = result.limit_violations()
     assert {violation[:3] for violation in found} == expected
     assert {violation.kind for violation in found} == {"position", "velocity", "torque"}
-    torque = next(violation for violation in found if violation.kind == "torque" and violation.joint == names[6])
+    torque = next(
+        violation for violation in found if violation.kind == "torque" and violation.joint == names[6]
+    )
     assert (torque.worst, torque.limit, torque.first_time) == (200.0, 12.0, 0.0)
     speed = next(violation for violation in found if violation.kind == "velocity")
     values = np.abs(data.joint_velocity.sel(arm=speed.arm).values[:, names.index(speed.joint)])
@@ -243,4 +269,9 @@ def test_joint_positions_are_joint_angles_whatever_the_drives():
         arm = ArmModel(scenario.cell.arms[name], scenario.cell.grasps[name].matrix)
         pose = arm.payload_pose(data.joint_position.values[-1, index])
         assert_allclose(pose[:3, 3], data.payload_position.values[-1], rtol=0, atol=1e-9)
-        assert_allclose(arm.drive @ data.joint_velocity.values[-1, index], data.drive_velocity.values[-1, index], rtol=0, atol=1e-14)
+        assert_allclose(
+            arm.drive @ data.joint_velocity.values[-1, index],
+            data.drive_velocity.values[-1, index],
+            rtol=0,
+            atol=1e-14,
+        )

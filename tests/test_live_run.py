@@ -12,7 +12,15 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.controller_factory import build_controller
 from coop_pin.description.squeeze import SteadySqueeze
-from coop_pin.errors import CoopPinError, DivergedError, EventTimeError, MissingExtraError, RunFinishedError, SqueezeError, UserCodeError
+from coop_pin.errors import (
+    CoopPinError,
+    DivergedError,
+    EventTimeError,
+    MissingExtraError,
+    RunFinishedError,
+    SqueezeError,
+    UserCodeError,
+)
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.panel import gain_sliders
@@ -51,7 +59,11 @@ def test_ticks_by_hand_are_a_run(name):
 
 
 @pytest.mark.parametrize(
-    "event", [cp.PayloadChange(time=0.25, mass=5.0), cp.WrenchPulse(time=0.25, duration=0.113, wrench=(90.0, 20.0, 0.0, 0.0, 0.0, 3.0))]
+    "event",
+    [
+        cp.PayloadChange(time=0.25, mass=5.0),
+        cp.WrenchPulse(time=0.25, duration=0.113, wrench=(90.0, 20.0, 0.0, 0.0, 0.0, 3.0)),
+    ],
 )
 def test_an_event_added_on_the_way_acts_as_if_it_had_been_planned(event):
     scenario = quiet_paper()
@@ -88,12 +100,16 @@ def test_a_controller_replaced_by_its_equal_changes_nothing():
     scenario = quiet_paper()
     simulation = advanced(scenario, 20)
     simulation.replace_controller(build_controller(scenario))
-    assert_allclose(to_the_end(simulation).data["torque"].values, cp.run(scenario).data["torque"].values, rtol=0, atol=0)
+    assert_allclose(
+        to_the_end(simulation).data["torque"].values, cp.run(scenario).data["torque"].values, rtol=0, atol=0
+    )
 
 
 def test_another_squeeze_is_followed():
     simulation = advanced(quiet_paper(3.0), 20)
-    simulation.replace_squeeze(SteadySqueeze(wrenches={"left": (-25.0, 0, 0, 0, 0, 0), "right": (25.0, 0, 0, 0, 0, 0)}))
+    simulation.replace_squeeze(
+        SteadySqueeze(wrenches={"left": (-25.0, 0, 0, 0, 0, 0), "right": (25.0, 0, 0, 0, 0, 0)})
+    )
     internal = to_the_end(simulation).data["internal_wrench"].values[-1, 0, :2]
     assert_allclose(np.linalg.norm(internal), 25.0, atol=5.0)
     with pytest.raises(CoopPinError, match="middle"):
@@ -216,13 +232,21 @@ def panel():
 def test_every_slider_of_the_panel_acts_on_the_running_loop(panel):
     panel.buttons["start"].click()
     assert panel.buttons["start"].description == "Pause"
-    for field, value in (("controller.gains.pose_gain", 3.0), ("controller.gains.sign_gain", 0.0), ("mass", 5.0), ("squeeze", 20.0)):
+    for field, value in (
+        ("controller.gains.pose_gain", 3.0),
+        ("controller.gains.sign_gain", 0.0),
+        ("mass", 5.0),
+        ("squeeze", 20.0),
+    ):
         panel.sliders[field].value = value
     panel.sliders["controller.gains.damping_gain"].value = 0.5
     panel.buttons["push"].click()
     assert panel.run.scenario.controller.gains.pose_gain == pytest.approx(3.0)
     assert panel.run.scenario.controller.gains.sign_gain == 0.0
-    assert_allclose(panel.run.scenario.controller.gains.damping_gain, 0.5 * np.array(quiet_paper().controller.gains.damping_gain))
+    assert_allclose(
+        panel.run.scenario.controller.gains.damping_gain,
+        0.5 * np.array(quiet_paper().controller.gains.damping_gain),
+    )
     assert eventually(lambda: panel.view.sent > 3)
     panel.buttons["start"].click()
     events = {event.kind: event for event in panel.result().scenario.events}
@@ -243,7 +267,9 @@ def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_picture_that_says_so(
     assert f'src="{panel.view.url}"' in frame
     shown = panel._repr_mimebundle_()
     assert "application/vnd.jupyter.widget-view+json" in shown
-    assert "still picture: buttons and sliders need a running notebook" in shown["text/html"]  # where no kernel stands behind the page
+    assert (
+        "still picture: buttons and sliders need a running notebook" in shown["text/html"]
+    )  # where no kernel stands behind the page
     assert panel.view.url not in shown["text/html"]
     monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/somebody/")
     still = panel.view._repr_html_()
@@ -253,7 +279,12 @@ def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_picture_that_says_so(
 
 def test_knobs_are_the_gains_that_the_law_feels():
     names = [knob.field.rpartition(".")[2] for knob in gain_sliders(quiet_paper())]
-    assert names == ["pose_gain", "sign_gain", "transient_rate", "damping_gain"]  # without a force path no force gain
+    assert names == [
+        "pose_gain",
+        "sign_gain",
+        "transient_rate",
+        "damping_gain",
+    ]  # without a force path no force gain
     with_path = quiet_paper().override({"controller.force_path": {"kind": "late"}})
     assert "controller.gains.force_gain" in [knob.field for knob in gain_sliders(with_path)]
     for knob in gain_sliders(quiet_paper()):

@@ -88,7 +88,12 @@ def ask(url: str, path: str | None = None, **headers: str) -> tuple[int, bytes]:
 
 async def listen(url: str, count: int, **headers: str) -> list[bytes]:
     """The first messages of a socket."""
-    request = HTTPRequest(url.replace("http", "ws") + "frames", headers=headers, connect_timeout=PATIENCE_S, request_timeout=PATIENCE_S)
+    request = HTTPRequest(
+        url.replace("http", "ws") + "frames",
+        headers=headers,
+        connect_timeout=PATIENCE_S,
+        request_timeout=PATIENCE_S,
+    )
     connection = await websocket_connect(request)
     messages = [await asyncio.wait_for(connection.read_message(), PATIENCE_S) for _ in range(count)]
     connection.close()
@@ -113,10 +118,26 @@ def moments(scenario):
 
 def test_an_observer_sees_what_the_result_holds(scenario):
     seen, result = moments(scenario)
-    for name in ("interaction_wrench", "internal_wrench", "desired_internal_wrench", "external_wrench", "tip_position", "configuration"):
-        assert_allclose([getattr(moment, name) for moment in seen], result.data[name].values, rtol=0, atol=1e-12)
-    assert_allclose([moment.jacobian_condition for moment in seen], result.data["jacobian_condition"].values, rtol=1e-9)
-    assert_allclose([moment.payload_pose[:3, 3] for moment in seen], result.data["payload_position"].values, rtol=0, atol=0)
+    for name in (
+        "interaction_wrench",
+        "internal_wrench",
+        "desired_internal_wrench",
+        "external_wrench",
+        "tip_position",
+        "configuration",
+    ):
+        assert_allclose(
+            [getattr(moment, name) for moment in seen], result.data[name].values, rtol=0, atol=1e-12
+        )
+    assert_allclose(
+        [moment.jacobian_condition for moment in seen], result.data["jacobian_condition"].values, rtol=1e-9
+    )
+    assert_allclose(
+        [moment.payload_pose[:3, 3] for moment in seen],
+        result.data["payload_position"].values,
+        rtol=0,
+        atol=0,
+    )
     assert [moment.time for moment in seen] == list(result.data["time"].values)
     with pytest.raises(ValueError, match="read-only"):
         seen[0].configuration[0] = 1.0
@@ -152,7 +173,10 @@ def test_arrows_of_a_frame_are_the_wrenches_of_its_moment(scenario):
     seen, _ = moments(scenario)
     told, rows = unpacked(scene.frame(seen[-1]).packed())
     row = dict(zip(scene.nodes, rows, strict=True))
-    for group, per_metre, axes in (("forces", scene.scales[0], slice(0, 3)), ("moments", scene.scales[1], slice(3, 6))):
+    for group, per_metre, axes in (
+        ("forces", scene.scales[0], slice(0, 3)),
+        ("moments", scene.scales[1], slice(3, 6)),
+    ):
         for index, arm in enumerate(scenario.cell.arms):
             internal = np.nan_to_num(seen[-1].internal_wrench)[index, axes]
             load = np.nan_to_num(seen[-1].interaction_wrench)[index, axes] - internal
@@ -165,8 +189,12 @@ def test_arrows_of_a_frame_are_the_wrenches_of_its_moment(scenario):
             assert np.linalg.norm(internal) > 0.01  # there was something to draw
     assert_allclose(row["payload"][:3], seen[-1].payload_pose[:3, 3], atol=1e-6)
     assert told["time"] == seen[-1].time
-    assert_allclose(told["position_error"], np.linalg.norm(seen[-1].payload_pose[:3, 3] - seen[-1].desired_pose[:3, 3]))
-    assert_allclose(told["internal"], np.linalg.norm(np.nan_to_num(seen[-1].internal_wrench)[:, :3], axis=1).max())
+    assert_allclose(
+        told["position_error"], np.linalg.norm(seen[-1].payload_pose[:3, 3] - seen[-1].desired_pose[:3, 3])
+    )
+    assert_allclose(
+        told["internal"], np.linalg.norm(np.nan_to_num(seen[-1].internal_wrench)[:, :3], axis=1).max()
+    )
 
 
 def test_a_standing_cell_knows_which_rows_a_run_will_determine(scenario):
@@ -179,7 +207,11 @@ def test_a_standing_cell_knows_which_rows_a_run_will_determine(scenario):
 def test_a_cell_without_determined_moments_has_no_arrows_for_them(scenario):
     standing = standing_scenario(scenario)
     unknown = np.array((0.0, 0.0, 0.0, np.nan, np.nan, np.nan)) * np.ones((2, 1))
-    scene = LiveScene(*standing._replace(moment=standing.moment._replace(interaction_wrench=unknown, internal_wrench=unknown)))
+    scene = LiveScene(
+        *standing._replace(
+            moment=standing.moment._replace(interaction_wrench=unknown, internal_wrench=unknown)
+        )
+    )
     assert scene.scales.newton_metres_per_metre is None
     assert not [path for path in scene.nodes if path.startswith("moments/")]
     assert "moment: " not in live_html("cell", scene, scene.frame(standing.moment))
@@ -187,7 +219,13 @@ def test_a_cell_without_determined_moments_has_no_arrows_for_them(scenario):
 
 def test_a_view_opens_for_a_cell_a_scenario_and_a_result(scenario):
     result = cp.run(scenario)
-    for what in (spatial_cell().replace(payload_pose=SPATIAL_START), planar_scenario().cell, scenario, result, "adept-paper"):
+    for what in (
+        spatial_cell().replace(payload_pose=SPATIAL_START),
+        planar_scenario().cell,
+        scenario,
+        result,
+        "adept-paper",
+    ):
         view = open_view(what)
         status, page = ask(view.url)
         view.close()
@@ -200,14 +238,23 @@ def test_a_view_opens_for_a_cell_a_scenario_and_a_result(scenario):
 
 def test_the_server_listens_on_loopback_only(server):
     port = urllib.parse.urlsplit(server.url).port
-    listening = [line.split()[1:4] for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
-    assert [address for address, _, state in listening if state == "0A" and address.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
+    listening = [
+        line.split()[1:4]
+        for name in ("tcp", "tcp6")
+        for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]
+    ]
+    assert [
+        address for address, _, state in listening if state == "0A" and address.endswith(f":{port:04X}")
+    ] == [f"0100007F:{port:04X}"]
 
 
 def test_a_chosen_port_is_served_and_given_back(scenario):
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
-        with pytest.raises(PortTakenError, match=rf"^port {port} of 127\.0\.0\.1 cannot be had \(Address already in use\); choose another"):
+        with pytest.raises(
+            PortTakenError,
+            match=rf"^port {port} of 127\.0\.0\.1 cannot be had \(Address already in use\); choose another",
+        ):
             open_view(scenario, port=port)
     for _ in range(2):  # it can be had again at once
         view = open_view(scenario, port=port)
@@ -240,11 +287,21 @@ def test_the_server_answers_its_own_names_and_no_others(server):
 
 
 def test_who_does_not_know_the_secret_sees_nothing(server):
-    for path in ("/", "/frames", "/wrong/", "/wrong/frames", "//", f"/x{urllib.parse.urlsplit(server.url).path}", "/%2e%2e/"):
+    for path in (
+        "/",
+        "/frames",
+        "/wrong/",
+        "/wrong/frames",
+        "//",
+        f"/x{urllib.parse.urlsplit(server.url).path}",
+        "/%2e%2e/",
+    ):
         assert ask(server.url, path)[0] == 404
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1.evil.example", "http://127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "https://127.0.0.1.evil.example", "http://127.0.0.1:1"]
+)
 def test_a_foreign_page_gets_no_frames(server, origin):
     server.send(b"frame")
     assert ask(server.url, Origin=origin)[0] == 403
@@ -356,11 +413,21 @@ time.sleep(60)
 
 @pytest.mark.parametrize(
     ("how", "number"),
-    [("stays", signal.SIGKILL), ("stays", signal.SIGTERM), ("stays", signal.SIGINT), ("forked", signal.SIGKILL), ("leaves", None)],
+    [
+        ("stays", signal.SIGKILL),
+        ("stays", signal.SIGTERM),
+        ("stays", signal.SIGINT),
+        ("forked", signal.SIGKILL),
+        ("leaves", None),
+    ],
 )
 def test_the_server_dies_with_its_parent(how, number):
     parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, how], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+        [sys.executable, "-c", PARENT, how],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
     )
     pid, url = parent.stdout.readline().split()
     assert ask(url)[0] == 200
@@ -397,7 +464,9 @@ def test_the_process_loads_neither_pinocchio_nor_meshcat_nor_files_of_the_workin
         loaded = open(f"/proc/{server.pid}/maps").read()
         print([name for name in ("pinocchio", "numpy", "matplotlib") if name in loaded])
     """)
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
+    )
     assert done.stdout.split("\n")[:2] == ["page", "[]"]
 
 
@@ -410,7 +479,9 @@ def test_1500_reconnections(server):
             assert await listen(server.url, 1) == [b"frame"]
 
     asyncio.run(reconnect())
-    assert eventually(lambda: len(list(Path(f"/proc/{server.pid}/fd").iterdir())) < 30)  # what was opened is closed again
+    assert eventually(
+        lambda: len(list(Path(f"/proc/{server.pid}/fd").iterdir())) < 30
+    )  # what was opened is closed again
     assert ask(server.url)[0] == 200
 
 

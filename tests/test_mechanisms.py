@@ -8,7 +8,20 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from linkages import A, B, bar, bead, bennett, four_bar, four_bar_error, four_bar_tip, joint, link, robot, sarrus
+from linkages import (
+    A,
+    B,
+    bar,
+    bead,
+    bennett,
+    four_bar,
+    four_bar_error,
+    four_bar_tip,
+    joint,
+    link,
+    robot,
+    sarrus,
+)
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -78,7 +91,12 @@ def test_forty_loops_follow_the_closed_form():
     script = "import linkages; print(linkages.four_bar_error(40, 1e-2, 20.0))"
     one_thread = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", script], cwd=Path(__file__).parent, env=one_thread, capture_output=True, text=True, check=True
+        [sys.executable, "-c", script],
+        cwd=Path(__file__).parent,
+        env=one_thread,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert float(done.stdout) < 1e-3
 
@@ -91,7 +109,9 @@ def test_a_motion_may_start_at_or_next_to_the_singular_pose(angle):
     motion = chain.integrate(q, v, duration=0.8, step=5e-3)
     energy = energies(chain, motion)
     assert_allclose(energy, energy[0], rtol=0, atol=1e-5)
-    assert_allclose(motion.q[:, ::2], motion.q[:, :1] @ np.ones((1, 3)), rtol=0, atol=1e-6)  # the uprights stay parallel
+    assert_allclose(
+        motion.q[:, ::2], motion.q[:, :1] @ np.ones((1, 3)), rtol=0, atol=1e-6
+    )  # the uprights stay parallel
     assert widest_gap(chain, motion) < 1e-9
 
 
@@ -116,7 +136,9 @@ def test_without_projection_the_closures_drift_and_with_it_they_do_not():
     for project in (True, False):
         q, v = four_bar.start(chain, 2)
         q = q + 1e-7 * np.array((0, 0, 1, 0, 0))
-        closure_errors[project] = widest_gap(chain, chain.integrate(q, v, duration=0.4, step=5e-3, project=project))
+        closure_errors[project] = widest_gap(
+            chain, chain.integrate(q, v, duration=0.4, step=5e-3, project=project)
+        )
     assert closure_errors[True] < 1e-11
     assert 1e-9 < closure_errors[False] < 1e-5
 
@@ -130,7 +152,9 @@ def test_a_sarrus_linkage_has_one_redundant_row_keeps_its_energy_and_moves_its_p
     stiffness = 60.0
     assert chain.closures.rows == 5
     assert chain.forward_dynamics(*start, np.zeros(5)).rank == 4
-    motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda _t, q, _v: stiffness * (rest - q))
+    motion = chain.integrate(
+        *start, duration=10.0, step=1e-3, torque=lambda _t, q, _v: stiffness * (rest - q)
+    )
     energy = energies(chain, motion) + 0.5 * stiffness * ((motion.q - rest) ** 2).sum(axis=1)
     assert_allclose(energy, energy[0], rtol=0, atol=1e-9)
     plates = np.array([chain.frame_pose(q, "plate") for q in motion.q[::20]])
@@ -219,14 +243,21 @@ def test_two_held_translations_let_a_bead_slide_along_the_third():
         assert answer.rank == 2
         # The wire carries what gravity does across it: on the wire by the bead, in the wire's axes.
         force = answer.closure_wrenches[0, :3]
-        assert_allclose(X[:3, :3] @ force, (np.array((0, 0, -9.81)) + 9.81 * along[2] * along), rtol=0, atol=1e-12)
+        assert_allclose(
+            X[:3, :3] @ force, (np.array((0, 0, -9.81)) + 9.81 * along[2] * along), rtol=0, atol=1e-12
+        )
         motion = chain.integrate(np.zeros(3), np.zeros(3), duration=1.0, step=0.1)
-        assert_allclose(motion.q, -0.5 * 9.81 * along[2] * np.outer(motion.time**2, along), rtol=0, atol=1e-12)
+        assert_allclose(
+            motion.q, -0.5 * 9.81 * along[2] * np.outer(motion.time**2, along), rtol=0, atol=1e-12
+        )
 
 
 def ladder(**options):
     """A bar that slides in its plane, one end on a wall (x = 0), the other on the floor (y = 0)."""
-    slides = [joint("a", "ground", (0, 0, 0), axis="1 0 0", kind="prismatic"), joint("b", "a", (0, 0, 0), axis="0 1 0", kind="prismatic")]
+    slides = [
+        joint("a", "ground", (0, 0, 0), axis="1 0 0", kind="prismatic"),
+        joint("b", "a", (0, 0, 0), axis="0 1 0", kind="prismatic"),
+    ]
     urdf = robot('<link name="a"/><link name="b"/>', *slides, bar("rod", "b", (0, 0, 0)))
     closures = [
         cp.Closure("world", "rod", (False, True, False, False, False, False)),
@@ -243,7 +274,9 @@ def test_a_ladder_on_floor_and_wall_falls_like_the_pendulum_it_is():
     motion = chain.integrate(*start, duration=1.0, step=1e-3)
     theta, rate = motion.q[:, 2], motion.v[:, 2]
     assert_allclose(motion.q[:, 0], -np.cos(theta), rtol=0, atol=1e-12)
-    assert_allclose(0.5 * rate**2 + 1.5 * 9.81 * np.sin(theta), 1.5 * 9.81 * np.sin(theta[0]), rtol=0, atol=1e-8)
+    assert_allclose(
+        0.5 * rate**2 + 1.5 * 9.81 * np.sin(theta), 1.5 * 9.81 * np.sin(theta[0]), rtol=0, atol=1e-8
+    )
     assert np.ptp(theta) > 0.5
 
 
@@ -256,22 +289,33 @@ def test_a_closure_may_be_named_from_either_side_and_the_world_has_two_names():
     tau = np.arange(5.0)
     one, two = chain.forward_dynamics(*start, tau), swapped.forward_dynamics(*start, tau)
     assert_allclose(one.acceleration, two.acceleration, rtol=1e-10, atol=1e-10)
-    held = [cp.Closure("level1", world, "full", X_b=chain.frame_pose(start[0], "level1")) for world in ("world", "universe")]
+    held = [
+        cp.Closure("level1", world, "full", X_b=chain.frame_pose(start[0], "level1"))
+        for world in ("world", "universe")
+    ]
     for closure in held:
         stuck = cp.ClosedChain(chain.model, [*chain.closures.closures, closure])
-        assert_allclose(stuck.forward_dynamics(start[0], np.zeros(5), np.zeros(5)).acceleration, 0.0, atol=1e-9)
+        assert_allclose(
+            stuck.forward_dynamics(start[0], np.zeros(5), np.zeros(5)).acceleration, 0.0, atol=1e-9
+        )
 
 
 def test_poses_of_a_closure_do_what_frames_of_the_urdf_do():
     rpy, xyz = (0.3, -0.2, 0.5), (0.7, 0.1, -0.2)
     fixed = f"""<link name="tool"/><joint name="tool_fix" type="fixed"><parent link="two"/><child link="tool"/>
     <origin xyz="{xyz[0]} {xyz[1]} {xyz[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/></joint>"""
-    arm = [bar("one", "ground", (0, 0, 0), axis="0 1 0"), bar("two", "one", (1, 0, 0), (0.2, 0, 0), "0 0.6 0.8"), fixed]
+    arm = [
+        bar("one", "ground", (0, 0, 0), axis="0 1 0"),
+        bar("two", "one", (1, 0, 0), (0.2, 0, 0), "0 0.6 0.8"),
+        fixed,
+    ]
     q, v = np.array((0.4, -0.9)), np.array((0.5, 1.5))
     for rows in ("axis", "planar", (True, False, True, False, False, True)):
         answers = []
         for frame, X in (("tool", None), ("two", make_pose(xyz, rpy))):
-            chain = cp.ClosedChain.from_urdf(robot(*arm), [cp.Closure("world", frame, rows, X_a=make_pose((0.1, 0.2, 0.3)), X_b=X)])
+            chain = cp.ClosedChain.from_urdf(
+                robot(*arm), [cp.Closure("world", frame, rows, X_a=make_pose((0.1, 0.2, 0.3)), X_b=X)]
+            )
             answers.append(chain.closures.state(q, v))
         for one, two in zip(*answers, strict=True):
             assert_allclose(one, two, rtol=0, atol=1e-13)
@@ -281,13 +325,17 @@ def test_poses_of_a_closure_do_what_frames_of_the_urdf_do():
 
 
 def sled(**options):
-    return cp.ClosedChain.from_urdf(robot(link("sled"), joint("sled", "ground", (0, 0, 0), axis="1 0 0", kind="prismatic")), **options)
+    return cp.ClosedChain.from_urdf(
+        robot(link("sled"), joint("sled", "ground", (0, 0, 0), axis="1 0 0", kind="prismatic")), **options
+    )
 
 
 def test_a_tree_without_closures_moves_too_and_torque_sees_the_times_of_the_stages():
     chain, errors = sled(), []
     for step in (0.2, 0.1):
-        motion = chain.integrate([0.0], [0.0], duration=2.0, step=step, torque=lambda t, _q, _v: [np.cos(3.0 * t)])
+        motion = chain.integrate(
+            [0.0], [0.0], duration=2.0, step=step, torque=lambda t, _q, _v: [np.cos(3.0 * t)]
+        )
         errors.append(abs(motion.q[-1, 0] - (1.0 - np.cos(6.0)) / 9.0))
     assert errors[1] < 1e-5
     assert_allclose(np.log2(errors[0] / errors[1]), 4.0, atol=0.3)
@@ -337,7 +385,9 @@ def test_joints_are_set_by_name_also_continuous_ones():
     assert_allclose(chain.configuration({"a_pin": 2.0}), [np.cos(2.0), np.sin(2.0), 0.0], atol=1e-15)
     assert_allclose(chain.velocity({"b_pin": -1.0}), [0.0, -1.0])
     assert_allclose(
-        chain.frame_pose(chain.configuration({"a_pin": 0.3, "b_pin": 0.2}), "b")[:3, :3], rotation_from_rpy((0, 0, 0.5)), atol=1e-15
+        chain.frame_pose(chain.configuration({"a_pin": 0.3, "b_pin": 0.2}), "b")[:3, :3],
+        rotation_from_rpy((0, 0, 0.5)),
+        atol=1e-15,
     )
     with pytest.raises(JointNotFoundError, match="a_pin"):
         chain.configuration({"a_pn": 1.0})
@@ -408,7 +458,9 @@ def test_bad_urdfs_are_typed_errors():
     with pytest.raises(UrdfNotFoundError):
         cp.ClosedChain.from_urdf("no_such_mechanism.urdf")
     with pytest.raises(UrdfError, match="two_parents"):
-        cp.ClosedChain.from_urdf(robot(bar("a", "ground", (0, 0, 0)), joint("a", "ground", (1, 0, 0)).replace("a_pin", "again")))
+        cp.ClosedChain.from_urdf(
+            robot(bar("a", "ground", (0, 0, 0)), joint("a", "ground", (1, 0, 0)).replace("a_pin", "again"))
+        )
     with pytest.raises(UrdfError):
         cp.ClosedChain.from_urdf("<robot")
     with pytest.raises(MimicJointError, match="b_pin"):
@@ -419,7 +471,9 @@ def test_bad_urdfs_are_typed_errors():
 
 
 def mimicking():
-    return robot(bar("a", "ground", (0, 0, 0)), link("b"), joint("b", "a", (1, 0, 0), extra='<mimic joint="a_pin"/>'))
+    return robot(
+        bar("a", "ground", (0, 0, 0)), link("b"), joint("b", "a", (1, 0, 0), extra='<mimic joint="a_pin"/>')
+    )
 
 
 def test_a_file_a_name_and_text_are_the_same_to_it(tmp_path):
@@ -434,7 +488,8 @@ def test_a_file_a_name_and_text_are_the_same_to_it(tmp_path):
 def test_a_link_without_mass_is_named_when_it_has_to_move(formulation):
     with pytest.warns(UrdfWarning):
         chain = cp.ClosedChain.from_urdf(
-            robot(bar("a", "ground", (0, 0, 0)), '<link name="b"/>', joint("b", "a", (1, 0, 0))), formulation=formulation
+            robot(bar("a", "ground", (0, 0, 0)), '<link name="b"/>', joint("b", "a", (1, 0, 0))),
+            formulation=formulation,
         )
     with pytest.raises(MassMatrixError, match="every moving link"):
         chain.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2))
@@ -456,7 +511,11 @@ BAD_RUNS = {
     "endless": ({"duration": np.inf}, NotFiniteError, "^duration is inf"),
     "torque is an array": ({"torque": np.zeros(3)}, ArgumentError, "must be a function of"),
     "torque is short": ({"torque": lambda *_: np.zeros(2)}, ShapeError, r"^torque\(t, q, v\) has shape"),
-    "torque is nan": ({"torque": lambda *_: np.full(3, np.nan)}, NotFiniteError, r"^torque\(t, q, v\)\[0\] is nan"),
+    "torque is nan": (
+        {"torque": lambda *_: np.full(3, np.nan)},
+        NotFiniteError,
+        r"^torque\(t, q, v\)\[0\] is nan",
+    ),
     "torque is nothing": ({"torque": lambda *_: None}, (ShapeError, NotFiniteError), r"^torque\(t, q, v\)"),
 }
 
@@ -485,6 +544,8 @@ def test_closures_that_contradict_each_other_are_refused():
     chain = four_bar.four_bars(1)
     q, v = four_bar.start(chain, 1, angle=1.0)
     end = chain.frame_pose(q, "level0") @ END
-    twice = cp.ClosedChain(chain.model, [*chain.closures.closures, cp.Closure("world", "level0", "point", X_a=end, X_b=END)])
+    twice = cp.ClosedChain(
+        chain.model, [*chain.closures.closures, cp.Closure("world", "level0", "point", X_a=end, X_b=END)]
+    )
     with pytest.raises(ConstraintSolveError):
         twice.forward_dynamics(q, v, np.zeros(3))

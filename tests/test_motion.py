@@ -73,9 +73,13 @@ class Namespace:
 
 MOTIONS = {
     "hold": HoldMotion(pose=START),
-    "exponentials": ExponentialMotion(constant=(0.4, 0, 0.4), amplitudes=[(0.1, 0, 0), (0, 0.1, 0)], time_constants=(2.0, 3.0)),
+    "exponentials": ExponentialMotion(
+        constant=(0.4, 0, 0.4), amplitudes=[(0.1, 0, 0), (0, 0.1, 0)], time_constants=(2.0, 3.0)
+    ),
     "line": LineMotion(start=START, goal=GOAL, duration=3.0, start_time=0.5),
-    "circle": CircleMotion(pose=START, radius=0.1, angular_rate=1.5, normal=(0.2, 0.1, 1.0), start_angle=0.7, ramp=0.8),
+    "circle": CircleMotion(
+        pose=START, radius=0.1, angular_rate=1.5, normal=(0.2, 0.1, 1.0), start_angle=0.7, ramp=0.8
+    ),
     "turn": TurnMotion(pose=START, axis=(0.0, 1.0, 1.0), angle=1.2, duration=3.0),
     "swing": SwingMotion(pose=START, axis=(1.0, 0.0, 0.0), amplitude=0.4, period=2.0),
     "waypoints": WaypointsMotion(
@@ -126,7 +130,9 @@ def test_a_motion_that_starts_at_a_pose_starts_there_and_at_rest(kind):
 
 @pytest.mark.parametrize("kind", ["line", "waypoints"])
 def test_a_motion_that_ends_at_a_pose_ends_there(kind):
-    assert_allclose(pose_error(np.array(MOTIONS[kind].build().at(9.0).X_WP_d), GOAL.matrix), np.zeros(6), atol=1e-14)
+    assert_allclose(
+        pose_error(np.array(MOTIONS[kind].build().at(9.0).X_WP_d), GOAL.matrix), np.zeros(6), atol=1e-14
+    )
 
 
 def test_a_circle_keeps_its_radius_about_one_centre_in_its_plane():
@@ -196,7 +202,9 @@ def test_a_users_function_that_does_not_exist_is_named():
 def test_fields_of_a_motion_can_be_overridden_and_its_kind_changed():
     scenario = spatial_scenario().replace(motion=MOTIONS["line"])
     assert scenario.override({"motion.goal.xyz": (0.4, 0, 0.4)}).motion.goal.xyz == (0.4, 0.0, 0.4)
-    assert scenario.override({"motion": {"kind": "hold", "pose": {"xyz": [0.4, 0, 0.4]}}}).motion.kind == "hold"
+    assert (
+        scenario.override({"motion": {"kind": "hold", "pose": {"xyz": [0.4, 0, 0.4]}}}).motion.kind == "hold"
+    )
 
 
 LINE = {"kind": "line", "start": {}, "goal": {"xyz": [0.1, 0, 0]}, "duration": 1.0}
@@ -207,27 +215,62 @@ MISTAKES = {
     "unknown kind": ({"kind": "lime"}, errors.FieldError, "motion.kind", "'line'"),
     "no kind": ({"pose": {}}, errors.MissingFieldError, "motion.kind", "must be given"),
     "unknown field": (LINE | {"sped": 1.0}, errors.UnknownFieldError, "motion.sped", "no such field"),
-    "missing field": ({"kind": "line", "start": {}, "duration": 1.0}, errors.MissingFieldError, "motion.goal", "must be given"),
+    "missing field": (
+        {"kind": "line", "start": {}, "duration": 1.0},
+        errors.MissingFieldError,
+        "motion.goal",
+        "must be given",
+    ),
     "no time": (LINE | {"duration": 0.0}, errors.FieldError, "motion.duration", "must be positive"),
     "NaN": (LINE | {"start_time": math.nan}, errors.FieldNotFiniteError, "motion.start_time", "nan"),
-    "half a turn": (LINE | {"goal": {"rpy": [0, 0, math.pi]}}, errors.MotionError, "motion.goal.rpy", "half a turn"),
+    "half a turn": (
+        LINE | {"goal": {"rpy": [0, 0, math.pi]}},
+        errors.MotionError,
+        "motion.goal.rpy",
+        "half a turn",
+    ),
     "no radius": (CIRCLE | {"radius": -1.0}, errors.FieldError, "motion.radius", "-1"),
     "no direction": (CIRCLE | {"normal": [0, 0, 0]}, errors.FieldError, "motion.normal", "direction"),
     "axis too short": (TURN | {"axis": [0, 1]}, errors.FieldShapeError, "motion.axis", "must have 3"),
     "no axis": (TURN | {"axis": [0, 0, 0]}, errors.FieldError, "motion.axis", "direction"),
-    "one waypoint": (POINTS | {"points": [{"time": 0.0}]}, errors.FieldShapeError, "motion.points", "at least 2"),
-    "waypoint without time": (POINTS | {"points": [{"time": 0.0}, {}]}, errors.MissingFieldError, "motion.points.1.time", "given"),
-    "times backwards": (POINTS | {"points": [{"time": 0.0}, {"time": 0.0}]}, errors.MotionError, "motion.points.1.time", "increase"),
+    "one waypoint": (
+        POINTS | {"points": [{"time": 0.0}]},
+        errors.FieldShapeError,
+        "motion.points",
+        "at least 2",
+    ),
+    "waypoint without time": (
+        POINTS | {"points": [{"time": 0.0}, {}]},
+        errors.MissingFieldError,
+        "motion.points.1.time",
+        "given",
+    ),
+    "times backwards": (
+        POINTS | {"points": [{"time": 0.0}, {"time": 0.0}]},
+        errors.MotionError,
+        "motion.points.1.time",
+        "increase",
+    ),
     "waypoints half a turn apart": (
         POINTS | {"points": [{"time": 0.0}, {"time": 1.0, "rpy": [math.pi, 0, 0]}]},
         errors.MotionError,
         "motion.points.1.rpy",
         "half a turn",
     ),
-    "no function": ({"kind": "user", "target": "just_a_name"}, errors.FieldError, "motion.target", "module:function"),
+    "no function": (
+        {"kind": "user", "target": "just_a_name"},
+        errors.FieldError,
+        "motion.target",
+        "module:function",
+    ),
     "a lambda": ({"kind": "user", "target": lambda _: np.eye(4)}, errors.FieldError, "motion.target", "def"),
     "terms of unequal number": (
-        {"kind": "exponentials", "constant": [0, 0, 0], "amplitudes": [[1, 0, 0]], "time_constants": [1.0, 2.0]},
+        {
+            "kind": "exponentials",
+            "constant": [0, 0, 0],
+            "amplitudes": [[1, 0, 0]],
+            "time_constants": [1.0, 2.0],
+        },
         errors.FieldShapeError,
         "motion.time_constants",
         "2 entries for 1",
@@ -237,7 +280,10 @@ MISTAKES = {
 
 def refused(**fields):
     """The one mistake in a scenario with these fields."""
-    given = {name: getattr(spatial_scenario(), name) for name in ("name", "cell", "controller", "start", "motion", "clock")}
+    given = {
+        name: getattr(spatial_scenario(), name)
+        for name in ("name", "cell", "controller", "start", "motion", "clock")
+    }
     with pytest.raises(errors.FieldError) as caught:
         Scenario(**(given | fields))
     return caught.value
@@ -299,13 +345,18 @@ def test_the_run_squeezes_by_the_ramp():
     result = cp.run(planar_scenario().replace(squeeze=ramp, duration=0.2, events=()))
     assert result.scenario.squeeze == ramp
     desired = result.data.desired_internal_wrench.values
-    lengths = [np.linalg.norm(ramp.build(["left", "right"]).at(float(time))[0, :2]) for time in result.data.time]
+    lengths = [
+        np.linalg.norm(ramp.build(["left", "right"]).at(float(time))[0, :2]) for time in result.data.time
+    ]
     assert lengths[0] == 0.0
     assert lengths[-1] == pytest.approx(10.0)
     assert_allclose(np.linalg.norm(desired[:, 0, :2], axis=1), lengths, atol=1e-9)
 
 
-@pytest.mark.parametrize(("function", "time", "said"), [(leaking_squeeze, 0.5, "sums to"), (lopsided_squeeze, 0.0, "no entry for 'right'")])
+@pytest.mark.parametrize(
+    ("function", "time", "said"),
+    [(leaking_squeeze, 0.5, "sums to"), (lopsided_squeeze, 0.0, "no entry for 'right'")],
+)
 def test_a_users_squeeze_that_is_none_is_refused_when_it_is_called(function, time, said):
     with pytest.raises(errors.SqueezeError, match=said) as caught:
         UserSqueeze(target=function).build(["left", "right"]).at(time)
@@ -317,10 +368,30 @@ OFF = {"left": LEFT, "right": (9.0, *RIGHT[1:])}
 SQUEEZE_MISTAKES = {
     "plain table, sum": (OFF, errors.SqueezeError, "squeeze", "[1.0, 0.0"),
     "plain table, stranger": ({"lefft": LEFT, "right": RIGHT}, errors.SqueezeError, "squeeze", "'left'"),
-    "plain table, too short": ({"left": (1.0, 2.0), "right": RIGHT}, errors.FieldShapeError, "squeeze.left", "must have 6"),
-    "plain table, missing arm": ({"left": (0.0,) * 6}, errors.SqueezeError, "squeeze", "no entry for 'right'"),
-    "constant, sum": ({"kind": "constant", "wrenches": OFF}, errors.SqueezeError, "squeeze.wrenches", "[1.0, 0.0"),
-    "ramp, sum of the goal": ({"kind": "ramp", "goal": OFF, "duration": 1.0}, errors.SqueezeError, "squeeze.goal", "[1.0, 0.0"),
+    "plain table, too short": (
+        {"left": (1.0, 2.0), "right": RIGHT},
+        errors.FieldShapeError,
+        "squeeze.left",
+        "must have 6",
+    ),
+    "plain table, missing arm": (
+        {"left": (0.0,) * 6},
+        errors.SqueezeError,
+        "squeeze",
+        "no entry for 'right'",
+    ),
+    "constant, sum": (
+        {"kind": "constant", "wrenches": OFF},
+        errors.SqueezeError,
+        "squeeze.wrenches",
+        "[1.0, 0.0",
+    ),
+    "ramp, sum of the goal": (
+        {"kind": "ramp", "goal": OFF, "duration": 1.0},
+        errors.SqueezeError,
+        "squeeze.goal",
+        "[1.0, 0.0",
+    ),
     "ramp, sum of the start": (
         {"kind": "ramp", "start": OFF, "goal": TABLE, "duration": 1.0},
         errors.SqueezeError,
@@ -333,7 +404,12 @@ SQUEEZE_MISTAKES = {
         "squeeze.goal",
         "'up'",
     ),
-    "ramp, no time": ({"kind": "ramp", "goal": TABLE, "duration": 0.0}, errors.FieldError, "squeeze.duration", "positive"),
+    "ramp, no time": (
+        {"kind": "ramp", "goal": TABLE, "duration": 0.0},
+        errors.FieldError,
+        "squeeze.duration",
+        "positive",
+    ),
     "unknown kind": ({"kind": "rampp"}, errors.FieldError, "squeeze.kind", "'ramp'"),
     "no function": ({"kind": "user", "target": "f"}, errors.FieldError, "squeeze.target", "module:function"),
 }

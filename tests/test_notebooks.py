@@ -34,7 +34,9 @@ def test_there_are_notebooks():
 
 def run(notebook, folder):
     """Execute a notebook from top to bottom in a folder of its own; the first cell that fails raises."""
-    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
+    NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}
+    ).execute()
 
 
 def assert_it_runs_and_shows_its_replay(notebook, folder):
@@ -64,14 +66,20 @@ def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SHORT))
 def test_a_notebook_runs_at_its_full_length(name, tmp_path):
-    assert_it_runs_and_shows_its_replay(nbformat.read(NOTEBOOKS[0].with_name(f"{name}.ipynb"), as_version=4), tmp_path)
+    assert_it_runs_and_shows_its_replay(
+        nbformat.read(NOTEBOOKS[0].with_name(f"{name}.ipynb"), as_version=4), tmp_path
+    )
 
 
 @pytest.mark.parametrize("last", ["1 / 0", "assert 1 == 2", "import coop_pin as cp\ncp.run('adept-papr')"])
 def test_a_notebook_that_fails_is_caught(last, tmp_path):
     """Or the tests above would prove nothing."""
     notebook = v4.new_notebook(
-        cells=[v4.new_code_cell("print('so far')"), v4.new_code_cell(last), v4.new_code_cell("print('not reached')")]
+        cells=[
+            v4.new_code_cell("print('so far')"),
+            v4.new_code_cell(last),
+            v4.new_code_cell("print('not reached')"),
+        ]
     )
     with pytest.raises(CellExecutionError):
         run(notebook, tmp_path)
@@ -88,7 +96,9 @@ def test_a_notebook_opens_with_what_is_seen_and_ends_with_what_to_try(path):
 
 def test_a_notebook_uses_the_public_api_only(path):
     """Names without underscores, out of coop_pin and its rooms."""
-    code = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
+    code = "\n".join(
+        cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"
+    )
     tree = ast.parse("\n".join(line for line in code.splitlines() if not line.startswith("%")))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("coop_pin"):
@@ -103,9 +113,15 @@ def test_a_notebook_uses_the_public_api_only(path):
 def test_a_notebook_is_short_and_has_no_outputs(path):
     notebook = nbformat.read(path, as_version=4)
     assert len(notebook.cells) <= MOST_CELLS
-    assert all(not cell.outputs and cell.execution_count is None for cell in notebook.cells if cell.cell_type == "code")
+    assert all(
+        not cell.outputs and cell.execution_count is None
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+    )
 
 
 def test_a_notebook_is_the_same_as_its_twin(path):
     notebook, twin = nbformat.read(path, as_version=4), jupytext.read(path.with_suffix(".py"))
-    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == [(cell.cell_type, cell.source) for cell in twin.cells]
+    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == [
+        (cell.cell_type, cell.source) for cell in twin.cells
+    ]

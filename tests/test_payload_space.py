@@ -29,9 +29,18 @@ def inputs(rows, joints, seed=0, time=0.0):
     J, v = rng.normal(size=(rows.size, joints)) + 2 * np.eye(rows.size, joints), rng.normal(size=joints)
     wrench = rng.normal(size=rows.size)
     measurement = ArmMeasurement(
-        time, rng.normal(size=joints), v, make_pose((*rng.normal(size=2), 0), turn), J @ v, J, wrench, np.zeros(joints, dtype=bool)
+        time,
+        rng.normal(size=joints),
+        v,
+        make_pose((*rng.normal(size=2), 0), turn),
+        J @ v,
+        J,
+        wrench,
+        np.zeros(joints, dtype=bool),
     )
-    return measurement, ArmReference(make_pose((0.1, 0.2, 0)), rng.normal(size=rows.size), wrench, rng.normal(size=rows.size))
+    return measurement, ArmReference(
+        make_pose((0.1, 0.2, 0)), rng.normal(size=rows.size), wrench, rng.normal(size=rows.size)
+    )
 
 
 def law(rows, share=0.4, posture=None, force_gain=0.5):
@@ -69,7 +78,9 @@ def test_motion_terms_have_no_internal_part():
     shares = np.array([0.3, 0.7])
     controllers = [law(rows, share) for share in shares]
     later = m._replace(time=0.5)
-    wrenches = [-np.linalg.solve(m.payload_jacobian.T, c.step(later, r, c.init(m, r)).torque) for c in controllers]
+    wrenches = [
+        -np.linalg.solve(m.payload_jacobian.T, c.step(later, r, c.init(m, r)).torque) for c in controllers
+    ]
     assert_allclose(internal_wrenches(np.array(wrenches), shares), 0.0, atol=1e-12)
 
 
@@ -151,7 +162,12 @@ def test_repair_keeps_the_papers_internal_force_small():
 def test_repair_carries_gravity():
     """Two UR5 and a box, unequal shares: the integral carries the weight, which law (23) with alpha = 0 cannot."""
     scenario = SCENARIOS["spatial"]().replace(duration=5.0)
-    gains = {"pose_gain": 5, "sliding_gain": [600, 600, 600, 20, 20, 20], "sign_gain": 0.5, "transient_rate": 5}
+    gains = {
+        "pose_gain": 5,
+        "sliding_gain": [600, 600, 600, 20, 20, 20],
+        "sign_gain": 0.5,
+        "transient_rate": 5,
+    }
     result = cp.run(scenario, {"controller": {"kind": "payload-space", "gains": gains}})
     assert result.position_rms() < 0.5e-3
     assert max(result.closure_error_max()) < 1e-8
@@ -168,14 +184,25 @@ def biased_run(name, controller, bias):
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_a_constant_rate(name):
     """Two arms at rest: the mean of their errors stays zero, each integral grows with its own: f' = c_1 c_2 K_x alpha gamma b / width."""
-    gains = GAINS if name == "planar" else {"pose_gain": 5, "sliding_gain": [600] * 3 + [20] * 3, "sign_gain": 0.5, "transient_rate": 5}
+    gains = (
+        GAINS
+        if name == "planar"
+        else {"pose_gain": 5, "sliding_gain": [600] * 3 + [20] * 3, "sign_gain": 0.5, "transient_rate": 5}
+    )
     bias, width = [1e-4, 0.0 if name == "planar" else 0.5e-4, 0.0], 0.05
-    controller = {"kind": "payload-space", "gains": gains, "switching": {"kind": "saturation", "width": width}}
+    controller = {
+        "kind": "payload-space",
+        "gains": gains,
+        "switching": {"kind": "saturation", "width": width},
+    }
     result = biased_run(name, controller, bias)
     late = result.data.sel(time=slice(7.0, None))
     force = late.internal_wrench.sel(arm="left").values[:, :3]
     rate = np.polyfit(late.time.values, np.nan_to_num(force), 1)[0]
-    R_WE = Rotation.from_quat(late.payload_quaternion.values[-1]).as_matrix() @ result.scenario.cell.grasps["left"].matrix[:3, :3]
+    R_WE = (
+        Rotation.from_quat(late.payload_quaternion.values[-1]).as_matrix()
+        @ result.scenario.cell.grasps["left"].matrix[:3, :3]
+    )
     per_metre = gains["sliding_gain"][0] * gains["sign_gain"] * gains["pose_gain"] / width
     expected = np.prod(result.scenario.cell.shares) * per_metre * (R_WE @ bias)
     assert np.linalg.norm(expected) > 0.1

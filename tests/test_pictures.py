@@ -128,7 +128,9 @@ def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, c
 def test_frames_stand_on_the_clock_of_the_run():
     assert_allclose(frame_times(1.0, 30.0), np.arange(31) / 30.0, rtol=0, atol=0)
     assert_allclose(frame_times(0.99, 10.0), np.arange(10) / 10.0, rtol=0, atol=0)
-    assert_allclose(frame_times(0.3, 10.0), np.arange(4) / 10.0, rtol=0, atol=0)  # 0.3 * 10 is 2.9999999999999996
+    assert_allclose(
+        frame_times(0.3, 10.0), np.arange(4) / 10.0, rtol=0, atol=0
+    )  # 0.3 * 10 is 2.9999999999999996
     assert_allclose(frame_times(20.0, 80.0)[-1], 20.0, rtol=0, atol=0)
 
 
@@ -152,22 +154,32 @@ def test_sizes_and_rates_that_cannot_be_are_refused(result, tmp_path):
 
 def test_a_missing_package_is_told_with_its_extra(result, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "playwright", None)
-    with pytest.raises(MissingExtraError, match=r"^playwright is not installed.*pip install 'coop-pin\[video\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"^playwright is not installed.*pip install 'coop-pin\[video\]'"
+    ):
         save_image(result, tmp_path / "no.png")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtraError, match=r"^imageio-ffmpeg is not installed.*pip install 'coop-pin\[video\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"^imageio-ffmpeg is not installed.*pip install 'coop-pin\[video\]'"
+    ):
         save_video(result, tmp_path / "no.mp4")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", sys)
     monkeypatch.setitem(sys.modules, "imageio", None)
-    with pytest.raises(MissingExtraError, match=r"^imageio is not installed.*pip install 'coop-pin\[video\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"^imageio is not installed.*pip install 'coop-pin\[video\]'"
+    ):
         save_video(result, tmp_path / "no.mp4")
 
 
 def test_a_missing_browser_is_told_with_what_to_do_and_old_files_stay(result, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'")
+    pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'"
+    )
     monkeypatch.setenv("CHROMIUM", str(tmp_path / "nowhere"))
     (tmp_path / "old.png").write_bytes(b"old")
-    with pytest.raises(BrowserNotFoundError, match=r"looked for CHROMIUM=.*nowhere.*playwright install chromium"):
+    with pytest.raises(
+        BrowserNotFoundError, match=r"looked for CHROMIUM=.*nowhere.*playwright install chromium"
+    ):
         save_image(result, tmp_path / "old.png")
     result.save(tmp_path / "run.nc")
     assert main(["view", str(tmp_path / "run.nc"), "--image", str(tmp_path / "old.png")]) == 2
@@ -188,7 +200,9 @@ def test_browsers_are_looked_for_where_they_are(tmp_path, monkeypatch):
 
 
 def test_a_program_that_is_no_browser_is_told(tmp_path, monkeypatch):
-    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'")
+    pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install 'coop-pin[video]'"
+    )
     (tmp_path / "no-browser").write_text("#!/bin/sh\nexit 3\n")
     (tmp_path / "no-browser").chmod(0o755)
     monkeypatch.setenv("CHROMIUM", str(tmp_path / "no-browser"))
@@ -197,13 +211,17 @@ def test_a_program_that_is_no_browser_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("browser", "leaves_no_process")
-def test_a_video_that_the_encoder_cannot_write_to_its_end_is_told_and_the_old_one_stays(result, ffmpeg, tmp_path, monkeypatch, capfd):
+def test_a_video_that_the_encoder_cannot_write_to_its_end_is_told_and_the_old_one_stays(
+    result, ffmpeg, tmp_path, monkeypatch, capfd
+):
     full = tmp_path / "encoder-with-a-full-disk"
     full.write_text(f"#!/bin/bash\ntrap '' XFSZ\nulimit -f 8\nexec '{ffmpeg}' \"$@\"\n")
     full.chmod(0o755)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(full))
     (tmp_path / "run.mp4").write_bytes(b"old")
-    with pytest.raises(VideoError, match=r"run\.mp4 was not written: the encoder wrote \d of 5 frames") as told:
+    with pytest.raises(
+        VideoError, match=r"run\.mp4 was not written: the encoder wrote \d of 5 frames"
+    ) as told:
         save_video(result, tmp_path / "run.mp4", RATE, width=WIDTH, height=HEIGHT)
     assert told.value.frames < told.value.wanted == 5
     assert "File too large" in capfd.readouterr().err
@@ -211,7 +229,9 @@ def test_a_video_that_the_encoder_cannot_write_to_its_end_is_told_and_the_old_on
     assert sorted(path.name for path in tmp_path.iterdir()) == [full.name, "run.mp4"]
 
 
-def test_a_video_that_could_not_be_written_ends_the_command_like_any_file(result, tmp_path, monkeypatch, capsys):
+def test_a_video_that_could_not_be_written_ends_the_command_like_any_file(
+    result, tmp_path, monkeypatch, capsys
+):
     def fail(_, path: Path) -> None:
         raise VideoError(path, 3, 31)
 
@@ -247,7 +267,9 @@ def test_ctrl_c_stops_the_thread_that_draws():
     with pytest.raises(KeyboardInterrupt):
         in_own_thread(draw)
     assert told == [True]
-    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("coop_pin pictures")]
+    assert not [
+        thread.name for thread in threading.enumerate() if thread.name.startswith("coop_pin pictures")
+    ]
 
 
 def test_view_refuses_a_time_that_nothing_shows(tmp_path, capsys):

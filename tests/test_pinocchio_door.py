@@ -14,8 +14,20 @@ from coop_pin.errors import MissingPinocchioError
 from coop_pin.model.require_pinocchio import OLDEST, TOO_NEW, import_pinocchio
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-REQUIREMENTS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
-ROOMS = ["model", "chain", "analysis", "simulation", "controllers", "runs", "viz.replay", "chain.rank_cut", "analysis.arm_walk"]
+REQUIREMENTS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+    "dependencies"
+]
+ROOMS = [
+    "model",
+    "chain",
+    "analysis",
+    "simulation",
+    "controllers",
+    "runs",
+    "viz.replay",
+    "chain.rank_cut",
+    "analysis.arm_walk",
+]
 
 
 def told_by(folder, source, *statements):
@@ -23,10 +35,18 @@ def told_by(folder, source, *statements):
     (folder / "pinocchio").mkdir()
     (folder / "pinocchio" / "__init__.py").write_text(source)
     code = "\n".join(
-        f"try:\n    {statement}\nexcept Exception as error:\n    print(type(error).__name__, '|', error)" for statement in statements
+        f"try:\n    {statement}\nexcept Exception as error:\n    print(type(error).__name__, '|', error)"
+        for statement in statements
     )
     environment = os.environ | {"PYTHONPATH": str(folder)}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -38,20 +58,40 @@ def test_the_real_one_passes():
 @pytest.mark.parametrize(
     ("source", "said"),
     [
-        ("raise ModuleNotFoundError(\"No module named 'pinocchio'\", name='pinocchio')", "Pinocchio is not installed."),
-        ("raise ImportError('libpinocchio_default.so: cannot open')", "Pinocchio does not load: libpinocchio_default.so: cannot open."),
+        (
+            "raise ModuleNotFoundError(\"No module named 'pinocchio'\", name='pinocchio')",
+            "Pinocchio is not installed.",
+        ),
+        (
+            "raise ImportError('libpinocchio_default.so: cannot open')",
+            "Pinocchio does not load: libpinocchio_default.so: cannot open.",
+        ),
         (
             "__version__ = '0.1'",
             "is not Pinocchio; rename or remove it (on PyPI a plugin for nose has that name: pip uninstall pinocchio).",
         ),
-        ("__version__ = '3.9.0'\ndef buildModelFromXML(text): ...", "Pinocchio 3.9.0 is installed; coop_pin needs 4.1 or later, before 5."),
-        ("__version__ = '5.0.0'\ndef buildModelFromXML(text): ...", "Pinocchio 5.0.0 is installed; coop_pin needs 4.1 or later, before 5."),
-        ("__version__ = '4'\ndef buildModelFromXML(text): ...", "Pinocchio 4 is installed; coop_pin needs 4.1 or later, before 5."),
+        (
+            "__version__ = '3.9.0'\ndef buildModelFromXML(text): ...",
+            "Pinocchio 3.9.0 is installed; coop_pin needs 4.1 or later, before 5.",
+        ),
+        (
+            "__version__ = '5.0.0'\ndef buildModelFromXML(text): ...",
+            "Pinocchio 5.0.0 is installed; coop_pin needs 4.1 or later, before 5.",
+        ),
+        (
+            "__version__ = '4'\ndef buildModelFromXML(text): ...",
+            "Pinocchio 4 is installed; coop_pin needs 4.1 or later, before 5.",
+        ),
     ],
     ids=["absent", "broken", "nose plugin", "too old", "too new", "short version"],
 )
 def test_whatever_is_asked_for_first_says_what_is_there_and_what_to_install(source, said, tmp_path):
-    lines = told_by(tmp_path, source, *(f"import coop_pin.{room}" for room in ROOMS), "import coop_pin; coop_pin.run('adept-paper')")
+    lines = told_by(
+        tmp_path,
+        source,
+        *(f"import coop_pin.{room}" for room in ROOMS),
+        "import coop_pin; coop_pin.run('adept-paper')",
+    )
     (line,) = set(lines)
     assert len(lines) == len(ROOMS) + 1
     kind, _, message = line.partition(" | ")
@@ -63,7 +103,12 @@ def test_whatever_is_asked_for_first_says_what_is_there_and_what_to_install(sour
 
 def test_the_command_line_says_so_without_a_traceback_and_what_needs_no_pinocchio_works(tmp_path):
     absent = "import sys; sys.modules['pinocchio'] = None; from coop_pin.cli import main"
-    for words, code in ((["list"], 0), (["fields", "adept-paper"], 0), (["run", "adept-paper"], 2), (["check", "adept-paper"], 2)):
+    for words, code in (
+        (["list"], 0),
+        (["fields", "adept-paper"], 0),
+        (["run", "adept-paper"], 2),
+        (["check", "adept-paper"], 2),
+    ):
         done = subprocess.run(
             [sys.executable, "-c", f"{absent}; sys.exit(main({words}))"],
             cwd=tmp_path,
@@ -73,7 +118,11 @@ def test_the_command_line_says_so_without_a_traceback_and_what_needs_no_pinocchi
             check=False,
         )
         assert done.returncode == code, done.stderr
-        assert not done.stderr if code == 0 else re.fullmatch(r"coop-pin: Pinocchio is not installed\. .*\n", done.stderr)
+        assert (
+            not done.stderr
+            if code == 0
+            else re.fullmatch(r"coop-pin: Pinocchio is not installed\. .*\n", done.stderr)
+        )
 
 
 def test_the_versions_it_names_are_those_that_the_package_requires():

@@ -89,9 +89,13 @@ def test_a_projected_velocity_keeps_the_closures_closed_and_the_correction_costs
         assert_allclose(jacobian @ projected, np.zeros(len(jacobian)), atol=1e-12)
         assert_allclose(free.T @ M @ (projected - v), np.zeros(free.shape[1]), atol=1e-11)
         # The minimum itself: v* = N (N^T M N)^-1 N^T M v over the free motions N.
-        assert_allclose(projected, free @ np.linalg.solve(free.T @ M @ free, free.T @ M @ v), rtol=1e-9, atol=1e-10)
+        assert_allclose(
+            projected, free @ np.linalg.solve(free.T @ M @ free, free.T @ M @ v), rtol=1e-9, atol=1e-10
+        )
         assert projected @ M @ projected <= v @ M @ v
-        assert_allclose(v @ M @ v, projected @ M @ projected + (v - projected) @ M @ (v - projected), rtol=1e-11)
+        assert_allclose(
+            v @ M @ v, projected @ M @ projected + (v - projected) @ M @ (v - projected), rtol=1e-11
+        )
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -106,14 +110,23 @@ def test_velocities_on_the_closures_survive_the_cut(case):
     assert_allclose(M @ columns, (M @ columns).T, atol=1e-10)
 
 
-@pytest.mark.parametrize("rows", ["planar", "axis", "point", (False, False, True, True, False, True)], ids=str)
+@pytest.mark.parametrize(
+    "rows", ["planar", "axis", "point", (False, False, True, True, False, True)], ids=str
+)
 def test_every_kind_of_rows_can_be_projected_onto(rows):
     plant, _ = closed(("spatial", "free"))
-    chain = ClosedChain(plant.tree.model, [Closure("left/grasp", "payload/left", rows), Closure("right/grasp", "payload/right", rows)])
+    chain = ClosedChain(
+        plant.tree.model,
+        [Closure("left/grasp", "payload/left", rows), Closure("right/grasp", "payload/right", rows)],
+    )
     for seed in range(3):
         _, q_open = opened(("spatial", "free"), 0.2, seed)
         q = chain.project_configuration(q_open)
-        assert_allclose(chain.closures.state(q, np.zeros(chain.model.nv)).position, np.zeros(chain.closures.rows), atol=1e-11)
+        assert_allclose(
+            chain.closures.state(q, np.zeros(chain.model.nv)).position,
+            np.zeros(chain.closures.rows),
+            atol=1e-11,
+        )
         assert np.abs(plant.chain.closures.state(q, np.zeros(chain.model.nv)).position).max() > 1e-3
 
 
@@ -122,7 +135,9 @@ def test_a_closure_that_cannot_close_is_named_with_its_gap(payload):
     """The right arm's tip held to a point 3 m beyond its base: 0.8 m of reach leave 2.2 m."""
     plant, q = closed(("planar", payload))
     model = plant.tree.model.copy()
-    model.addFrame(pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME))
+    model.addFrame(
+        pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME)
+    )
     chain = ClosedChain(model, [Closure("right/grasp", "far", "point")])
     with pytest.raises(OpenClosureError) as error:
         chain.project_configuration(q)

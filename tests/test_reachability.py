@@ -35,8 +35,12 @@ FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 
 def one_arm(arm, motion, start, rows="full", duration=2.0):
     """A scenario of a single arm that holds the payload at its tip."""
-    cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()}, rows=rows)
-    return Scenario(name="one", cell=cell, controller=ANY_CONTROLLER, motion=motion, start=start, duration=duration)
+    cell = Cell(
+        arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()}, rows=rows
+    )
+    return Scenario(
+        name="one", cell=cell, controller=ANY_CONTROLLER, motion=motion, start=start, duration=duration
+    )
 
 
 def planar_arm(motion, start, posture=(0.3, 0.9, 0.0), duration=2.0):
@@ -49,7 +53,9 @@ def held(report, name, scenario):
     arm, reference = next(arm for arm in report.arms if arm.arm == name), scenario.motion.build()
     model = ArmModel(scenario.cell.arms[name], scenario.cell.grasps[name].matrix)
     walked = zip(arm.times[-report.poses :], arm.q[-report.poses :], strict=True)
-    return np.array([pose_error(model.payload_pose(q), np.array(reference.at(float(time)).X_WP_d)) for time, q in walked])
+    return np.array(
+        [pose_error(model.payload_pose(q), np.array(reference.at(float(time)).X_WP_d)) for time, q in walked]
+    )
 
 
 # ---------------------------------------------------------------- the paper's cell
@@ -79,10 +85,16 @@ def paper_singular_values(time, arm, grasp, elbow):
     return np.linalg.svd(J, compute_uv=False)
 
 
-@pytest.mark.parametrize(("index", "base", "grasp", "elbow"), [(0, (0.0, 0.0), -0.12, -1.0), (1, (1.0, 0.0), 0.12, 1.0)])
-def test_singular_values_along_the_papers_reference_are_those_of_the_closed_form(paper, index, base, grasp, elbow):
+@pytest.mark.parametrize(
+    ("index", "base", "grasp", "elbow"), [(0, (0.0, 0.0), -0.12, -1.0), (1, (1.0, 0.0), 0.12, 1.0)]
+)
+def test_singular_values_along_the_papers_reference_are_those_of_the_closed_form(
+    paper, index, base, grasp, elbow
+):
     arm = paper.arms[index]
-    expected = np.array([paper_singular_values(time, base, grasp, elbow) for time in np.linspace(0.0, 20.0, 401)])
+    expected = np.array(
+        [paper_singular_values(time, base, grasp, elbow) for time in np.linspace(0.0, 20.0, 401)]
+    )
     assert_allclose(arm.sigma_min[-401:], expected[:, -1], rtol=1e-9)
     assert_allclose(arm.condition[-401:], expected[:, 0] / expected[:, -1], rtol=1e-9)
     assert arm.singular.sigma_min == pytest.approx(arm.sigma_min.min())
@@ -114,7 +126,9 @@ def test_the_way_from_the_start_to_the_reference_comes_first(paper):
 
 
 def test_arrays_are_read_only(paper):
-    assert not any(array.flags.writeable for array in (paper.arms[0].q, paper.arms[0].times, paper.arms[0].sigma_min))
+    assert not any(
+        array.flags.writeable for array in (paper.arms[0].q, paper.arms[0].times, paper.arms[0].sigma_min)
+    )
 
 
 # ---------------------------------------------------------------- leaving the reach
@@ -155,10 +169,14 @@ def out_and_back(time):
 
 def test_of_two_arms_only_the_one_that_cannot_follow_is_blamed():
     goal = Pose(xyz=(0.3, 0.05, 0.4), rpy=SPATIAL_START.rpy)
-    scenario = spatial_scenario().replace(motion=LineMotion(start=SPATIAL_START, goal=goal, duration=3.0), duration=3.0)
+    scenario = spatial_scenario().replace(
+        motion=LineMotion(start=SPATIAL_START, goal=goal, duration=3.0), duration=3.0
+    )
     cell = scenario.cell
     far = cell.arms["right"].replace(base=Pose(xyz=(1.27, 0.1, 0.05), rpy=(0, 0, 3.0)))
-    report = reachability(scenario.replace(cell=cell.replace(arms={"left": cell.arms["left"], "right": far})), poses=101)
+    report = reachability(
+        scenario.replace(cell=cell.replace(arms={"left": cell.arms["left"], "right": far})), poses=101
+    )
     assert report.arms[0].loss is None
     assert 0.0 < report.arms[1].loss.time < 3.0
     assert report.arms[1].loss.gap_m + report.arms[1].loss.gap_rad > 1e-3
@@ -216,7 +234,9 @@ def test_a_joint_that_must_move_too_fast_is_reported():
 
 def test_a_start_that_only_a_limit_forbids_names_the_joint(tmp_path):
     head, elbow = find_urdf("adept_3dof").path.read_text().split('<joint name="joint_2"')
-    elbow = elbow.replace('lower="-6.283185307179586" upper="6.283185307179586"', 'lower="-0.2" upper="0.3"', 1)
+    elbow = elbow.replace(
+        'lower="-6.283185307179586" upper="6.283185307179586"', 'lower="-0.2" upper="0.3"', 1
+    )
     (tmp_path / "narrow.urdf").write_text(head + '<joint name="joint_2"' + elbow)
     start = Pose(xyz=(0.6, 0, 0))
     arm = Arm(urdf=str(tmp_path / "narrow.urdf"), tip="tip")
@@ -239,7 +259,10 @@ def test_a_spatial_pair_follows_a_circle_and_holds_every_pose():
         assert np.abs(np.diff(arm.q, axis=0)).max() < 0.2
         rates = np.diff(arm.q[-151:], axis=0) / (6.0 / 150.0)
         assert arm.fastest.speed <= 1.02 * np.abs(rates).max()
-        assert arm.fastest.speed >= 0.9 * np.abs(rates / np.array((3.15, 3.15, 3.15, 3.2, 3.2, 3.2))).max() * 3.15
+        assert (
+            arm.fastest.speed
+            >= 0.9 * np.abs(rates / np.array((3.15, 3.15, 3.15, 3.2, 3.2, 3.2))).max() * 3.15
+        )
 
 
 @pytest.mark.parametrize("build", [planar_scenario, spatial_scenario])
@@ -262,7 +285,9 @@ def through_the_wrist(time):
 
 def test_a_path_through_a_singular_pose_is_found_though_no_sample_stands_on_it():
     arm = Arm(urdf="ur5", tip="tool0", posture=tuple(WRIST + np.array((0, 0, 0, 0, 0.3, 0))))
-    scenario = one_arm(arm, UserMotion(target=through_the_wrist), Pose.from_matrix(through_the_wrist(0.0)), duration=1.0)
+    scenario = one_arm(
+        arm, UserMotion(target=through_the_wrist), Pose.from_matrix(through_the_wrist(0.0)), duration=1.0
+    )
     report = reachability(scenario, poses=50)
     only = report.arms[0]
     assert not report.ok
@@ -276,11 +301,15 @@ def test_redundant_arms_follow_and_stay_near_their_posture(kind):
     """On a closed path a redundant arm ends where it began: it is drawn to its posture and does not drift."""
     arms = {
         "xarm7": Arm(urdf="xarm7", tip="link_eef", posture=(0.1, -0.3, 0.2, 1.2, 0.1, 1.0, 0.0)),
-        "panda": Arm(urdf="panda", tip="panda_hand", locked=FINGERS, posture=(0.1, -0.2, 0.1, -2.0, 0.1, 1.9, 0.6)),
+        "panda": Arm(
+            urdf="panda", tip="panda_hand", locked=FINGERS, posture=(0.1, -0.2, 0.1, -2.0, 0.1, 1.9, 0.6)
+        ),
     }
     model = ArmModel(arms[kind])
     start = Pose.from_matrix(model.payload_pose(arms[kind].posture))
-    motion = CircleMotion(pose=start, radius=0.1, angular_rate=2 * math.pi / 4.0, ramp=1.0, normal=(0, 1, 0), start_time=0.0)
+    motion = CircleMotion(
+        pose=start, radius=0.1, angular_rate=2 * math.pi / 4.0, ramp=1.0, normal=(0, 1, 0), start_time=0.0
+    )
     scenario = one_arm(arms[kind], motion, start, duration=4.5)
     report = reachability(scenario, poses=181)
     arm = report.arms[0]
@@ -296,7 +325,9 @@ KINOVA = Arm(urdf="kinova", tip="j2s6s200_end_effector", posture=(0.3, 2.6, 1.8,
 def spinning(time):
     """The pose of a Kinova whose last joint, a continuous one, turns on and on."""
     model = ArmModel(KINOVA)
-    return model.payload_pose(model.configuration(np.array(KINOVA.posture) + np.array((0, 0, 0, 0, 0, 2.0 * time))))
+    return model.payload_pose(
+        model.configuration(np.array(KINOVA.posture) + np.array((0, 0, 0, 0, 0, 2.0 * time)))
+    )
 
 
 def test_continuous_joints_turn_on_and_on_without_limits():

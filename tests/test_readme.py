@@ -115,11 +115,16 @@ def loaded(line):
 
 def test_importing_the_package_and_asking_for_help_load_nothing_heavy():
     """Whatever takes long to load, numpy and Pinocchio first of all, waits until something is done."""
-    subcommands = re.findall(r"subcommand\(\"([\w-]+)\"\)", (REPOSITORY / "coop_pin" / "cli" / "parsing.py").read_text(encoding="utf-8"))
+    subcommands = re.findall(
+        r"subcommand\(\"([\w-]+)\"\)",
+        (REPOSITORY / "coop_pin" / "cli" / "parsing.py").read_text(encoding="utf-8"),
+    )
     assert {"run", "list", "check", "sweep"} <= set(subcommands)
     asked = [["--version"], ["--help"], *([name, "--help"] for name in subcommands)]
     code = HELP.replace("{words}", repr(asked))
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     (imported,) = [line for line in lines if line.startswith("import coop_pin:")]
@@ -137,7 +142,13 @@ def test_python_in_the_readme_runs(tmp_path):
     assert ast.parse(code).body
     environment = os.environ | {"MPLBACKEND": "Agg"}
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run.nc").is_file()
@@ -163,7 +174,10 @@ def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
         "settles again": (found["resettling_time_s"], "s"),
         "position error, rms": (found["position_rms_m"] * 1e3, "mm"),
         "internal force along the bar": (found["internal_axial_mean_N"], "N"),
-        "rms of its error": (math.hypot(found["internal_axial_rms_error_N"], found["internal_shear_rms_N"]), "N"),
+        "rms of its error": (
+            math.hypot(found["internal_axial_rms_error_N"], found["internal_shear_rms_N"]),
+            "N",
+        ),
         "torque, peak": (found["torque_peak_Nm"], "N m"),
         "closure error": (found["closure_error_max_m"], "m"),
         "energy minus work": (found["energy_balance_max_J"], "J"),

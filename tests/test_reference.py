@@ -44,12 +44,19 @@ ROOT_3 = math.sqrt(3.0)
 POSE = make_pose((0.3, -0.2, 0.7), (0.4, -0.9, 2.0))
 GOAL = make_pose((0.1, 0.4, 0.9), (-0.5, 0.3, -2.4))
 WAYPOINT_TIMES = (0.5, 1.7, 2.1, 3.5)
-WAYPOINT_POSES = np.stack((POSE, GOAL, make_pose((0, 0, 0.5), (1, 1, 1)), make_pose((0.2, 0, 0.5), (-1, 0.2, 3))))
+WAYPOINT_POSES = np.stack(
+    (POSE, GOAL, make_pose((0, 0, 0.5), (1, 1, 1)), make_pose((0.2, 0, 0.5), (-1, 0.2, 3)))
+)
 
 
 def paper() -> Exponentials:
     amplitudes = np.array(((-0.2, -0.2 / ROOT_3, 0.0), (0.5, 0.5 / ROOT_3, 0.0)))
-    return Exponentials(np.array((0.4, 0.4 / ROOT_3 - 0.2, 0.0)), amplitudes, np.array((6.6, 6.8)), np.array((0, 0, math.pi / 3)))
+    return Exponentials(
+        np.array((0.4, 0.4 / ROOT_3 - 0.2, 0.0)),
+        amplitudes,
+        np.array((6.6, 6.8)),
+        np.array((0, 0, math.pi / 3)),
+    )
 
 
 def tabulated() -> Tabulated:
@@ -68,7 +75,19 @@ KINDS: dict[str, tuple[PoseReference, tuple[float, ...]]] = {
     "exponentials": (paper(), ()),
     "line": (Line(POSE, GOAL, duration=1.5, start_time=0.5), (0.5, 2.0)),
     "line_without_turn": (Line(POSE, make_pose((0, 0, 0.3)) @ POSE, duration=1.5), (0.0, 1.5)),
-    "circle": (Circle(np.array((0.1, 0.2, 0.3)), 0.3, -2.0, 1.2, np.array((1, 2, -1)), 0.4, 0.5, np.array((0.3, 0.2, 0.1))), (0.5, 1.7)),
+    "circle": (
+        Circle(
+            np.array((0.1, 0.2, 0.3)),
+            0.3,
+            -2.0,
+            1.2,
+            np.array((1, 2, -1)),
+            0.4,
+            0.5,
+            np.array((0.3, 0.2, 0.1)),
+        ),
+        (0.5, 1.7),
+    ),
     "circle_about_x": (Circle(np.zeros(3), 0.3, 1.0, 1.0, np.array((2.0, 0, 0))), (0.0, 1.0)),
     "turn": (Turn(POSE, np.array((1, -2, 0.5)), 9.0, 2.0, 0.5), (0.5, 2.5)),
     "swing": (Swing(POSE, np.array((1, -2, 0.5)), 0.7, 1.3, 1.0, 0.5), (0.5, 1.5)),
@@ -76,7 +95,16 @@ KINDS: dict[str, tuple[PoseReference, tuple[float, ...]]] = {
     "tabulated": (tabulated(), (1.0, 2.0, 3.0)),
     "from_function": (FromFunction(spun), ()),
 }
-FROM_REST = ("line", "line_without_turn", "circle", "circle_about_x", "turn", "swing", "waypoints", "tabulated")
+FROM_REST = (
+    "line",
+    "line_without_turn",
+    "circle",
+    "circle_about_x",
+    "turn",
+    "swing",
+    "waypoints",
+    "tabulated",
+)
 TO_REST = ("line", "line_without_turn", "turn", "waypoints", "tabulated")
 every_kind = pytest.mark.parametrize("kind", KINDS)
 
@@ -97,7 +125,9 @@ def rate_of_twist(reference: PoseReference, time: float, step: float) -> np.ndar
 def test_twist_is_the_rate_of_the_pose(kind: str) -> None:
     reference, joints = KINDS[kind]
     for time in (*np.linspace(-0.3, 4.1, 89), *joints):
-        assert_allclose(reference.at(time).V_WP_d, rate_of_pose(reference, time, 1e-4), atol=5e-6, err_msg=f"t = {time}")
+        assert_allclose(
+            reference.at(time).V_WP_d, rate_of_pose(reference, time, 1e-4), atol=5e-6, err_msg=f"t = {time}"
+        )
 
 
 @every_kind
@@ -106,21 +136,27 @@ def test_acceleration_is_the_rate_of_the_twist(kind: str) -> None:
     for time in np.linspace(-0.3, 4.1, 89):
         near_joint = any(abs(time - joint) < 1e-3 for joint in joints)
         step, atol = (1e-6, 2e-4) if near_joint else (1e-4, 2e-5)
-        assert_allclose(reference.at(time).A_WP_d, rate_of_twist(reference, time, step), atol=atol, err_msg=f"t = {time}")
+        assert_allclose(
+            reference.at(time).A_WP_d, rate_of_twist(reference, time, step), atol=atol, err_msg=f"t = {time}"
+        )
 
 
 @every_kind
 def test_acceleration_is_the_rate_of_the_twist_where_segments_meet(kind: str) -> None:
     reference, joints = KINDS[kind]
     for time in joints:
-        assert_allclose(reference.at(time).A_WP_d, rate_of_twist(reference, time, 1e-6), atol=2e-4, err_msg=f"t = {time}")
+        assert_allclose(
+            reference.at(time).A_WP_d, rate_of_twist(reference, time, 1e-6), atol=2e-4, err_msg=f"t = {time}"
+        )
 
 
 @every_kind
 def test_pose_twist_and_acceleration_are_continuous_where_segments_meet(kind: str) -> None:
     reference, joints = KINDS[kind]
     for time in joints:
-        for before, at, after in zip(reference.at(time - 1e-9), reference.at(time), reference.at(time + 1e-9), strict=True):
+        for before, at, after in zip(
+            reference.at(time - 1e-9), reference.at(time), reference.at(time + 1e-9), strict=True
+        ):
             assert_allclose(before, at, atol=1e-6)
             assert_allclose(after, at, atol=1e-6)
 
@@ -255,7 +291,9 @@ def test_circle_about_z_starts_on_the_x_axis_and_loses_half_a_ramp() -> None:
 def test_turn_reaches_its_angle_over_several_revolutions() -> None:
     axis, angle = np.array((0.0, 0.0, 2.0)), 4 * math.pi + 0.3
     turn = Turn(POSE, axis, angle, duration=2.0)
-    assert_allclose(turn.at(2.0).X_WP_d, make_pose(POSE[:3, 3], (0, 0, 0.3)) @ _rotation_only(POSE), atol=1e-14)
+    assert_allclose(
+        turn.at(2.0).X_WP_d, make_pose(POSE[:3, 3], (0, 0, 0.3)) @ _rotation_only(POSE), atol=1e-14
+    )
     times = np.linspace(0.0, 2.0, 2001)
     rates = [turn.at(time).V_WP_d[5] for time in times]
     assert_allclose(np.trapezoid(rates, times), angle, atol=1e-5)
@@ -304,7 +342,9 @@ def test_two_waypoints_make_the_position_of_a_line_on_its_geodesic() -> None:
 
 def test_waypoints_do_not_care_which_world_they_are_in() -> None:
     X_VW = make_pose((1.0, -2.0, 0.5), (0.3, 0.9, -2.0))
-    path, moved = (Waypoints(np.array(WAYPOINT_TIMES), poses) for poses in (WAYPOINT_POSES, X_VW @ WAYPOINT_POSES))
+    path, moved = (
+        Waypoints(np.array(WAYPOINT_TIMES), poses) for poses in (WAYPOINT_POSES, X_VW @ WAYPOINT_POSES)
+    )
     for time in np.linspace(0.4, 3.6, 17):
         assert_allclose(moved.at(time).X_WP_d, X_VW @ path.at(time).X_WP_d, atol=1e-13)
 
@@ -342,7 +382,9 @@ def test_differences_of_a_function_agree_with_the_exact_derivatives() -> None:
 def test_differences_are_of_fourth_order() -> None:
     exact = Circle(np.zeros(3), 1.0, 1.0, 1.0)
     closure_errors = [
-        np.linalg.norm(FromFunction(lambda time: exact.at(time).X_WP_d, step=step).at(2.5).V_WP_d - exact.at(2.5).V_WP_d)
+        np.linalg.norm(
+            FromFunction(lambda time: exact.at(time).X_WP_d, step=step).at(2.5).V_WP_d - exact.at(2.5).V_WP_d
+        )
         for step in (0.08, 0.04)
     ]
     assert_allclose(math.log2(closure_errors[0] / closure_errors[1]), 4.0, atol=0.1)
@@ -350,7 +392,9 @@ def test_differences_are_of_fourth_order() -> None:
 
 def test_given_twist_and_acceleration_are_used_as_they_are() -> None:
     circle = Circle(np.zeros(3), 1.0, 1.0, 1.0)
-    reference = FromFunction(lambda t: circle.at(t).X_WP_d, lambda t: circle.at(t).V_WP_d, lambda t: circle.at(t).A_WP_d)
+    reference = FromFunction(
+        lambda t: circle.at(t).X_WP_d, lambda t: circle.at(t).V_WP_d, lambda t: circle.at(t).A_WP_d
+    )
     for first, second in zip(reference.at(0.7), circle.at(0.7), strict=True):
         assert_array_equal(first, second)
     differenced = FromFunction(lambda t: circle.at(t).X_WP_d, lambda t: circle.at(t).V_WP_d)
@@ -383,7 +427,9 @@ def test_a_twist_that_is_not_the_rate_of_the_pose_is_refused(mistake, part: str)
 
 def test_an_acceleration_that_is_not_the_rate_of_the_twist_is_refused() -> None:
     line = Line(POSE, GOAL, duration=1.5)
-    reference = FromFunction(lambda t: line.at(t).X_WP_d, acceleration_function=lambda t: 1.1 * line.at(t).A_WP_d)
+    reference = FromFunction(
+        lambda t: line.at(t).X_WP_d, acceleration_function=lambda t: 1.1 * line.at(t).A_WP_d
+    )
     with pytest.raises(InconsistentReferenceError) as caught:
         check_consistency(reference, [0.2, 0.3])
     assert caught.value.quantity == "linear part of A_WP_d"
@@ -422,9 +468,21 @@ X_AXIS = np.array((1.0, 0.0, 0.0))
         (lambda: Hold(1.1 * np.eye(4)), NotAPoseError, "pose"),
         (lambda: Hold(np.diag((1.0, -1.0, 1.0, 1.0))), NotAPoseError, "mirror"),
         (lambda: Hold(POSE + np.eye(4)[[3, 0, 1, 2]].T * 0.1), NotAPoseError, "pose"),
-        (lambda: Exponentials(np.zeros(2), np.zeros((1, 3)), np.ones(1), np.zeros(3)), ShapeError, "constant"),
-        (lambda: Exponentials(np.zeros(3), np.zeros((2, 3)), np.ones(1), np.zeros(3)), ShapeError, "time_constants"),
-        (lambda: Exponentials(np.zeros(3), np.zeros((2, 3)), np.array((1.0, 0.0)), np.zeros(3)), NotPositiveError, r"time_constants\[1\]"),
+        (
+            lambda: Exponentials(np.zeros(2), np.zeros((1, 3)), np.ones(1), np.zeros(3)),
+            ShapeError,
+            "constant",
+        ),
+        (
+            lambda: Exponentials(np.zeros(3), np.zeros((2, 3)), np.ones(1), np.zeros(3)),
+            ShapeError,
+            "time_constants",
+        ),
+        (
+            lambda: Exponentials(np.zeros(3), np.zeros((2, 3)), np.array((1.0, 0.0)), np.zeros(3)),
+            NotPositiveError,
+            r"time_constants\[1\]",
+        ),
         (lambda: Exponentials(np.zeros(3), np.zeros((1, 3)), np.ones(1), np.zeros(2)), ShapeError, "rpy"),
         (lambda: Line(POSE, np.zeros((4, 4)), 1.0), NotAPoseError, "goal"),
         (lambda: Line(POSE, GOAL, 0.0), NotPositiveError, "duration"),
@@ -442,10 +500,26 @@ X_AXIS = np.array((1.0, 0.0, 0.0))
         (lambda: Waypoints(np.zeros(1), POSE[None]), ShapeError, "times"),
         (lambda: Waypoints(np.arange(3.0), WAYPOINT_POSES), ShapeError, "poses"),
         (lambda: Waypoints(np.array((0.0, 1.0)), np.stack((POSE, 2 * POSE))), NotAPoseError, r"poses\[1\]"),
-        (lambda: Waypoints(np.array((0.0, 2.0, 2.0, 3.0)), WAYPOINT_POSES), NotIncreasingError, r"times\[2\]"),
-        (lambda: Waypoints(np.array((0.0, math.nan, 2.0, 3.0)), WAYPOINT_POSES), NotFiniteError, r"times\[1\]"),
-        (lambda: Waypoints(np.arange(2.0), np.stack((POSE, POSE @ make_pose(rpy=(math.pi, 0, 0))))), AmbiguousTurnError, "orientation 1"),
-        (lambda: Tabulated(np.arange(2.0), np.zeros((2, 3)), np.zeros((2, 4))), NotPositiveError, r"quaternions\[0\]"),
+        (
+            lambda: Waypoints(np.array((0.0, 2.0, 2.0, 3.0)), WAYPOINT_POSES),
+            NotIncreasingError,
+            r"times\[2\]",
+        ),
+        (
+            lambda: Waypoints(np.array((0.0, math.nan, 2.0, 3.0)), WAYPOINT_POSES),
+            NotFiniteError,
+            r"times\[1\]",
+        ),
+        (
+            lambda: Waypoints(np.arange(2.0), np.stack((POSE, POSE @ make_pose(rpy=(math.pi, 0, 0))))),
+            AmbiguousTurnError,
+            "orientation 1",
+        ),
+        (
+            lambda: Tabulated(np.arange(2.0), np.zeros((2, 3)), np.zeros((2, 4))),
+            NotPositiveError,
+            r"quaternions\[0\]",
+        ),
         (lambda: Tabulated(np.arange(2.0), np.zeros((2, 2)), np.ones((2, 4))), ShapeError, "positions"),
         (lambda: check_consistency(Hold(POSE), 0.0), ShapeError, "times"),
     ],
@@ -473,7 +547,10 @@ def test_a_file_of_angles_and_a_file_of_quaternions_say_the_same(tmp_path) -> No
     angles.write_text(TABLE)
     path = Tabulated.from_csv(angles)
     quaternions = tmp_path / "quaternions.csv"
-    rows = [",".join(map(repr, (*map(float, q), t, *map(float, p)))) for t, p, q in zip(*_columns(path), strict=True)]
+    rows = [
+        ",".join(map(repr, (*map(float, q), t, *map(float, p))))
+        for t, p, q in zip(*_columns(path), strict=True)
+    ]
     quaternions.write_text("qx, qy, qz, qw, time, x, y, z\n" + "\n".join(rows), encoding="utf-8-sig")
     again = Tabulated.from_csv(str(quaternions))
     for time in np.linspace(-0.1, 2.6, 19):

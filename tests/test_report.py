@@ -16,7 +16,17 @@ from coop_pin.report import internal_force_figure, motion_figure, report_html, s
 from coop_pin.results import RunResult
 
 SHORT = {"duration": 0.5, "events": ()}
-SECTIONS = ["judgements", "scenario", "motion", "tracking", "internal", "torque", "exactness", "singular", "limits"]
+SECTIONS = [
+    "judgements",
+    "scenario",
+    "motion",
+    "tracking",
+    "internal",
+    "torque",
+    "exactness",
+    "singular",
+    "limits",
+]
 
 
 class Page(HTMLParser):
@@ -106,7 +116,11 @@ def test_the_same_result_gives_the_same_bytes(tmp_path):
 
 
 def test_words_of_a_scenario_stay_words():
-    nasty = cp.run(SCENARIOS["planar"]().replace(name="<b>&", summary="<script>alert(1)</script>", duration=0.05, events=()))
+    nasty = cp.run(
+        SCENARIOS["planar"]().replace(
+            name="<b>&", summary="<script>alert(1)</script>", duration=0.05, events=()
+        )
+    )
     text = report_html(nasty)
     assert "<script>alert" not in text
     assert "<b>&" not in text
@@ -124,7 +138,12 @@ def test_limits_that_were_exceeded_are_listed():
 
 
 def test_a_run_that_broke_off_is_told_as_such():
-    late = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 1.5, "beyond_bound": True, "events": []}
+    late = {
+        "controller.force_path": {"kind": "late"},
+        "controller.gains.force_gain": 1.5,
+        "beyond_bound": True,
+        "events": [],
+    }
     with pytest.raises(DivergedError) as caught:
         cp.run("adept-paper", late)
     assert "This run broke off at t =" in report_html(caught.value.result)
@@ -138,10 +157,14 @@ def test_the_curves_are_the_recorded_ones(name):
     arms = len(data.arm)
     curves = np.array([panel.lines[0].get_ydata() for panel in axes]).reshape(3, arms, -1)
     wrench = np.nan_to_num(data.internal_wrench.values)
-    np.testing.assert_allclose(np.hypot(curves[0], curves[1]), np.linalg.norm(wrench[..., :3], axis=2).T, atol=1e-9)
+    np.testing.assert_allclose(
+        np.hypot(curves[0], curves[1]), np.linalg.norm(wrench[..., :3], axis=2).T, atol=1e-9
+    )
     np.testing.assert_allclose(curves[2], np.linalg.norm(wrench[..., 3:], axis=2).T, atol=1e-12)
     lines = singularity_figure(result(name)).axes[0].lines[:arms]
-    np.testing.assert_array_equal(np.array([line.get_ydata() for line in lines]).T, data.jacobian_condition.values)
+    np.testing.assert_array_equal(
+        np.array([line.get_ydata() for line in lines]).T, data.jacobian_condition.values
+    )
 
 
 # ---------------------------------------------------------------- command line
@@ -177,7 +200,9 @@ def test_the_legend_of_the_motion_fits_beside_a_narrow_cell():
     for name in ("tip_position", "payload_position", "desired_position"):
         data[name] = data[name].copy(data=data[name].values @ turn.T)
     cell = run.scenario.cell
-    arms = {name: arm.replace(base=cp.Pose(xyz=tuple(turn @ arm.base.xyz))) for name, arm in cell.arms.items()}
+    arms = {
+        name: arm.replace(base=cp.Pose(xyz=tuple(turn @ arm.base.xyz))) for name, arm in cell.arms.items()
+    }
     narrow = RunResult(run.scenario.replace(cell=cell.replace(arms=arms)), data)
     for figure in (motion_figure(run), motion_figure(narrow)):
         figure.draw_without_rendering()

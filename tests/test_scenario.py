@@ -41,32 +41,72 @@ LOW_PASS = {"controller.force_path": {"kind": "low-pass", "pole": 0.5}}  # bound
 ARM_GAINS = {"pose_gain": 2.0, "sign_gain": 0.2, "damping_gain": [60.0, 60.0, 10.0], "transient_rate": 5.0}
 
 MISTAKES = {
-    "unknown field": ({"cell.payload.masss": 1.0}, errors.UnknownFieldError, "cell.payload.masss", "did you mean 'mass'"),
+    "unknown field": (
+        {"cell.payload.masss": 1.0},
+        errors.UnknownFieldError,
+        "cell.payload.masss",
+        "did you mean 'mass'",
+    ),
     "unknown field in a union": (
         {"controller.gains.sign_gian": 1.0},
         errors.UnknownFieldError,
         "controller.gains.sign_gian",
         "'sign_gain'",
     ),
-    "pose of three rows": ({"cell.arms.left.base": np.eye(3).tolist()}, errors.FieldError, "cell.arms.left.base", "shape (3, 3)"),
-    "pose in words": ({"cell.arms.left.base": "0 0 0"}, errors.FieldError, "cell.arms.left.base", "a position of 3 numbers"),
-    "number for a vector": ({"cell.gravity": 9.81}, errors.FieldError, "cell.gravity", "is 9.81; it must be a list"),
-    "text for a duration": ({"duration": "long"}, errors.FieldError, "duration", "is 'long'; it must be a number"),
+    "pose of three rows": (
+        {"cell.arms.left.base": np.eye(3).tolist()},
+        errors.FieldError,
+        "cell.arms.left.base",
+        "shape (3, 3)",
+    ),
+    "pose in words": (
+        {"cell.arms.left.base": "0 0 0"},
+        errors.FieldError,
+        "cell.arms.left.base",
+        "a position of 3 numbers",
+    ),
+    "number for a vector": (
+        {"cell.gravity": 9.81},
+        errors.FieldError,
+        "cell.gravity",
+        "is 9.81; it must be a list",
+    ),
+    "text for a duration": (
+        {"duration": "long"},
+        errors.FieldError,
+        "duration",
+        "is 'long'; it must be a number",
+    ),
     "gains of another law": (
         {"controller": {"kind": "payload-space"}},
         errors.MissingFieldError,
         "controller.gains",
         "a table of pose_gain, sign_gain, transient_rate, sliding_gain",
     ),
-    "NaN gain": ({"controller.gains.sign_gain": np.nan}, errors.FieldNotFiniteError, "controller.gains.sign_gain", "nan"),
+    "NaN gain": (
+        {"controller.gains.sign_gain": np.nan},
+        errors.FieldNotFiniteError,
+        "controller.gains.sign_gain",
+        "nan",
+    ),
     "NaN in a row": (
         {"controller.gains.damping_gain": [1, np.nan, 1]},
         errors.FieldNotFiniteError,
         "controller.gains.damping_gain.1",
         "nan",
     ),
-    "infinite posture": ({"cell.arms.left.posture": [0, np.inf, 0]}, errors.FieldNotFiniteError, "cell.arms.left.posture.1", "inf"),
-    "vector too short": ({"cell.payload.inertia": [1.0, 2.0]}, errors.FieldShapeError, "cell.payload.inertia", "must have 6"),
+    "infinite posture": (
+        {"cell.arms.left.posture": [0, np.inf, 0]},
+        errors.FieldNotFiniteError,
+        "cell.arms.left.posture.1",
+        "inf",
+    ),
+    "vector too short": (
+        {"cell.payload.inertia": [1.0, 2.0]},
+        errors.FieldShapeError,
+        "cell.payload.inertia",
+        "must have 6",
+    ),
     "vector too long": ({"cell.gravity": [0, 0, 0, 0]}, errors.FieldShapeError, "cell.gravity", "4 entries"),
     "ragged matrix": (
         {"controller.gains.damping_gain": [[1.0, 0.0], [1.0]]},
@@ -74,10 +114,30 @@ MISTAKES = {
         "controller.gains.damping_gain",
         "[2, 1]",
     ),
-    "empty row": ({"controller.gains.damping_gain": []}, errors.FieldShapeError, "controller.gains.damping_gain", "no entries"),
-    "drive not square": ({"cell.arms.left.drive": [[1.0, 0.0]]}, errors.FieldShapeError, "cell.arms.left.drive", "[2]"),
-    "text for a number": ({"controller.gains.pose_gain": "two"}, errors.FieldError, "controller.gains.pose_gain", "'two'"),
-    "indefinite gain": ({"controller.gains.pose_gain": [[1, 2], [2, 1]]}, errors.FieldError, "controller.gains.pose_gain", "eigenvalue -1"),
+    "empty row": (
+        {"controller.gains.damping_gain": []},
+        errors.FieldShapeError,
+        "controller.gains.damping_gain",
+        "no entries",
+    ),
+    "drive not square": (
+        {"cell.arms.left.drive": [[1.0, 0.0]]},
+        errors.FieldShapeError,
+        "cell.arms.left.drive",
+        "[2]",
+    ),
+    "text for a number": (
+        {"controller.gains.pose_gain": "two"},
+        errors.FieldError,
+        "controller.gains.pose_gain",
+        "'two'",
+    ),
+    "indefinite gain": (
+        {"controller.gains.pose_gain": [[1, 2], [2, 1]]},
+        errors.FieldError,
+        "controller.gains.pose_gain",
+        "eigenvalue -1",
+    ),
     "missing field": (
         {"clock": {"rate_hz": 80.0}, "start": {}, "motion": {"kind": "hold"}},
         errors.MissingFieldError,
@@ -85,15 +145,50 @@ MISTAKES = {
         "given",
     ),
     "unknown kind": ({"motion.kind": "spline"}, errors.FieldError, "motion.kind", "'exponentials'"),
-    "kind missing": ({"controller.switching": {"width": 1.0}}, errors.MissingFieldError, "controller.switching.kind", "given"),
-    "shares": ({"cell.load_shares": {"left": 0.5, "right": 0.6}}, errors.LoadShareError, "cell.load_shares", "1.1"),
-    "share of a stranger": ({"cell.load_shares": {"left": 0.5, "rihgt": 0.5}}, errors.LoadShareError, "cell.load_shares", "'right'"),
-    "grasp missing": ({"cell.grasps": {"left": {}}}, errors.FieldError, "cell.grasps", "no entry for 'right'"),
-    "squeeze does not cancel": ({"squeeze.left": [-9.0, 0, 0, 0, 0, 0]}, errors.SqueezeError, "squeeze", "[1.0, 0.0"),
+    "kind missing": (
+        {"controller.switching": {"width": 1.0}},
+        errors.MissingFieldError,
+        "controller.switching.kind",
+        "given",
+    ),
+    "shares": (
+        {"cell.load_shares": {"left": 0.5, "right": 0.6}},
+        errors.LoadShareError,
+        "cell.load_shares",
+        "1.1",
+    ),
+    "share of a stranger": (
+        {"cell.load_shares": {"left": 0.5, "rihgt": 0.5}},
+        errors.LoadShareError,
+        "cell.load_shares",
+        "'right'",
+    ),
+    "grasp missing": (
+        {"cell.grasps": {"left": {}}},
+        errors.FieldError,
+        "cell.grasps",
+        "no entry for 'right'",
+    ),
+    "squeeze does not cancel": (
+        {"squeeze.left": [-9.0, 0, 0, 0, 0, 0]},
+        errors.SqueezeError,
+        "squeeze",
+        "[1.0, 0.0",
+    ),
     "event after the end": ({"events.0.time": 30.0}, errors.EventTimeError, "events.0.time", "20 s"),
     "push beyond the end": ({"events.1.time": 19.9}, errors.EventTimeError, "events.1.time", "20.1"),
-    "alpha not diagonal": ({"controller.gains.sign_gain": [[1, 0.1], [0, 1]]}, errors.SignGainError, "controller.gains.sign_gain", "0.1"),
-    "alpha negative": ({"controller.gains.sign_gain": -0.2}, errors.SignGainError, "controller.gains.sign_gain", "-0.2"),
+    "alpha not diagonal": (
+        {"controller.gains.sign_gain": [[1, 0.1], [0, 1]]},
+        errors.SignGainError,
+        "controller.gains.sign_gain",
+        "0.1",
+    ),
+    "alpha negative": (
+        {"controller.gains.sign_gain": -0.2},
+        errors.SignGainError,
+        "controller.gains.sign_gain",
+        "-0.2",
+    ),
     "unequal gamma": (
         {"controller.arm_gains.left": ARM_GAINS | {"pose_gain": 3.0}},
         errors.UnequalGainsError,
@@ -106,8 +201,18 @@ MISTAKES = {
         "controller.arm_gains.*.force_gain",
         "'left': 0.5, 'right': 0.0",
     ),
-    "K_f without a force": ({"controller.gains.force_gain": 0.5}, errors.ForceGainBoundError, "controller.gains.force_gain", "0.5"),
-    "K_f at its bound, late": (LATE | {"controller.gains.force_gain": 1.0}, errors.ForceGainBoundError, "controller.gains.force_gain", "1"),
+    "K_f without a force": (
+        {"controller.gains.force_gain": 0.5},
+        errors.ForceGainBoundError,
+        "controller.gains.force_gain",
+        "0.5",
+    ),
+    "K_f at its bound, late": (
+        LATE | {"controller.gains.force_gain": 1.0},
+        errors.ForceGainBoundError,
+        "controller.gains.force_gain",
+        "1",
+    ),
     "K_f over its bound, late": (
         LATE | {"controller.gains.force_gain": 1.1},
         errors.ForceGainBoundError,
@@ -120,7 +225,12 @@ MISTAKES = {
         "controller.gains.force_gain",
         "3",
     ),
-    "gains of a stranger": ({"controller.arm_gains.lefft": ARM_GAINS}, errors.FieldError, "controller.arm_gains", "'left'"),
+    "gains of a stranger": (
+        {"controller.arm_gains.lefft": ARM_GAINS},
+        errors.FieldError,
+        "controller.arm_gains",
+        "'left'",
+    ),
 }
 
 
@@ -189,12 +299,32 @@ def test_all_mistakes_are_reported_at_once_whatever_their_level():
         ({"cell.arms.left.tip": "tipp"}, errors.FrameNotFoundError, {"name": "tipp"}),
         ({"cell.arms.left.urdf": "nowhere.urdf"}, errors.UrdfNotFoundError, {}),
         ({"cell.arms.left.posture": (1.0, 2.0)}, errors.FieldShapeError, {"path": "cell.arms.left"}),
-        ({"controller.gains.damping_gain": (60.0, 60.0)}, errors.FieldShapeError, {"path": "controller.gains.damping_gain"}),
-        ({"cell.arms.left.drive": ((1.0, 0.0), (0.0, 1.0)), "cell.arms.left.friction.viscous": 1.0}, errors.FieldShapeError, {}),
+        (
+            {"controller.gains.damping_gain": (60.0, 60.0)},
+            errors.FieldShapeError,
+            {"path": "controller.gains.damping_gain"},
+        ),
+        (
+            {"cell.arms.left.drive": ((1.0, 0.0), (0.0, 1.0)), "cell.arms.left.friction.viscous": 1.0},
+            errors.FieldShapeError,
+            {},
+        ),
         ({"start.xyz": (3.0, 0.0, 0.0)}, errors.UnreachablePoseError, {"arm": "left"}),
-        ({"controller": {"kind": "user", "target": "nowhere:Law"}}, errors.EntryNotFoundError, {"kind": "module", "name": "nowhere"}),
-        ({"controller": {"kind": "user", "target": "cells:Law"}}, errors.EntryNotFoundError, {"kind": "class", "name": "Law"}),
-        ({"controller": {"kind": "user", "target": "math.sin"}}, errors.FieldError, {"path": "controller.target"}),
+        (
+            {"controller": {"kind": "user", "target": "nowhere:Law"}},
+            errors.EntryNotFoundError,
+            {"kind": "module", "name": "nowhere"},
+        ),
+        (
+            {"controller": {"kind": "user", "target": "cells:Law"}},
+            errors.EntryNotFoundError,
+            {"kind": "class", "name": "Law"},
+        ),
+        (
+            {"controller": {"kind": "user", "target": "math.sin"}},
+            errors.FieldError,
+            {"path": "controller.target"},
+        ),
     ],
 )
 def test_what_only_the_robots_know_is_refused_before_the_first_tick(changes, kind, numbers):
@@ -214,7 +344,11 @@ def test_an_unreachable_start_says_how_far_it_is():
 def test_a_singular_arm_is_named_with_condition_and_time():
     # The left arm starts stretched to its full 0.8 m, towards its upper right.
     start = {"xyz": (0.8 * np.sqrt(0.5) + 0.12, 0.8 * np.sqrt(0.5), 0.0)}
-    changes = {"motion": {"kind": "hold", "pose": start}, "start": start, "cell.arms.left.posture": (np.pi / 4, 1e-6, -np.pi / 4)}
+    changes = {
+        "motion": {"kind": "hold", "pose": start},
+        "start": start,
+        "cell.arms.left.posture": (np.pi / 4, 1e-6, -np.pi / 4),
+    }
     with pytest.raises(errors.SingularArmError) as caught:
         cp.run("adept-paper", changes)
     error = caught.value
@@ -239,7 +373,12 @@ def test_force_feedback_over_its_bound_diverges_with_the_time_and_keeps_the_resu
 
 def test_a_run_that_overflows_is_refused_with_its_time_and_not_warned_of():
     # Both arms are pulled beyond their reach within a second.
-    away = {"kind": "exponentials", "constant": [0.5, 1.2, 0.0], "amplitudes": [[0.1, -1.054, 0.0]], "time_constants": [1.0]}
+    away = {
+        "kind": "exponentials",
+        "constant": [0.5, 1.2, 0.0],
+        "amplitudes": [[0.1, -1.054, 0.0]],
+        "time_constants": [1.0],
+    }
     with pytest.raises(errors.DivergedError) as caught:
         cp.run("adept-paper", {"motion": away | {"rpy": [0.0, 0.0, 1.2]}, "events": [], "duration": 8.0})
     assert np.isfinite(caught.value.result.data["velocity"]).all()
@@ -297,7 +436,13 @@ def test_an_override_changes_that_field_and_no_other():
 def test_any_field_can_be_overridden(path, value):
     node = planar_scenario().override({path: value})
     for key in path.split("."):
-        node = node[int(key)] if isinstance(node, tuple) else node[key] if isinstance(node, dict) else getattr(node, key)
+        node = (
+            node[int(key)]
+            if isinstance(node, tuple)
+            else node[key]
+            if isinstance(node, dict)
+            else getattr(node, key)
+        )
     assert node == value
 
 
@@ -312,7 +457,9 @@ def test_a_changed_kind_starts_from_its_own_defaults_in_any_order_of_changes():
 
 def test_events_can_be_added_and_emptied():
     scenario = planar_scenario()
-    added = scenario.override({"events.2.kind": "payload-change", "events.2.time": 15.0, "events.2.mass": 3.0})
+    added = scenario.override(
+        {"events.2.kind": "payload-change", "events.2.time": 15.0, "events.2.mass": 3.0}
+    )
     assert added.events == (*scenario.events, cp.PayloadChange(time=15.0, mass=3.0))
     assert scenario.override({"events": []}).events == ()
 
@@ -354,7 +501,9 @@ def test_a_scenario_survives_its_file(name, tmp_path):
 
 
 def test_any_text_survives_the_file():
-    scenario = planar_scenario().replace(summary='quotes " and \\ and\nlines\n[\n    1.0,\n]\n', name="m\u00fcller")
+    scenario = planar_scenario().replace(
+        summary='quotes " and \\ and\nlines\n[\n    1.0,\n]\n', name="m\u00fcller"
+    )
     assert cp.Scenario.from_toml(scenario.to_toml()) == scenario
 
 
@@ -371,7 +520,9 @@ def test_a_users_file_may_name_a_urdf_beside_it(tmp_path):
 
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "mine.urdf").write_bytes((bundled_urdf_folder() / "adept_3dof.urdf").read_bytes())
-    scenario = planar_scenario().override({"cell.arms.left.urdf": "robots/mine.urdf", "duration": 0.1, "events": []})
+    scenario = planar_scenario().override(
+        {"cell.arms.left.urdf": "robots/mine.urdf", "duration": 0.1, "events": []}
+    )
     (tmp_path / "mine.toml").write_text(scenario.to_toml())
     result = cp.run(tmp_path / "mine.toml")
     assert result.scenario.cell.arms["left"].urdf == str(tmp_path / "robots" / "mine.urdf")
@@ -398,7 +549,14 @@ def error_classes(root=errors.CoopPinError):
 
 
 PARTS = [errors.FieldError("is 1", "a.b"), errors.SqueezeError("is 2", "c")]
-SAMPLES = {"tuple[int": (1, 2), "FieldError": PARTS, "Iterable[": ["one", "two"], "Sequence[": ["one", "two"], "float": 0.25, "int": 2}
+SAMPLES = {
+    "tuple[int": (1, 2),
+    "FieldError": PARTS,
+    "Iterable[": ["one", "two"],
+    "Sequence[": ["one", "two"],
+    "float": 0.25,
+    "int": 2,
+}
 
 
 def sample(kind):
@@ -408,7 +566,12 @@ def sample(kind):
     parameters = [p for p in inspect.signature(kind.__init__).parameters.values() if p.name != "self"]
     if any(p.kind is p.VAR_POSITIONAL for p in parameters):
         return kind("a message")
-    return kind(*(next((value for part, value in SAMPLES.items() if part in str(p.annotation)), "text") for p in parameters))
+    return kind(
+        *(
+            next((value for part, value in SAMPLES.items() if part in str(p.annotation)), "text")
+            for p in parameters
+        )
+    )
 
 
 @pytest.mark.parametrize("kind", dict.fromkeys(error_classes()), ids=lambda kind: kind.__name__)

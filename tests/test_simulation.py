@@ -50,7 +50,10 @@ def test_energy_equals_power_in(cell, payload, integrator):
     scenario = SCENARIOS[cell]()
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
     events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))
-    result = cp.run(scenario.replace(events=events, duration=0.5), {"plant.payload": payload, "plant.integrator": integrator})
+    result = cp.run(
+        scenario.replace(events=events, duration=0.5),
+        {"plant.payload": payload, "plant.integrator": integrator},
+    )
     assert result.energy_balance_max() < (1e-6 if integrator == "rk4" else 0.1)
     assert abs(float(result.data.work_external[-1])) > 1e-3
     assert float(result.data.work_friction[-1]) < 0.0
@@ -77,7 +80,10 @@ def test_projection_at_every_step_keeps_the_closures_at_rounding(cell):
 
 def test_timeline_cuts_steps_at_events():
     clock = Clock(rate_hz=100.0, steps_per_tick=4)
-    events = (PayloadChange(time=0.0231, mass=1.0), WrenchPulse(time=0.02, duration=0.00525, wrench=(1, 0, 0, 0, 0, 0)))
+    events = (
+        PayloadChange(time=0.0231, mass=1.0),
+        WrenchPulse(time=0.02, duration=0.00525, wrench=(1, 0, 0, 0, 0, 0)),
+    )
     timeline = Timeline(clock, 0.1, events)
     starts = [step.start for step in timeline.steps(2)]
     assert_allclose(starts, [0.02, 0.0225, 0.0231, 0.025, 0.02525, 0.0275], atol=1e-15)
@@ -89,9 +95,18 @@ def test_timeline_cuts_steps_at_events():
 
 def test_push_between_ticks_has_its_exact_impulse():
     """The work of a push depends on its exact times: halving the plant step changes nothing that RK4 would not change."""
-    push = {"events": [{"kind": "wrench-pulse", "time": 0.1031, "duration": 0.0507, "wrench": [200, 100, 0, 0, 0, 2]}]}
+    push = {
+        "events": [
+            {"kind": "wrench-pulse", "time": 0.1031, "duration": 0.0507, "wrench": [200, 100, 0, 0, 0, 2]}
+        ]
+    }
     works = [
-        float(cp.run("adept-paper", push | {"duration": 0.2, "clock.steps_per_tick": steps}).data.work_external[-1]) for steps in (3, 24)
+        float(
+            cp.run("adept-paper", push | {"duration": 0.2, "clock.steps_per_tick": steps}).data.work_external[
+                -1
+            ]
+        )
+        for steps in (3, 24)
     ]
     assert works[0] == pytest.approx(works[1], rel=1e-6)
 
@@ -115,7 +130,9 @@ class Spy(CellController):
 def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
     """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d: f(t_k^-) recomputed from the recorded state and last torque."""
     scenario = SCENARIOS[cell]().replace(duration=0.1, events=())
-    scenario = scenario.override({"controller.force_path": {"kind": "low-pass", "pole": pole}, "controller.gains.force_gain": 0.5})
+    scenario = scenario.override(
+        {"controller.force_path": {"kind": "low-pass", "pole": pole}, "controller.gains.force_gain": 0.5}
+    )
     spy = Spy(build_controller(scenario))
     data = cp.simulate(scenario, spy).data
     chain = CellChain(scenario.cell, scenario.plant)
@@ -140,7 +157,9 @@ def test_friction_acts_in_drive_coordinates(cell):
     for place, speeds in zip(chain.tree.arms, drives.velocities(v), strict=True):
         friction = scenario.cell.arms[place.name].friction
         assert_allclose(speeds, place.drive @ v[place.v])
-        at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(speeds / friction.coulomb_velocity)
+        at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(
+            speeds / friction.coulomb_velocity
+        )
         assert_allclose(drives.friction(v)[place.v], place.drive.T @ at_drive, atol=1e-12)
 
 
@@ -163,7 +182,9 @@ def test_time_is_counted_from_tick_numbers(paper):
 def test_without_torque_the_planar_cell_rests():
     """Gravity does no work in the plane: the bar stays where it is."""
     data = cp.simulate(cp.Scenario.load("adept-paper").replace(events=(), duration=0.5), Nothing()).data
-    assert_allclose(data.payload_position.values, np.broadcast_to(data.payload_position.values[0], (41, 3)), atol=1e-13)
+    assert_allclose(
+        data.payload_position.values, np.broadcast_to(data.payload_position.values[0], (41, 3)), atol=1e-13
+    )
 
 
 def test_gravity_is_the_scenarios():
@@ -202,7 +223,11 @@ def open_start(scenario, by):
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload):
-    scenario = SCENARIOS[cell]().replace(duration=0.1, events=()).override({"plant.payload": payload, "controller.gains.sign_gain": 0.0})
+    scenario = (
+        SCENARIOS[cell]()
+        .replace(duration=0.1, events=())
+        .override({"plant.payload": payload, "controller.gains.sign_gain": 0.0})
+    )
     apart = scenario.replace(start_angles=open_start(scenario, 0.1))
     with pytest.raises(OpenClosureError, match="right") as caught:
         cp.run(apart)
@@ -211,4 +236,6 @@ def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload)
     assert max(closed.closure_error_max()) < 1e-8
     assert np.linalg.norm(closed.data.payload_position.values[0] - scenario.start.xyz) < 0.11
     held = cp.run(scenario.replace(start_angles=open_start(scenario, 0.0)))
-    assert_allclose(held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9)
+    assert_allclose(
+        held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9
+    )

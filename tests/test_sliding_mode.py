@@ -38,9 +38,18 @@ def inputs(rows, time, seed, force=True):
     place = lambda: rng.normal(size=3) * (1 if rows.name == "full" else np.array([1, 1, 0]))  # noqa: E731
     J, v = rng.normal(size=(k, k)) + 2 * np.eye(k), rng.normal(size=k)
     measurement = ArmMeasurement(
-        time, rng.normal(size=k), v, make_pose(place(), turn()), J @ v, J, rng.normal(size=k) if force else None, np.zeros(k, dtype=bool)
+        time,
+        rng.normal(size=k),
+        v,
+        make_pose(place(), turn()),
+        J @ v,
+        J,
+        rng.normal(size=k) if force else None,
+        np.zeros(k, dtype=bool),
     )
-    return measurement, ArmReference(make_pose(place(), turn()), rng.normal(size=k), rng.normal(size=k), rng.normal(size=k))
+    return measurement, ArmReference(
+        make_pose(place(), turn()), rng.normal(size=k), rng.normal(size=k), rng.normal(size=k)
+    )
 
 
 def torque_by_hand(law, m, r, s0, sigma, t0):
@@ -56,7 +65,9 @@ def torque_by_hand(law, m, r, s0, sigma, t0):
     qdot_r = np.linalg.solve(J, r.twist - law.pose_gain @ xtilde) + s_d - np.diag(law.sign_gain) * sigma
     feedback = f_d if m.internal_wrench is None else f_d - law.force_gain * (m.internal_wrench - f_d)
     for i in range(k):
-        tau[i] = -sum(law.damping_gain[i, j] * (m.v[j] - qdot_r[j]) for j in range(k)) - sum(J[j, i] * feedback[j] for j in range(k))
+        tau[i] = -sum(law.damping_gain[i, j] * (m.v[j] - qdot_r[j]) for j in range(k)) - sum(
+            J[j, i] * feedback[j] for j in range(k)
+        )
     return tau, s - s_d
 
 
@@ -73,7 +84,9 @@ def test_torque_is_the_printed_law(name, force):
         expected, s_q = torque_by_hand(law, m, r, state.start_surface, sigma, 0.3)
         command = law.step(m, r, state)
         assert_allclose(command.torque, expected, rtol=1e-11, atol=1e-11)
-        sigma = sigma + PERIOD * np.sign(np.where(np.abs(s_q) < 1e-13, 0.0, s_q))  # zero at t0 but for the solve's rounding
+        sigma = sigma + PERIOD * np.sign(
+            np.where(np.abs(s_q) < 1e-13, 0.0, s_q)
+        )  # zero at t0 but for the solve's rounding
         state = command.state
         assert_allclose(state.sign_integral, sigma, atol=1e-15)
 
@@ -125,7 +138,13 @@ def test_law_holds_a_squeezed_payload(cell):
     """Without gravity and friction's stiction at rest, alpha = 0 leaves the internal wrench at f_d and the payload where it is."""
     scenario = SCENARIOS[cell]()
     hold = {"kind": "hold", "pose": scenario.start.model_dump()}
-    changes = {"motion": hold, "cell.gravity": (0, 0, 0), "controller.gains.sign_gain": 0.0, "duration": 0.5, "events": []}
+    changes = {
+        "motion": hold,
+        "cell.gravity": (0, 0, 0),
+        "controller.gains.sign_gain": 0.0,
+        "duration": 0.5,
+        "events": [],
+    }
     result = cp.run(scenario, changes)
     error = (result.data.internal_wrench - result.data.desired_internal_wrench).values
     assert_allclose(np.nan_to_num(error), 0.0, atol=1e-8)
@@ -137,7 +156,12 @@ def test_law_brings_an_open_start_back(cell):
     """The transient follows xtildedot = -gamma xtilde + ..., so that the error shrinks to a small part of its start."""
     scenario = SCENARIOS[cell]()
     away = scenario.start.replace(xyz=np.array(scenario.start.xyz) + np.array((0.02, -0.02, 0.0)))
-    changes = {"motion": {"kind": "hold", "pose": away.model_dump()}, "cell.gravity": (0, 0, 0), "duration": 3.0, "events": []}
+    changes = {
+        "motion": {"kind": "hold", "pose": away.model_dump()},
+        "cell.gravity": (0, 0, 0),
+        "duration": 3.0,
+        "events": [],
+    }
     error = cp.run(scenario, changes).data.pose_error.values
     assert np.linalg.norm(error[-1]) < 0.05 * np.linalg.norm(error[0])
 

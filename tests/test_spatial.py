@@ -49,7 +49,10 @@ def test_the_inverse_of_a_pose_undoes_it_from_both_sides(X):
 def test_roll_pitch_yaw_is_read_back_and_follows_the_urdf_order(rpy):
     roll, pitch, yaw = rpy
     R = rotation_from_rpy(rpy)
-    about = {axis: Rotation.from_euler(axis, value).as_matrix() for axis, value in (("x", roll), ("y", pitch), ("z", yaw))}
+    about = {
+        axis: Rotation.from_euler(axis, value).as_matrix()
+        for axis, value in (("x", roll), ("y", pitch), ("z", yaw))
+    }
     assert_allclose(R, about["z"] @ about["y"] @ about["x"], atol=1e-14)
     assert_allclose(rotation_from_rpy(rpy_from_rotation(R)), R, atol=1e-13)
 
@@ -106,7 +109,9 @@ def test_turn_is_the_rotation_of_both_halves(X, vector):
 def test_positional_rows_are_the_linear_rows_of_the_full_ones(X, X_d, rows_P):
     positional, full = task_rows("positional"), task_rows("full")
     assert_allclose(positional.pose_error(X, X_d), full.pose_error(X, X_d)[:3], atol=1e-13)
-    assert_allclose(positional.expand(positional.turn(X, rows_P)), full.turn(X, positional.expand(rows_P)), atol=1e-12)
+    assert_allclose(
+        positional.expand(positional.turn(X, rows_P)), full.turn(X, positional.expand(rows_P)), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("name", "size"), [("planar", 3), ("positional", 3), ("full", 6)])
@@ -169,7 +174,9 @@ def test_the_split_is_a_projection_and_a_shared_load_is_not_internal(F, load):
 def test_the_split_works_on_histories():
     F = np.random.default_rng(3).normal(size=(7, 3, 6))
     shares = np.array([0.2, 0.3, 0.5])
-    assert_allclose(internal_wrenches(F, shares), [internal_wrenches(sample, shares) for sample in F], atol=1e-15)
+    assert_allclose(
+        internal_wrenches(F, shares), [internal_wrenches(sample, shares) for sample in F], atol=1e-15
+    )
 
 
 def test_bad_values_are_refused_by_argument_name():

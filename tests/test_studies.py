@@ -38,9 +38,14 @@ def draw():
 def shortened(plan):
     """The first two values of each field, in runs just long enough to have a steady window."""
     short = {"duration": 4.2}
-    axes = {field: (4.1, 4.2) if field == "duration" else (values[0], values[-1]) for field, values in plan.axes.items()}
+    axes = {
+        field: (4.1, 4.2) if field == "duration" else (values[0], values[-1])
+        for field, values in plan.axes.items()
+    }
     zipped = tuple({field: values[:2] for field, values in group.items()} for group in plan.zipped)
-    return plan.replace(axes=axes, zipped=zipped, changes=plan.changes if "duration" in plan.axes else plan.changes | short)
+    return plan.replace(
+        axes=axes, zipped=zipped, changes=plan.changes if "duration" in plan.axes else plan.changes | short
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +57,8 @@ def tiny(draw, tmp_path_factory):
         if name not in known:
             folder = tmp_path_factory.mktemp(name)
             known[name] = {
-                part: cp.sweep(shortened(plan), out=folder / part, workers=0, quiet=True) for part, plan in draw.plans(name).items()
+                part: cp.sweep(shortened(plan), out=folder / part, workers=0, quiet=True)
+                for part, plan in draw.plans(name).items()
             }
         return known[name]
 
@@ -60,7 +66,9 @@ def tiny(draw, tmp_path_factory):
 
 
 def test_every_file_is_a_plan_of_a_study_and_counts_what_the_readme_says(draw):
-    assert {name: {part: len(plan) for part, plan in draw.plans(name).items()} for name in draw.STUDIES} == COUNTS
+    assert {
+        name: {part: len(plan) for part, plan in draw.plans(name).items()} for name in draw.STUDIES
+    } == COUNTS
     assert len(list(FOLDER.rglob("*.toml"))) == sum(map(len, COUNTS.values()))
     readme = (FOLDER / "README.md").read_text()
     assert "114 runs" in readme
@@ -95,7 +103,11 @@ def test_another_name_is_answered_with_those_there_are(draw, monkeypatch):
 
 
 def test_finished_runs_of_a_study_are_kept_by_sweep(draw, tmp_path, monkeypatch):
-    monkeypatch.setattr(draw, "plans", lambda _: {"a": cp.SweepPlan(base="adept-paper", changes={"duration": 0.1, "events": []})})
+    monkeypatch.setattr(
+        draw,
+        "plans",
+        lambda _: {"a": cp.SweepPlan(base="adept-paper", changes={"duration": 0.1, "events": []})},
+    )
     monkeypatch.setattr(cp, "sweep", lambda plan, out: (len(plan), out))
     assert draw.run("name", tmp_path) == {"a": (1, tmp_path / "a")}
 
@@ -121,10 +133,14 @@ def test_the_map_of_force_gains_has_the_bound_of_theory_and_says_the_boundary(dr
 def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tmp_path):
     (plan,) = draw.plans("force_gain").values()
     axes = {"controller.force_path.pole": [0.0], "controller.gains.force_gain": [0.25, 0.5, 2.0]}
-    result = cp.sweep(plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}), out=tmp_path, workers=0, quiet=True)
+    result = cp.sweep(
+        plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}), out=tmp_path, workers=0, quiet=True
+    )
     errors = result.values(ERROR).values.ravel()
     (row,) = draw.STUDIES["force_gain"].numbers({"force_gain": result}).splitlines()[1:]
-    assert_allclose([float(word) for word in row.split()], [0.0, 1.0, 0.5, 2.0, errors[1] / errors[0]], atol=0.05)
+    assert_allclose(
+        [float(word) for word in row.split()], [0.0, 1.0, 0.5, 2.0, errors[1] / errors[0]], atol=0.05
+    )
 
 
 def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(draw, tiny):
@@ -133,10 +149,14 @@ def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(dr
     head, *rows = draw.STUDIES["bias"].numbers(results).splitlines()
     assert [float(word) for word in head.split()[-2:]] == [4.1, 4.2]
     assert rows.pop(6) == head
-    expected = np.vstack([by_law.values.reshape(-1, 2), by_rate.transpose(..., "duration").values.reshape(-1, 2)])
+    expected = np.vstack(
+        [by_law.values.reshape(-1, 2), by_rate.transpose(..., "duration").values.reshape(-1, 2)]
+    )
     for row, line in zip(rows, expected, strict=True):
         assert_allclose([float(word) for word in row.split()[-2:]], line, atol=5e-4)
-    curves = [line for line in draw.STUDIES["bias"].figure(results).axes[0].lines if len(line.get_xdata()) == 2]
+    curves = [
+        line for line in draw.STUDIES["bias"].figure(results).axes[0].lines if len(line.get_xdata()) == 2
+    ]
     assert_allclose([line.get_ydata() for line in curves], by_law.values.reshape(-1, 2))
 
 

@@ -58,7 +58,9 @@ def test_quiet_is_quiet(capsys):
     ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
 )
 def test_mistakes_are_one_line_and_an_exit_code(folder, capsys, words, code, message):
-    (folder / "bad.toml").write_text('base = "adept-paper"\naxes = { "controller.gains.sing_gain" = [0.1] }\n')
+    (folder / "bad.toml").write_text(
+        'base = "adept-paper"\naxes = { "controller.gains.sing_gain" = [0.1] }\n'
+    )
     assert main(words) == code
     said = capsys.readouterr().err
     assert message in said

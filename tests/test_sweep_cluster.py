@@ -24,7 +24,10 @@ SHORT = {"duration": 0.25, "events": []}
 PLAN = SweepPlan(
     base="adept-paper",
     changes=SHORT,
-    axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 6), "controller.gains.damping_gain": [[60.0, 60.0, 10.0], [3e3, 3e3, 5e2]]},
+    axes={
+        "controller.gains.sign_gain": linspace(0.0, 0.4, 6),
+        "controller.gains.damping_gain": [[60.0, 60.0, 10.0], [3e3, 3e3, 5e2]],
+    },
 )
 
 
@@ -36,9 +39,16 @@ def tables(folder):
 def scheduler_elsewhere(folder):
     """A scheduler and a worker in processes of their own, as dask's own commands start them."""
     file = folder / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}}
+    quiet = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "env": os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    }
     local = ["--host", "127.0.0.1", "--scheduler-file", str(file), "--no-dashboard"]
-    words = [["scheduler", *local, "--port", "0"], ["worker", *local, "--nthreads", "1", "--dashboard-address", "127.0.0.1:0"]]
+    words = [
+        ["scheduler", *local, "--port", "0"],
+        ["worker", *local, "--nthreads", "1", "--dashboard-address", "127.0.0.1:0"],
+    ]
     processes = []
     try:
         for part in words:
@@ -71,7 +81,10 @@ def test_full_results_come_back_from_workers_bit_for_bit(tmp_path, in_process):
     plan = PLAN.replace(keep="all")
     result = sweep(plan, out=tmp_path, workers=1, quiet=True)
     assert result.data.identical(in_process[0].data)
-    kept = [result.store.read_result(result.store.read(path.stem)) for path in (tmp_path / "results").rglob("*.nc")]
+    kept = [
+        result.store.read_result(result.store.read(path.stem))
+        for path in (tmp_path / "results").rglob("*.nc")
+    ]
     assert len(kept) == result.counts()["ok"] == 6
     for run in kept:
         assert run.data.identical(cp.run(run.scenario).data)
@@ -84,15 +97,27 @@ def test_a_scheduler_elsewhere_gives_the_bits_of_a_single_process(tmp_path, in_p
     assert tables(tmp_path / "out") == table
 
 
-KINDS = {"exit": "WorkerDiedError", "crash": "WorkerDiedError", "hang": "RunTimeoutError", "raise": "UserCodeError", "none": None}
+KINDS = {
+    "exit": "WorkerDiedError",
+    "crash": "WorkerDiedError",
+    "hang": "RunTimeoutError",
+    "raise": "UserCodeError",
+    "none": None,
+}
 
 
 @pytest.mark.parametrize(
-    "modes", [("hang", "exit", "raise", "none"), pytest.param(("none", "crash", "hang", "exit") * 2, marks=pytest.mark.slow)]
+    "modes",
+    [
+        ("hang", "exit", "raise", "none"),
+        pytest.param(("none", "crash", "hang", "exit") * 2, marks=pytest.mark.slow),
+    ],
 )
 def test_runs_that_hang_exit_or_crash_are_recorded_and_the_rest_goes_on(tmp_path, modes):
     laws = {f"{mode} {i}": law(mode) for i, mode in enumerate(modes)}
-    plan = SweepPlan(base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=2.0)
+    plan = SweepPlan(
+        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=2.0
+    )
     result = sweep(plan, out=tmp_path, workers=2, quiet=True)
     seen = {failure.number: failure.kind for failure in result.failures}
     assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
@@ -100,12 +125,19 @@ def test_runs_that_hang_exit_or_crash_are_recorded_and_the_rest_goes_on(tmp_path
 
 
 def loaded_modules():
-    return sorted({name.split(".")[0] for name in sys.modules} | {name for name in sys.modules if name.startswith("coop_pin.")})
+    return sorted(
+        {name.split(".")[0] for name in sys.modules}
+        | {name for name in sys.modules if name.startswith("coop_pin.")}
+    )
 
 
 def listening(process):
     with contextlib.suppress(psutil.NoSuchProcess):
-        return [connection.laddr for connection in process.net_connections() if connection.status == psutil.CONN_LISTEN]
+        return [
+            connection.laddr
+            for connection in process.net_connections()
+            if connection.status == psutil.CONN_LISTEN
+        ]
     return []
 
 
@@ -117,16 +149,22 @@ def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopbac
         jobs = [Job("key", cp.Scenario.load("adept-paper", SHORT).model_dump_json())]
         (outcome,) = local.client.submit(run_jobs, jobs, pure=False).result()
         modules = local.client.run(loaded_modules)
-        threads = local.client.run(lambda: [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")])
+        threads = local.client.run(
+            lambda: [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")]
+        )
         seconds = local.client.run(lambda: sum(psutil.Process().cpu_times()[:2]))
         processes = [me, *me.children(recursive=True)]
-        addresses = [address for process in processes for address in listening(process) if address not in before]
+        addresses = [
+            address for process in processes for address in listening(process) if address not in before
+        ]
         workers = [process for process in processes if "multiprocessing.spawn" in " ".join(process.cmdline())]
     assert outcome.record.failure is None
     assert len(modules) == len(workers) == 2
     for names in modules.values():
         assert {"coop_pin", "pinocchio", "coop_pin.sweeps.job"} <= set(names)
-        assert set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
+        assert (
+            set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
+        )
     assert set(map(tuple, threads.values())) == {("1", "1", "1")}
     assert max(seconds.values()) < 3.0  # processor time, which the load of the machine does not stretch
     assert {address.ip for address in addresses} == {"127.0.0.1"}

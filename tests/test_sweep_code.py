@@ -62,7 +62,14 @@ def names(place, module):
 
 
 def test_a_module_brings_what_it_imports_from_beside_it_at_any_depth(place):
-    write(place, {"own_a.py": "import own_b, numpy\n", "own_b.py": "def f():\n    from own_c import x\n", "own_c.py": "x = 1\n"})
+    write(
+        place,
+        {
+            "own_a.py": "import own_b, numpy\n",
+            "own_b.py": "def f():\n    from own_c import x\n",
+            "own_c.py": "x = 1\n",
+        },
+    )
     write(place, {"own_d.py": "import own_a\n", "unused.py": ""})
     assert names(place, "own_a:f") == ["own_a.py", "own_b.py", "own_c.py"]
     assert names(place, "own_c") == ["own_c.py"]
@@ -70,8 +77,21 @@ def test_a_module_brings_what_it_imports_from_beside_it_at_any_depth(place):
 
 
 def test_packages_relative_imports_and_cycles_are_followed(place):
-    write(place, {"lab/__init__.py": "", "lab/laws/__init__.py": "from . import base\n", "lab/laws/base.py": "from ..gains import K\n"})
-    write(place, {"lab/gains.py": "from lab.laws import base\nK = 1\n", "lab/laws/late.py": "from .base import *\nfrom ..tools import t\n"})
+    write(
+        place,
+        {
+            "lab/__init__.py": "",
+            "lab/laws/__init__.py": "from . import base\n",
+            "lab/laws/base.py": "from ..gains import K\n",
+        },
+    )
+    write(
+        place,
+        {
+            "lab/gains.py": "from lab.laws import base\nK = 1\n",
+            "lab/laws/late.py": "from .base import *\nfrom ..tools import t\n",
+        },
+    )
     write(place, {"lab/tools/__init__.py": "t = 1\n", "lab/unused.py": ""})
     whole = ["lab/__init__.py", "lab/gains.py", "lab/laws/__init__.py", "lab/laws/base.py"]
     assert names(place, "lab.laws.base:K") == whole
@@ -94,9 +114,19 @@ def test_packages_are_not_imported_to_find_their_files(place):
 
 def test_a_module_run_with_python_m_brings_its_package(place):
     says = "from coop_pin.sweeps.run_key import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
-    write(place, {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"})
+    write(
+        place,
+        {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"},
+    )
     write(place, {"lab/gains.py": "K = 1\n", "lab/tools.py": ""})
-    done = subprocess.run([sys.executable, "-m", "lab.study"], cwd=place, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-m", "lab.study"],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
     assert done.stdout.split() == ["__init__.py", "gains.py", "study.py", "tools.py"]
 
 
@@ -149,7 +179,13 @@ def test_whoever_edits_a_controller_and_resumes_gets_the_new_one_and_keeps_the_o
     for torque in (1.0, 2.0, 1.0):
         write(place, {"own_gains.py": f"TORQUE = {torque}\n"})
         command = [sys.executable, "-c", code]
-        seen.append(float(subprocess.run(command, cwd=place, capture_output=True, text=True, check=True, timeout=120).stdout))
+        seen.append(
+            float(
+                subprocess.run(
+                    command, cwd=place, capture_output=True, text=True, check=True, timeout=120
+                ).stdout
+            )
+        )
         files = len(list((place / "kept" / "runs").rglob("*.json")))
         assert files == len(set(seen))
     assert seen == [1.0, 2.0, 1.0]
@@ -165,7 +201,9 @@ def test_a_process_that_loaded_the_old_code_does_not_compute_what_is_kept_as_the
             sweep(plan.replace(changes=SHORT | user(name)), out=place / "kept", workers=0, quiet=True)
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
     pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
-    assert sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0  # its process is new
+    assert (
+        sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0
+    )  # its process is new
 
 
 def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(place, monkeypatch):
@@ -179,7 +217,11 @@ def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(pl
         return code
 
     monkeypatch.setattr(engine, "user_code", edited_meanwhile)
-    assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {"ok": 0, "failed": 0, "missing": 1}
+    assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {
+        "ok": 0,
+        "failed": 0,
+        "missing": 1,
+    }
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
 
 
@@ -215,12 +257,20 @@ except cp.CoopPinError as error:
 
 
 def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen(place):
-    done = subprocess.run([sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120
+    )
     assert done.stdout.startswith("FieldError")
     assert "'__main__:mine', which stands in no file" in done.stdout
     (place / "script.py").write_text(NOTEBOOK + "print('ok')\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "script.py"], cwd=place, capture_output=True, text=True, check=True, timeout=120, env=environment
+        [sys.executable, "script.py"],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+        env=environment,
     )
     assert done.stdout == "ok\n"

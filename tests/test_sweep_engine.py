@@ -33,7 +33,15 @@ def computed(monkeypatch):
 
 
 def small(out, axes=None, **fields):
-    return sweep("adept-paper", axes or {GAIN: [0.0, 0.1, 0.2]}, out=out, workers=0, quiet=True, changes=SHORT, **fields)
+    return sweep(
+        "adept-paper",
+        axes or {GAIN: [0.0, 0.1, 0.2]},
+        out=out,
+        workers=0,
+        quiet=True,
+        changes=SHORT,
+        **fields,
+    )
 
 
 def records(folder):
@@ -209,7 +217,9 @@ def test_tables_have_a_line_for_each_run_and_times_stand_apart(tmp_path):
     with (tmp_path / "table.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [float(line[GAIN]) for line in lines] == [0.0, 0.1, 0.2]
-    assert [float(line["torque_peak_Nm"]) for line in lines] == result.values("torque_peak_Nm").values.tolist()
+    assert [float(line["torque_peak_Nm"]) for line in lines] == result.values(
+        "torque_peak_Nm"
+    ).values.tolist()
     assert not any("wall" in name for name in lines[0])
     with (tmp_path / "times.csv").open(newline="") as file:
         assert all(float(line["wall_s"]) > 0.0 for line in csv.DictReader(file))
@@ -225,7 +235,14 @@ def test_a_folder_without_a_sweep_is_refused(tmp_path):
 
 def test_nothing_but_files_of_the_sweep_is_in_its_folder(tmp_path):
     small(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"lock", "plan.json", "runs", "table.csv", "table.nc", "times.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "lock",
+        "plan.json",
+        "runs",
+        "table.csv",
+        "table.nc",
+        "times.csv",
+    }
     assert (tmp_path / "lock").read_text() == ""
     assert not np.any([path.name.startswith(".") for path in tmp_path.rglob("*")])
 
@@ -245,5 +262,12 @@ except MissingExtraError as error:
 
 
 def test_without_dask_one_process_works_and_several_say_what_to_install(tmp_path):
-    done = subprocess.run([sys.executable, "-c", WITHOUT_DASK], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_DASK],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
     assert "pip install 'coop-pin[sweep]'" in done.stdout

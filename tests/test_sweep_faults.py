@@ -32,8 +32,13 @@ def test_a_hundred_faults_lose_nothing(drill, tmp_path):
 
 
 def test_the_second_command_on_a_finished_sweep_computes_nothing(tmp_path):
-    (tmp_path / "sweep.toml").write_text('base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\nrepeats = 2\n')
+    (tmp_path / "sweep.toml").write_text(
+        'base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\nrepeats = 2\n'
+    )
     words = [sys.executable, "-m", "coop_pin", "sweep", "sweep.toml", "--out", "kept", "--workers", "0"]
-    said = [subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120).stdout for _ in range(2)]
+    said = [
+        subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120).stdout
+        for _ in range(2)
+    ]
     assert said[0] == said[1]
     assert "2 ok, 0 failed, 0 missing" in said[0]

@@ -27,7 +27,12 @@ def _quick_disk(monkeypatch):
 def grid(tmp_path):
     """Unstable where gain rate >= 60; the metric is a trade-off against g."""
     plan = SweepPlan(base="adept-paper", axes={GAIN: GAINS, RATE: RATES})
-    return filled(tmp_path, plan, lambda p: {METRIC: p[RATE] + p[GAIN], "g": 1.0 - p[GAIN]}, lambda p: p[GAIN] * p[RATE] >= 60.0)
+    return filled(
+        tmp_path,
+        plan,
+        lambda p: {METRIC: p[RATE] + p[GAIN], "g": 1.0 - p[GAIN]},
+        lambda p: p[GAIN] * p[RATE] >= 60.0,
+    )
 
 
 def line(tmp_path, axes, metric=lambda _: {METRIC: 1.0}, fails=lambda _: False, **plan):
@@ -69,7 +74,9 @@ def test_a_map_is_the_same_whichever_way_its_values_were_listed(grid, tmp_path):
 
 
 def test_one_field_makes_one_line_through_its_runs_and_crosses_where_they_failed(tmp_path):
-    result = line(tmp_path, {GAIN: [0.4, 0.0, 0.2]}, lambda p: {METRIC: p[GAIN] ** 2}, lambda p: p[GAIN] == 0.2)
+    result = line(
+        tmp_path, {GAIN: [0.4, 0.0, 0.2]}, lambda p: {METRIC: p[GAIN] ** 2}, lambda p: p[GAIN] == 0.2
+    )
     curve, crosses, _ = sweep_figure(result, METRIC).axes[0].lines
     assert_allclose(curve.get_xdata(), [0.0, 0.2, 0.4])
     assert_allclose(curve.get_ydata(), [0.0, np.nan, 0.16])
@@ -119,7 +126,13 @@ def test_the_front_is_that_of_the_sweep(grid):
 
 def test_sweep_show_writes_both_kinds_of_figure(grid, tmp_path, capsys):
     for name, more in (("map", []), ("lines", ["--over", GAIN]), ("front", ["--against", "g"])):
-        assert main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / f"{name}.png"), *more]) == 0
+        assert (
+            main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / f"{name}.png"), *more])
+            == 0
+        )
         assert f"{name}.svg" in capsys.readouterr().out
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
-    assert main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / "x"), "--metric", "nonsense"]) == 2
+    assert (
+        main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / "x"), "--metric", "nonsense"])
+        == 2
+    )

@@ -38,7 +38,8 @@ CALLS = {
 
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize(
-    ("status", "error"), [("running", OSError("refused")), ("closed", Exception("closed")), ("connecting", TimeoutError())]
+    ("status", "error"),
+    [("running", OSError("refused")), ("closed", Exception("closed")), ("connecting", TimeoutError())],
 )
 def test_a_scheduler_that_is_gone_is_a_typed_error(call, status, error):
     with pytest.raises(WorkersLostError, match=r"does not answer.*finished runs are kept"):
@@ -53,7 +54,10 @@ def test_another_mistake_is_left_as_it_is(call):
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "localhost:port", "nonsense://127.0.0.1:1"])
 def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
-    with pytest.raises(FieldError, match=rf"^scheduler: is '{address}' \(.*\); it must be an address such as tcp://127.0.0.1:8786"):
+    with pytest.raises(
+        FieldError,
+        match=rf"^scheduler: is '{address}' \(.*\); it must be an address such as tcp://127.0.0.1:8786",
+    ):
         cp.sweep("adept-paper", out=tmp_path, scheduler=address, quiet=True)
 
 
@@ -81,7 +85,12 @@ asyncio.run(host.main("tcp://127.0.0.1:1", 2))
 
 def test_a_worker_that_dies_while_it_is_started_ends_its_keeper_without_a_word():
     """LocalWorkers then starts the keeper again."""
-    keeper = subprocess.Popen([sys.executable, "-c", STILLBORN], stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    keeper = subprocess.Popen(
+        [sys.executable, "-c", STILLBORN],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
     keeper.wait(timeout=60)
     assert (keeper.returncode, keeper.stderr.read()) == (-signal.SIGKILL, b"")
     keeper.stdin.close()

@@ -29,7 +29,9 @@ def test_points_are_the_product_of_the_dimensions_with_the_last_fastest():
     cases = {"law": {"sign": {}, "tanh": {"controller.switching": {"kind": "tanh", "width": 0.1}}}}
     zipped = [{"controller.gains.pose_gain": [1.0, 2.0], "controller.gains.transient_rate": [4.0, 5.0]}]
     made = plan(cases=cases, axes={GAIN: [0.0, 0.1, 0.2], RATE: [80.0, 160.0]}, zipped=zipped, repeats=2)
-    wanted = list(itertools.product(["sign", "tanh"], [0.0, 0.1, 0.2], [80.0, 160.0], [(1.0, 4.0), (2.0, 5.0)], [0, 1]))
+    wanted = list(
+        itertools.product(["sign", "tanh"], [0.0, 0.1, 0.2], [80.0, 160.0], [(1.0, 4.0), (2.0, 5.0)], [0, 1])
+    )
     assert made.shape == (2, 3, 2, 2, 2)
     assert len(made) == len(wanted) == len(list(made.points()))
     for point, (law, gain, rate, (pose_gain, transient), repeat) in zip(made.points(), wanted, strict=True):
@@ -37,7 +39,10 @@ def test_points_are_the_product_of_the_dimensions_with_the_last_fastest():
         assert scenario.controller.switching.kind == law
         assert scenario.controller.gains.sign_gain == gain
         assert scenario.clock.rate_hz == rate
-        assert (scenario.controller.gains.pose_gain, scenario.controller.gains.transient_rate) == (pose_gain, transient)
+        assert (scenario.controller.gains.pose_gain, scenario.controller.gains.transient_rate) == (
+            pose_gain,
+            transient,
+        )
         assert scenario.seed == repeat
         assert point.parameters["law"] == law
         assert point.parameters["repeat"] == repeat
@@ -78,7 +83,12 @@ def test_a_million_points_cost_no_memory_and_any_is_found_at_once():
 
 
 def test_a_plan_survives_json_and_prints_its_size():
-    made = plan(axes={GAIN: logspace(0.01, 1.0, 3)}, sample={"fields": {MASS: {"low": 1, "high": 2}}, "count": 4}, repeats=2, keep=[0])
+    made = plan(
+        axes={GAIN: logspace(0.01, 1.0, 3)},
+        sample={"fields": {MASS: {"low": 1, "high": 2}}, "count": 4},
+        repeats=2,
+        keep=[0],
+    )
     assert SweepPlan(**made.model_dump(mode="json")) == made
     assert "3 x 4 x 2 = 24 runs" in str(made)
     assert GAIN in str(made)
@@ -111,7 +121,14 @@ fields = {{ "controller.gains.pose_gain" = {{ low = 0.5, high = 2.0, scale = "lo
 
 
 def test_spacings_are_those_of_numpy():
-    made = plan(axes={GAIN: linspace(0.0, 1.0, 7), RATE: logspace(10.0, 1000.0, 5), MASS: np.array([1.0, 2.0]), "seed": range(3)})
+    made = plan(
+        axes={
+            GAIN: linspace(0.0, 1.0, 7),
+            RATE: logspace(10.0, 1000.0, 5),
+            MASS: np.array([1.0, 2.0]),
+            "seed": range(3),
+        }
+    )
     assert_allclose(made.axes[GAIN], np.linspace(0.0, 1.0, 7), rtol=0, atol=0)
     assert_allclose(made.axes[RATE], [10.0, 10**1.5, 100.0, 10**2.5, 1000.0], rtol=1e-12)
     assert made.axes[MASS] == (1.0, 2.0)
@@ -175,7 +192,9 @@ def test_sobol_points_by_blocks_are_those_of_one_sequence():
 
 
 def test_a_latin_hypercube_has_one_point_in_every_slice():
-    sample = Sample(fields={"a": {"low": 0, "high": 1}, "b": {"low": 0, "high": 1}}, count=50, method="latin-hypercube")
+    sample = Sample(
+        fields={"a": {"low": 0, "high": 1}, "b": {"low": 0, "high": 1}}, count=50, method="latin-hypercube"
+    )
     slices = np.floor(50 * np.array([sample.fractions(i) for i in range(50)]))
     for column in slices.T:
         assert_array_equal(np.sort(column), np.arange(50))
@@ -193,7 +212,10 @@ def test_saltelli_points_differ_from_those_of_a_in_one_column_taken_from_b():
 
 def test_same_seed_same_points_and_log_spans_keep_their_ends():
     spans = {"a": {"low": 1e-3, "high": 1e3, "scale": "log"}}
-    points = [[Sample(fields=spans, count=64, method="random", seed=seed).point(i)["a"] for i in range(64)] for seed in (1, 1, 2)]
+    points = [
+        [Sample(fields=spans, count=64, method="random", seed=seed).point(i)["a"] for i in range(64)]
+        for seed in (1, 1, 2)
+    ]
     assert points[0] == points[1] != points[2]
     assert 1e-3 <= min(points[0]) < 0.03
     assert 30 < max(points[0]) <= 1e3
@@ -205,8 +227,16 @@ def test_same_seed_same_points_and_log_spans_keep_their_ends():
 def test_equal_scenarios_have_equal_keys_and_any_change_makes_another():
     base = cp.Scenario.load("adept-paper")
     again = cp.Scenario.from_toml(base.to_toml())
-    changed = [{"seed": 1}, {GAIN: 0.2000001}, {"duration": 20.5}, {"cell.arms.left.base.xyz": [0.0, 0.0, 1e-12]}]
-    keys = {run_key(base.override(change)) for change in changed} | {run_key(base), run_key(base, ("faulty:answer",))}
+    changed = [
+        {"seed": 1},
+        {GAIN: 0.2000001},
+        {"duration": 20.5},
+        {"cell.arms.left.base.xyz": [0.0, 0.0, 1e-12]},
+    ]
+    keys = {run_key(base.override(change)) for change in changed} | {
+        run_key(base),
+        run_key(base, ("faulty:answer",)),
+    }
     assert run_key(again) == run_key(base)
     assert len(keys) == len(changed) + 2
 

@@ -53,7 +53,10 @@ def test_the_table_has_named_axes_and_each_run_in_its_place(grid):
 
 
 def test_best_is_the_smallest_and_largest_the_largest(grid):
-    assert [place.parameters for place in grid.best("f", 2)] == [{GAIN: 0.2, RATE: 50.0}, {GAIN: 0.4, RATE: 50.0}]
+    assert [place.parameters for place in grid.best("f", 2)] == [
+        {GAIN: 0.2, RATE: 50.0},
+        {GAIN: 0.4, RATE: 50.0},
+    ]
     assert grid.best("f", largest=True)[0].parameters == {GAIN: 0.0, RATE: 400.0}
     assert len(grid.best("f", 99)) == grid.counts()["ok"]
 
@@ -91,7 +94,11 @@ def test_the_pareto_front_is_what_nothing_beats(tmp_path):
     a[5], b[6], a[7:9] = np.nan, np.inf, 0.5
     front = pareto_front(a, b)
     usable = [i for i in range(200) if np.isfinite(a[i]) and np.isfinite(b[i])]
-    wanted = {i for i in usable if not any((a[j] <= a[i]) & (b[j] <= b[i]) & ((a[j] < a[i]) | (b[j] < b[i])) for j in usable)}
+    wanted = {
+        i
+        for i in usable
+        if not any((a[j] <= a[i]) & (b[j] <= b[i]) & ((a[j] < a[i]) | (b[j] < b[i])) for j in usable)
+    }
     assert set(front) == wanted
     assert (np.diff(a[front]) > 0.0).all()
     plan = SweepPlan(base="adept-paper", axes={GAIN: linspace(0.0, 1.0, 5)})
@@ -112,7 +119,10 @@ def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(tmp_path):
     assert found.fields == tuple(fields)
     assert_allclose(found.first, [0.3139, 0.4424, 0.0], rtol=0, atol=0.03)
     assert_allclose(found.total, [0.5576, 0.4424, 0.2437], rtol=0, atol=0.03)
-    for low, value, high in ((found.first_low, found.first, found.first_high), (found.total_low, found.total, found.total_high)):
+    for low, value, high in (
+        (found.first_low, found.first, found.first_high),
+        (found.total_low, found.total, found.total_high),
+    ):
         assert (low <= value).all()
         assert (value <= high).all()
         assert (high - low < 0.25).all()
@@ -127,7 +137,9 @@ def test_samples_are_a_dimension_whose_fields_are_coordinates(tmp_path):
 
 def test_zipped_fields_stand_along_one_dimension(tmp_path):
     plan = SweepPlan(
-        base="adept-paper", zipped=[{GAIN: [0.1, 0.2], RATE: [100.0, 200.0]}], cases={"payload": {"full": {}, "half": {MASS: 5.6}}}
+        base="adept-paper",
+        zipped=[{GAIN: [0.1, 0.2], RATE: [100.0, 200.0]}],
+        cases={"payload": {"full": {}, "half": {MASS: 5.6}}},
     )
     result = filled(tmp_path, plan, lambda p: {"f": p[RATE] + (p["payload"] == "half")})
     assert result.data.sizes == {"payload": 2, GAIN: 2}
@@ -167,4 +179,9 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
     ):
         store.write(Record(key_of(plan, number), "", {}, Failure(kind, message, {})))
     lines = SweepResult(plan, store).summary().splitlines()
-    assert lines[-4:] == ["  2 ScenarioError; run 1: 2 mistakes:", "      a", "      b", "  1 WorkerDiedError; run 0: dead"]
+    assert lines[-4:] == [
+        "  2 ScenarioError; run 1: 2 mistakes:",
+        "      a",
+        "      b",
+        "  1 WorkerDiedError; run 0: dead",
+    ]

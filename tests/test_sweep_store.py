@@ -19,7 +19,12 @@ from coop_pin.sweeps.store import FolderLock, SweepStore
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
 RECORD = Record(KEY, '{"seed": 0}', NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
-FAILED = Record(OTHER, "", {}, Failure("DivergedError", "it ran away: \u03b1 \u2192 \u221e", {"time": 0.5, "value": float("inf")}))
+FAILED = Record(
+    OTHER,
+    "",
+    {},
+    Failure("DivergedError", "it ran away: \u03b1 \u2192 \u221e", {"time": 0.5, "value": float("inf")}),
+)
 
 
 @pytest.fixture

@@ -46,7 +46,15 @@ def use(workshop, tool, *words, cwd=None, fails=""):
     calls.unlink(missing_ok=True)
     environment = os.environ | {"CALLS": str(calls), "FAILS": fails, "CHROMIUM": "/bin/true"}
     command = ["bash", str(workshop / "tools" / tool), *words]
-    done = subprocess.run(command, cwd=cwd or workshop, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        command,
+        cwd=cwd or workshop,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     asked = calls.read_text().splitlines() if calls.exists() else []
     return [line.removeprefix("-m ") for line in asked], done
 
@@ -101,7 +109,9 @@ def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_pa
     assert done.returncode == 0, done.stderr
     assert {path.name for path in (elsewhere / "mine").iterdir()} == {
         name
-        for names in re.findall(r"^\| (`[\w.]+`(?:, `[\w.]+`)*)", (REPOSITORY / "README.md").read_text(), re.MULTILINE)
+        for names in re.findall(
+            r"^\| (`[\w.]+`(?:, `[\w.]+`)*)", (REPOSITORY / "README.md").read_text(), re.MULTILINE
+        )
         for name in re.findall(r"[\w.]+", names)
     } | {"figure2.svg", "figure3.svg", "errors.svg"}
 
@@ -122,7 +132,9 @@ def test_a_difference_is_the_largest_and_its_share_is_of_what_is_allowed_there(m
     assert found.difference == pytest.approx(0.1)
     assert found.share == pytest.approx(0.5)
     assert measure.difference(3.0, 3.0, 0.0, 0.0) == (0.0, 0.0)
-    assert measure.difference([100.0, 0.0], [101.0, 0.0], rtol=0.1, atol=0.0).share == pytest.approx(1.0 / 10.1)
+    assert measure.difference([100.0, 0.0], [101.0, 0.0], rtol=0.1, atol=0.0).share == pytest.approx(
+        1.0 / 10.1
+    )
 
 
 def test_the_page_is_filled_row_by_row_and_nothing_else_of_it_changes(measure):
@@ -156,7 +168,9 @@ def test_what_the_page_says_is_what_is_found(measure):
         "test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate",
     }
     code = f"import sys; sys.path.insert(0, 'tools'); import measure; print(repr(dict(measure.measure({names}))))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, done.stdout
     found = eval(done.stdout.splitlines()[-1], {"Found": measure.Found})
     assert set(found) == names

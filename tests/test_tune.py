@@ -134,7 +134,10 @@ def test_nothing_within_the_bounds_is_an_error_and_the_runs_are_kept(tmp_path, s
 
 def test_where_all_runs_fail_the_error_says_what_the_first_of_them_said(tmp_path):
     wild = SHORT.override(law("raise"))
-    with pytest.raises(NothingFeasibleError, match=r"5 runs \(5 failed\).* the first that failed said: UserCodeError: at t = "):
+    with pytest.raises(
+        NothingFeasibleError,
+        match=r"5 runs \(5 failed\).* the first that failed said: UserCodeError: at t = ",
+    ):
         cp.tune(wild, {"cell.payload.mass": (1.0, 2.0)}, out=tmp_path, **OPTIONS | {"generations": 0})
 
 
@@ -161,7 +164,9 @@ def test_a_run_within_the_bounds_costs_less_than_one_outside_that_less_than_one_
 # ---------------------------------------------------------------- a function of its arguments
 
 
-def test_the_same_call_computes_nothing_and_a_longer_one_only_what_is_new(tmp_path, searches, counted, method):
+def test_the_same_call_computes_nothing_and_a_longer_one_only_what_is_new(
+    tmp_path, searches, counted, method
+):
     first, folder = searches(method)
     counted.clear()
     shutil.copytree(folder, tmp_path / "copy")
@@ -180,7 +185,9 @@ def test_another_seed_is_another_search(tmp_path, searches, method):
 
 
 @pytest.mark.parametrize("after", [0, 3, 7])
-def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(tmp_path, searches, monkeypatch, method, after):
+def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
+    tmp_path, searches, monkeypatch, method, after
+):
     computed, original = [], where.run_job
 
     def interrupted(job):
@@ -209,12 +216,16 @@ def clusters(monkeypatch):
     opened = []
     for name in ("local_cluster", "remote_cluster"):
         original = getattr(cluster, name)
-        monkeypatch.setattr(cluster, name, lambda where, original=original: opened.append(where) or original(where))
+        monkeypatch.setattr(
+            cluster, name, lambda where, original=original: opened.append(where) or original(where)
+        )
     return opened
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_process(tmp_path, searches, clusters, workers):
+def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_process(
+    tmp_path, searches, clusters, workers
+):
     found = cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"workers": workers})
     undisturbed, folder = searches("evolution")
     assert clusters == [workers]
@@ -270,7 +281,9 @@ def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_no
     assert SweepResult.load(tmp_path / "out").counts() == {"ok": 5, "failed": 0, "missing": 5}
 
 
-def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(tmp_path, searches, monkeypatch, clusters):
+def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(
+    tmp_path, searches, monkeypatch, clusters
+):
     original, killed = Objective.costs, []
 
     def costs(self, result):
@@ -344,7 +357,14 @@ except cp.CoopPinError as error:
 
 
 def test_without_optuna_evolution_works_and_optuna_says_what_to_install(tmp_path):
-    done = subprocess.run([sys.executable, "-c", WITHOUT_OPTUNA], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_OPTUNA],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
     assert done.stdout.startswith("MissingExtraError optuna is not installed")
     assert "pip install 'coop-pin[tune]'" in done.stdout
 
@@ -370,7 +390,20 @@ def test_bounds_are_read_as_written():
 
 # ---------------------------------------------------------------- the command
 
-WORDS = ["--minimize", PEAK, "--subject-to", f"{PEAK}<1e6", "--vary", GAIN, "0.5", "6", "--vary", "controller.gains.sign-gain", "0", "1"]
+WORDS = [
+    "--minimize",
+    PEAK,
+    "--subject-to",
+    f"{PEAK}<1e6",
+    "--vary",
+    GAIN,
+    "0.5",
+    "6",
+    "--vary",
+    "controller.gains.sign-gain",
+    "0",
+    "1",
+]
 SIZE = ["--generations", "0", "--population", "3", "--workers", "0"]
 
 
@@ -387,7 +420,10 @@ def test_the_command_prints_what_it_found_and_how_to_run_it(folder, capsys):
     assert all(name in out for name in (GAIN, SIGN, PEAK, "best of 6 runs (0 failed)"))
     best = SweepResult.load(folder / "found").best(PEAK)[0]
     (again,) = [line for line in out.splitlines() if line.startswith("run it: ")]
-    assert again == f"run it: coop-pin run short.toml --{GAIN} {best.parameters[GAIN]!r} --{SIGN} {best.parameters[SIGN]!r}"
+    assert (
+        again
+        == f"run it: coop-pin run short.toml --{GAIN} {best.parameters[GAIN]!r} --{SIGN} {best.parameters[SIGN]!r}"
+    )
     assert (folder / "found" / "table.csv").is_file()
     assert main(["tune", "short.toml", *WORDS, *SIZE, "--out", "found", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
@@ -427,7 +463,19 @@ def test_a_folder_in_use_is_refused(folder, capsys):
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers):
-    words = ["tune", "short.toml", *WORDS, "--generations", "40", "--population", "3", "--workers", str(workers), "--out", "kept"]
+    words = [
+        "tune",
+        "short.toml",
+        *WORDS,
+        "--generations",
+        "40",
+        "--population",
+        "3",
+        "--workers",
+        str(workers),
+        "--out",
+        "kept",
+    ]
     process = subprocess.Popen(
         [sys.executable, "-c", "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
          "from coop_pin.cli import main; sys.exit(main())", *words],

@@ -26,7 +26,8 @@ from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
 
 ARMS = ("panda", "ur3", "ur5", "ur10", "ur5_gripper", "kinova", "xarm7", "z1", "baxter", "so100", "so101")
 
-# One process for each document: a crash of one must not hide the others. They are forked after the slow import.
+# One process for each document: a crash of one must not hide the others. They are forked after the slow
+# import.
 JUDGE = """
 import json, os, signal, sys, warnings
 sys.path.insert(0, sys.argv[1])
@@ -93,13 +94,17 @@ DOUBTFUL = {
 @pytest.mark.parametrize("code", DOUBTFUL)
 def test_another_units_numbers_are_warned_of_even_when_strict(code):
     report = check_urdf(arm(**DOUBTFUL[code]))
-    assert [(finding.code, finding.element) for finding in report.warnings(strict=True)] == [(code, "joint 'one'")]
+    assert [(finding.code, finding.element) for finding in report.warnings(strict=True)] == [
+        (code, "joint 'one'")
+    ]
     assert report.errors(strict=True) == ()
 
 
 def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     mesh = '<mesh filename="package://{}/part.stl"/>'
-    visuals = "".join(f"<visual><geometry>{mesh.format(name)}</geometry></visual>" for name in ("here", "gone"))
+    visuals = "".join(
+        f"<visual><geometry>{mesh.format(name)}</geometry></visual>" for name in ("here", "gone")
+    )
     file = _file(tmp_path, arm(link_c=f'<link name="c">{visuals}</link>'))
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "part.stl").touch()
@@ -185,7 +190,10 @@ def test_an_arm_with_a_piece_cut_out_or_doubled_is_refused_or_built(data):
         pin.buildModelFromXML(mutilated)
 
 
-@given(st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=6), st.sampled_from([1e-9, 1.0, 1e9]))
+@given(
+    st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=6),
+    st.sampled_from([1e-9, 1.0, 1e9]),
+)
 @settings(deadline=None)
 def test_the_inertia_of_any_set_of_points_is_possible(points, scale):
     """I = sum_i |r_i|^2 1 - r_i r_i^T, the oracle of both inequalities."""
@@ -242,10 +250,19 @@ def test_a_sound_file_is_loaded_as_it_is(tmp_path):
 
 
 def test_an_error_names_every_finding(tmp_path):
-    file = _file(tmp_path, arm(mass='<mass value="abc"/>', axis_1='<axis xyz="0 0 0"/>', inertia='<inertia ixx="1"/>'))
+    file = _file(
+        tmp_path, arm(mass='<mass value="abc"/>', axis_1='<axis xyz="0 0 0"/>', inertia='<inertia ixx="1"/>')
+    )
     with pytest.raises(UrdfError) as caught:
         load_checked(file)
-    for words in ("line 6: link 'b'", "'abc'", "line 15: joint 'one'", "inertia_missing", "2 errors, 1 warning", str(file.path)):
+    for words in (
+        "line 6: link 'b'",
+        "'abc'",
+        "line 15: joint 'one'",
+        "inertia_missing",
+        "2 errors, 1 warning",
+        str(file.path),
+    ):
         assert words in caught.value.detail
 
 

@@ -56,7 +56,10 @@ def test_example_names_are_those_that_users_know():
     assert all(path.is_file() for path in example_urdfs().values())
 
 
-@pytest.mark.parametrize("name", ["panda.urdf", "nowhere/arm.urdf", "x" * 5000 + ".urdf", "a\0b/c", "../panda", "/nowhere/arm.urdf"])
+@pytest.mark.parametrize(
+    "name",
+    ["panda.urdf", "nowhere/arm.urdf", "x" * 5000 + ".urdf", "a\0b/c", "../panda", "/nowhere/arm.urdf"],
+)
 def test_a_path_that_leads_nowhere_is_called_a_missing_file(name, tmp_path):
     with pytest.raises(UrdfNotFoundError, match="there is no file") as caught:
         find_urdf(name, relative_to=tmp_path)
@@ -80,7 +83,10 @@ def test_a_folder_is_called_one(tmp_path):
 def test_a_missing_name_says_where_it_was_looked_for(name, tmp_path):
     with pytest.raises(UrdfNotFoundError) as caught:
         find_urdf(name, relative_to=tmp_path)
-    assert all(place in str(caught.value) for place in (str(tmp_path), str(Path.cwd()), "robots of coop_pin", "example-robot-data"))
+    assert all(
+        place in str(caught.value)
+        for place in (str(tmp_path), str(Path.cwd()), "robots of coop_pin", "example-robot-data")
+    )
 
 
 def test_a_missing_file_names_the_closest_robot():
@@ -90,15 +96,29 @@ def test_a_missing_file_names_the_closest_robot():
 
 def test_files_are_found_and_checked_without_importing_pinocchio():
     code = "import sys; from coop_pin.description.urdf import *; load_checked(find_urdf('panda')); print('pinocchio' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout.strip() == "False"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, check=True, text=True
+        ).stdout.strip()
+        == "False"
+    )
 
 
 def test_bundled_robots_are_found_in_the_layout_of_a_wheel(tmp_path):
-    shutil.copytree(Path(coop_pin.__file__).parent, tmp_path / "coop_pin", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(coop_pin.__file__).parent, tmp_path / "coop_pin", ignore=shutil.ignore_patterns("__pycache__")
+    )
     shutil.copytree(bundled_urdf_folder(), tmp_path / "coop_pin" / "urdf", dirs_exist_ok=True)
     code = "from coop_pin.description.urdf import *; print(bundled_urdf_folder()); print(find_urdf('adept_3dof').path)"
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, check=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        check=True,
+        text=True,
+    )
     folder = tmp_path / "coop_pin" / "urdf"
     assert run.stdout.splitlines() == [str(folder), str(folder / "adept_3dof.urdf")]
 

@@ -42,18 +42,26 @@ class Replay:
 
     def __init__(self, result: RunResult) -> None:
         self.result, self.page = result, replay_html(result)
-        self.run = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1])
+        self.run = json.loads(
+            re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1]
+        )
         self.commands = [umsgpack.unpackb(base64.b64decode(message)) for message in self.run["messages"]]
-        self.animations = next(command for command in self.commands if command["type"] == "set_animation")["animations"]
+        self.animations = next(command for command in self.commands if command["type"] == "set_animation")[
+            "animations"
+        ]
 
     def objects(self, below: str) -> dict[str, dict]:
         chosen = (
-            command for command in self.commands if command["type"] == "set_object" and command["path"].startswith(f"/meshcat/{below}")
+            command
+            for command in self.commands
+            if command["type"] == "set_object" and command["path"].startswith(f"/meshcat/{below}")
         )
         return {command["path"].removeprefix("/meshcat/"): command["object"] for command in chosen}
 
     def tracks(self, path: str) -> dict[str, dict]:
-        clip = next(animation["clip"] for animation in self.animations if animation["path"] == f"/meshcat/{path}")
+        clip = next(
+            animation["clip"] for animation in self.animations if animation["path"] == f"/meshcat/{path}"
+        )
         assert clip["fps"] == 1  # times are seconds
         return {track["name"]: track for track in clip["tracks"]}
 
@@ -163,7 +171,9 @@ def test_payload_and_ghost_follow_the_recorded_poses(replay: Replay) -> None:
 def test_rooted_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
     welded = spatial.result
     cell, q = welded.scenario.cell, welded.data["configuration"].values[:5]
-    payload = np.concatenate((welded.data["payload_position"].values[:5], welded.data["payload_quaternion"].values[:5]), axis=1)
+    payload = np.concatenate(
+        (welded.data["payload_position"].values[:5], welded.data["payload_quaternion"].values[:5]), axis=1
+    )
     free = CellVisuals(cell, "free").poses(np.concatenate((q, payload), axis=1))
     assert_allclose(free, CellVisuals(cell, "welded").poses(q), atol=1e-12)
 
@@ -194,7 +204,11 @@ def test_tube_keeps_its_radius_around_the_path() -> None:
 def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -> None:
     scene = cell_scene(replay.result)
     eye, target, field = scene.camera
-    moved = [track.position for track in scene.tracks if track.position is not None and not track.path.startswith(("forces/", "moments/"))]
+    moved = [
+        track.position
+        for track in scene.tracks
+        if track.position is not None and not track.path.startswith(("forces/", "moments/"))
+    ]
     rays = np.concatenate(moved) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
     angle = np.degrees(np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1)))
@@ -207,13 +221,20 @@ def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -
 def drawn_vector(replay: Replay, path: str) -> tuple[np.ndarray, np.ndarray]:
     """Where an arrow starts and where its point is from there, m, as three.js would draw it."""
     along = Rotation.from_quat(replay.values(path, "quaternion")).apply((0.0, 0.0, 1.0))
-    head = replay.values(f"{path}/head", "position")[:, 2] + HEAD_LENGTH_M * replay.values(f"{path}/head", "scale")[:, 2]
+    head = (
+        replay.values(f"{path}/head", "position")[:, 2]
+        + HEAD_LENGTH_M * replay.values(f"{path}/head", "scale")[:, 2]
+    )
     return replay.values(path, "position"), head[:, None] * along
 
 
 @pytest.mark.parametrize("index", [0, 1])
-@pytest.mark.parametrize(("group", "rows", "least"), [("forces", slice(0, 3), 10.0), ("moments", slice(3, 6), 0.2)])
-def test_arrows_are_the_wrenches_of_the_result(replay: Replay, group: str, rows: slice, least: float, index: int) -> None:
+@pytest.mark.parametrize(
+    ("group", "rows", "least"), [("forces", slice(0, 3), 10.0), ("moments", slice(3, 6), 0.2)]
+)
+def test_arrows_are_the_wrenches_of_the_result(
+    replay: Replay, group: str, rows: slice, least: float, index: int
+) -> None:
     data, arm = replay.result.data.isel(time=replay.samples()), ("left", "right")[index]
     scale = replay.scales.newtons_per_metre if group == "forces" else replay.scales.newton_metres_per_metre
     origin, internal = drawn_vector(replay, f"{group}/{arm}/internal")
@@ -221,7 +242,9 @@ def test_arrows_are_the_wrenches_of_the_result(replay: Replay, group: str, rows:
     wanted_internal = np.nan_to_num(data["internal_wrench"].values)[:, index, rows]
     wanted_load = np.nan_to_num(data["interaction_wrench"].values)[:, index, rows] - wanted_internal
     assert_allclose(origin, data["tip_position"].values[:, index], atol=1e-6)
-    assert_allclose(internal, wanted_internal / scale, rtol=1e-5, atol=3e-6)  # the smallest an arrow can be is 1e-6 of its head
+    assert_allclose(
+        internal, wanted_internal / scale, rtol=1e-5, atol=3e-6
+    )  # the smallest an arrow can be is 1e-6 of its head
     assert_allclose(load, wanted_load / scale, rtol=1e-5, atol=3e-6)
     assert np.linalg.norm(wanted_internal, axis=1).max() > least  # there was something to draw
 
@@ -242,9 +265,14 @@ def test_forces_and_moments_are_told_apart_by_their_heads(replay: Replay) -> Non
     for group, points in (("forces", 1), ("moments", 2)):
         heads = replay.objects(f"{group}/left/internal/head/")
         assert len(heads) == points
-        assert_allclose([shape["geometries"][0]["height"] for shape in heads.values()], HEAD_LENGTH_M / points, rtol=FLOAT32)
+        assert_allclose(
+            [shape["geometries"][0]["height"] for shape in heads.values()],
+            HEAD_LENGTH_M / points,
+            rtol=FLOAT32,
+        )
     force, moment = (
-        replay.objects(f"{group}/left/internal/shaft/")[f"{group}/left/internal/shaft/body"] for group in ("forces", "moments")
+        replay.objects(f"{group}/left/internal/shaft/")[f"{group}/left/internal/shaft/body"]
+        for group in ("forces", "moments")
     )
     assert moment["materials"][0]["color"] == force["materials"][0]["color"]
     assert moment["geometries"][0]["radiusTop"] < force["geometries"][0]["radiusTop"]
@@ -252,7 +280,11 @@ def test_forces_and_moments_are_told_apart_by_their_heads(replay: Replay) -> Non
 
 def test_moments_that_are_not_there_have_neither_arrow_nor_legend(spatial: Replay) -> None:
     data = spatial.result.data.copy(deep=True)
-    for name, value in (("interaction_wrench", np.nan), ("internal_wrench", np.nan), ("external_wrench", 0.0)):
+    for name, value in (
+        ("interaction_wrench", np.nan),
+        ("internal_wrench", np.nan),
+        ("external_wrench", 0.0),
+    ):
         data[name][..., 3:] = value
     bare = Replay(RunResult(spatial.result.scenario, data))
     assert not bare.objects("moments/")
@@ -263,7 +295,10 @@ def test_moments_that_are_not_there_have_neither_arrow_nor_legend(spatial: Repla
 @pytest.mark.parametrize("group", ["forces", "moments"])
 def test_shaft_and_head_meet(replay: Replay, group: str) -> None:
     path = f"{group}/left/internal"
-    shaft, head = replay.values(f"{path}/shaft", "scale")[:, 2], replay.values(f"{path}/head", "position")[:, 2]
+    shaft, head = (
+        replay.values(f"{path}/shaft", "scale")[:, 2],
+        replay.values(f"{path}/head", "position")[:, 2],
+    )
     assert_allclose(shaft, head, atol=2e-6)
 
 
@@ -274,7 +309,9 @@ def test_internal_arrows_of_two_arms_are_opposite(replay: Replay, group: str) ->
 
 
 @pytest.mark.parametrize(("group", "push"), [("forces", (200.0, 100.0, 0.0)), ("moments", (0.0, 0.0, 2.0))])
-def test_the_push_is_drawn_on_the_payload_while_it_lasts(planar: Replay, group: str, push: tuple[float, ...]) -> None:
+def test_the_push_is_drawn_on_the_payload_while_it_lasts(
+    planar: Replay, group: str, push: tuple[float, ...]
+) -> None:
     scale = planar.scales.newtons_per_metre if group == "forces" else planar.scales.newton_metres_per_metre
     origin, drawn = drawn_vector(planar, f"{group}/external")
     time = planar.result.data["time"].values[planar.samples()]
@@ -299,7 +336,9 @@ def test_forces_hold_from_tick_to_tick_and_bodies_move_in_between(replay: Replay
 
 
 def test_quaternions_bring_z_onto_any_vector() -> None:
-    vectors = np.concatenate((np.random.default_rng(1).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1e-7, 0.0, -1.0]]))
+    vectors = np.concatenate(
+        (np.random.default_rng(1).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1e-7, 0.0, -1.0]])
+    )
     turned = Rotation.from_quat(quaternions_from_z(vectors)).apply((0.0, 0.0, 1.0))
     assert_allclose(turned, vectors / np.linalg.norm(vectors, axis=1, keepdims=True), atol=1e-7)
     assert_array_equal(quaternions_from_z(np.zeros((1, 3))), [[0.0, 0.0, 0.0, 1.0]])
@@ -315,7 +354,9 @@ def test_the_scales_of_arrows_are_round_and_fit_the_run(spatial: Replay, factor:
     typical = np.median(np.linalg.norm(data["internal_wrench"].values[..., :3], axis=-1)) / forces
     assert 0.07 < typical <= 0.2 + 1e-9
     lever = max(np.linalg.norm(grasp.xyz) for grasp in cell.grasps.values())
-    assert 0.4 * lever - 1e-9 <= moments / forces <= lever + 1e-9  # a moment is drawn as long as its force on that lever, or longer
+    assert (
+        0.4 * lever - 1e-9 <= moments / forces <= lever + 1e-9
+    )  # a moment is drawn as long as its force on that lever, or longer
 
 
 # ---------------------------------------------------------------- page
@@ -329,7 +370,11 @@ class _References(HTMLParser):
         self.found: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found += [f"{tag} {name}={value}" for name, value in attrs if name in {"src", "href", "srcset", "data", "action"}]
+        self.found += [
+            f"{tag} {name}={value}"
+            for name, value in attrs
+            if name in {"src", "href", "srcset", "data", "action"}
+        ]
         if tag in {"link", "img", "iframe", "object", "base"}:
             self.found.append(tag)
 
@@ -350,7 +395,9 @@ def test_the_page_is_light_and_the_same_each_time(replay: Replay) -> None:
     assert replay_html(replay.result) == replay.page
 
 
-def test_building_the_page_starts_no_process_and_opens_no_port(spatial: Replay, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_building_the_page_starts_no_process_and_opens_no_port(
+    spatial: Replay, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a replay must not do this")
 

@@ -22,13 +22,24 @@ from coop_pin.description import scenario_names
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-NEVER_INSIDE = {"out", ".venv", ".git", "__pycache__", ".hypothesis", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
+NEVER_INSIDE = {
+    "out",
+    ".venv",
+    ".git",
+    "__pycache__",
+    ".hypothesis",
+    ".pytest_cache",
+    ".mypy_cache",
+    ".ruff_cache",
+}
 
 
 def run(*command, cwd, **environment):
     """What a command prints; PYTHONPATH is not handed on, so that nothing is found but what is installed."""
     given = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | environment
-    done = subprocess.run(list(map(str, command)), cwd=cwd, env=given, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        list(map(str, command)), cwd=cwd, env=given, capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -45,12 +56,27 @@ def build_all(folder):
     run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder / "sdist", cwd=REPOSITORY)
     with tarfile.open(only_entry(folder / "sdist")) as packed:
         packed.extractall(folder / "unpacked", filter="data")
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=only_entry(folder / "unpacked"))
+    run(
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "-t",
+        "wheel",
+        "-d",
+        folder / "wheel",
+        cwd=only_entry(folder / "unpacked"),
+    )
     venv.create(folder / "environment", with_pip=False, symlinks=True)
     python = folder / "environment" / "bin" / "python"
-    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
-    # Folders named in a .pth file are searched, but their own .pth files, an editable coop_pin among them, are not read.
-    (site / "dependencies.pth").write_text("\n".join(entry for entry in sys.path if entry.endswith(("site-packages", "dist-packages"))))
+    site = Path(
+        run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip()
+    )
+    # Folders named in a .pth file are searched, but their own .pth files, an editable coop_pin among them,
+    # are not read.
+    (site / "dependencies.pth").write_text(
+        "\n".join(entry for entry in sys.path if entry.endswith(("site-packages", "dist-packages")))
+    )
     command = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index"]
     run(*command, only_entry(folder / "wheel"), cwd=folder)
 
@@ -95,10 +121,14 @@ def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wh
     names = set(wheel_files(wheel))
     info = f"coop_pin-{coop_pin.__version__}.dist-info"
     package = {
-        str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "coop_pin").rglob("*") if path.is_file() and path.suffix != ".pyc"
+        str(path.relative_to(REPOSITORY))
+        for path in (REPOSITORY / "coop_pin").rglob("*")
+        if path.is_file() and path.suffix != ".pyc"
     }
     robots = {f"coop_pin/urdf/{path.name}" for path in (REPOSITORY / "urdf").iterdir()}
-    about = {f"{info}/{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
+    about = {
+        f"{info}/{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")
+    }
     assert names == package | robots | about
     assert {
         "coop_pin/py.typed",
@@ -111,9 +141,17 @@ def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wh
 
 def test_the_wheel_is_for_any_platform_and_says_what_pyproject_says(wheel):
     assert wheel.name == f"coop_pin-{coop_pin.__version__}-py3-none-any.whl"
-    files = {name.partition(".dist-info/")[2]: data.decode() for name, data in wheel_files(wheel).items() if ".dist-info/" in name}
+    files = {
+        name.partition(".dist-info/")[2]: data.decode()
+        for name, data in wheel_files(wheel).items()
+        if ".dist-info/" in name
+    }
     told = message_from_string(files["METADATA"])
-    assert (told["Name"], told["Version"], told["License-Expression"]) == (PROJECT["name"], PROJECT["version"], PROJECT["license"])
+    assert (told["Name"], told["Version"], told["License-Expression"]) == (
+        PROJECT["name"],
+        PROJECT["version"],
+        PROJECT["license"],
+    )
     assert set(told["Requires-Python"].split(",")) == set(PROJECT["requires-python"].split(","))
     assert set(told.get_all("Provides-Extra")) == set(PROJECT["optional-dependencies"])
     scripts = configparser.ConfigParser()
@@ -128,14 +166,36 @@ def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(
         trusted = f"safe.directory={REPOSITORY}"  # on CI machines the clone is often somebody else's
         listed = run("git", "-c", trusted, "ls-files", "-z", cwd=REPOSITORY).split("\0")
         assert {name for name in listed if name and (REPOSITORY / name).exists()} - names == set()
-    for folder in ("coop_pin", "urdf", "tests", "tools", "benchmarks", "examples", "notebooks", "docs", "studies"):
+    for folder in (
+        "coop_pin",
+        "urdf",
+        "tests",
+        "tools",
+        "benchmarks",
+        "examples",
+        "notebooks",
+        "docs",
+        "studies",
+    ):
         assert any(name.startswith(f"{folder}/") for name in names), folder
-    assert {"README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt", "pyproject.toml", "PKG-INFO"} <= names
-    assert not [name for name in names if NEVER_INSIDE & set(Path(name).parts) or name.startswith("docs/notebooks/")]
+    assert {
+        "README.md",
+        "LICENSE",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "constraints.txt",
+        "pyproject.toml",
+        "PKG-INFO",
+    } <= names
+    assert not [
+        name for name in names if NEVER_INSIDE & set(Path(name).parts) or name.startswith("docs/notebooks/")
+    ]
 
 
 def test_no_file_names_a_folder_of_the_machine_it_was_built_on(sdist, wheel):
-    places = [f"{place}/".encode() for place in {REPOSITORY, Path.home(), Path(sys.prefix)} if str(place) != "/"]
+    places = [
+        f"{place}/".encode() for place in {REPOSITORY, Path.home(), Path(sys.prefix)} if str(place) != "/"
+    ]
     for name, data in {**files_of(sdist), **wheel_files(wheel)}.items():
         assert not [place for place in places if re.search(rb"(?<![\w.])" + re.escape(place), data)], name
 
@@ -153,8 +213,13 @@ def test_the_tests_can_be_collected_from_the_sdist(sdist, tmp_path):
         "tests/test_docs.py",
         "tests/test_examples.py",
     ]
-    assert "error" not in run(*command, cwd=sdist, PYTHONPATH=str(sdist), PYTHONDONTWRITEBYTECODE="1").splitlines()[-1]
-    shown = run(sys.executable, "-c", "import coop_pin; print(coop_pin.__file__)", cwd=tmp_path, PYTHONPATH=str(sdist))
+    assert (
+        "error"
+        not in run(*command, cwd=sdist, PYTHONPATH=str(sdist), PYTHONDONTWRITEBYTECODE="1").splitlines()[-1]
+    )
+    shown = run(
+        sys.executable, "-c", "import coop_pin; print(coop_pin.__file__)", cwd=tmp_path, PYTHONPATH=str(sdist)
+    )
     assert Path(shown.strip()).is_relative_to(sdist)
 
 
@@ -167,14 +232,30 @@ def test_the_installed_package_works_where_there_is_no_repository(installed, tmp
     assert run(coop_pin_command, "--version", cwd=tmp_path) == f"coop-pin {coop_pin.__version__}\n"
     listed = run(coop_pin_command, "list", cwd=tmp_path)
     assert all(name in listed for name in scenario_names())
-    out = run(coop_pin_command, "run", "adept-paper", "--duration", "1", "--events", "[]", "--report", "--out", "run", cwd=tmp_path)
+    out = run(
+        coop_pin_command,
+        "run",
+        "adept-paper",
+        "--duration",
+        "1",
+        "--events",
+        "[]",
+        "--report",
+        "--out",
+        "run",
+        cwd=tmp_path,
+    )
     judged = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert judged
     assert all(name in out for name in judged)
     written = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
-    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.svg"} <= set(written)
+    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.svg"} <= set(
+        written
+    )
     assert min(written["replay.html"], written["report.html"]) > 500_000  # the viewer is inside
-    assert "every arm can follow" in run(coop_pin_command, "check", "adept-paper", "--poses", "41", cwd=tmp_path)
+    assert "every arm can follow" in run(
+        coop_pin_command, "check", "adept-paper", "--poses", "41", cwd=tmp_path
+    )
     assert "replay.html" in run(coop_pin_command, "view", "run", "--no-open", cwd=tmp_path)
     assert "panda" in run(installed, "-m", "coop_pin", "show", "two-pandas-box", cwd=tmp_path)
 
@@ -210,7 +291,9 @@ def required_names(requirement_lines, extras, seen):
 
     for line in requirement_lines:
         requirement = Requirement(line)
-        if requirement.marker and not any(requirement.marker.evaluate({"extra": extra}) for extra in extras or {""}):
+        if requirement.marker and not any(
+            requirement.marker.evaluate({"extra": extra}) for extra in extras or {""}
+        ):
             continue
         name, wanted = canonicalize_name(requirement.name), frozenset(requirement.extras)
         if (name, wanted) in seen:
@@ -228,7 +311,11 @@ def test_the_constraints_name_everything_that_the_gate_installs():
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name
 
-    lines = [line for line in (REPOSITORY / "constraints.txt").read_text().splitlines() if line and not line.startswith("#")]
+    lines = [
+        line
+        for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+        if line and not line.startswith("#")
+    ]
     pinned = [Requirement(line) for line in lines]
     assert all(str(pin.specifier).startswith("==") for pin in pinned)
     extras = PROJECT["optional-dependencies"]

@@ -2,8 +2,9 @@
 
     python tools/measure.py
 
-Every test named on the page runs; of all its ``assert_allclose`` the largest difference between what is and what should be is kept,
-in the unit that is compared, and the largest share of what the test allows. Rows whose tests compare no numbers get a dash.
+Every test named on the page runs; of all its ``assert_allclose`` the largest difference between what is and
+what should be is kept, in the unit that is compared, and the largest share of what the test allows. Rows
+whose tests compare no numbers get a dash.
 """
 
 from __future__ import annotations
@@ -117,11 +118,16 @@ def measure(names: set[str]) -> dict[str, Found]:
         sys.exit(f"there is no test named {', '.join(sorted(missing))}")
     recorder = Recorder()
     recorder.watch()
-    code = pytest.main(["-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", "--rootdir", str(REPOSITORY), *places], [recorder])
+    code = pytest.main(
+        ["-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", "--rootdir", str(REPOSITORY), *places],
+        [recorder],
+    )
     if code != pytest.ExitCode.OK:
         sys.exit(int(code))
     return {
-        name: Found(max(one.difference for one in seen), max(one.share for one in seen)) for name, seen in recorder.found.items() if seen
+        name: Found(max(one.difference for one in seen), max(one.share for one in seen))
+        for name, seen in recorder.found.items()
+        if seen
     }
 
 

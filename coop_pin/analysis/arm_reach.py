@@ -19,7 +19,8 @@ class Unreachable(NamedTuple):
         gap_time: when it is farthest away, s.
         gap_m: the least distance between tip and grasp it can keep then.
         gap_rad: the angle left between them at that distance.
-        other_branch: the arm could hold the payload there, but not on the branch it came on; then the gap is that of its branch.
+        other_branch: the arm could hold the payload there, but not on the branch it came on; then the gap is
+            that of its branch.
     """
 
     time: float
@@ -34,7 +35,8 @@ class NearlySingular(NamedTuple):
 
     Attributes:
         time: s.
-        sigma_min: smallest singular value of its payload Jacobian; 0 where the path leads through a singular pose.
+        sigma_min: smallest singular value of its payload Jacobian; 0 where the path leads through a singular
+            pose.
         condition: largest over smallest singular value.
     """
 
@@ -92,9 +94,12 @@ class ArmReach:
 
     Attributes:
         arm: its name.
-        times: of the poses, s, shape (n,). The first ones, at t = 0, lead from the scenario's start to the reference.
-        q: angles that hold the payload there, shape (n, nq); where the arm cannot follow, those that come nearest.
-        sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape (n,).
+        times: of the poses, s, shape (n,). The first ones, at t = 0, lead from the scenario's start to the
+            reference.
+        q: angles that hold the payload there, shape (n, nq); where the arm cannot follow, those that come
+            nearest.
+        sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
+            (n,).
         condition: its condition number, shape (n,).
         refusal: the arm cannot even hold the start; then the arrays are empty and nothing else is known.
         loss: the arm cannot follow.

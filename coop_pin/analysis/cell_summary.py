@@ -45,7 +45,10 @@ def maximum_reach(arm: Arm) -> float:
 
     lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     rng, bounds = np.random.default_rng(0), list(zip(lower, upper, strict=True))
-    tries = [minimize(nearness, rng.uniform(lower, upper), jac=True, bounds=bounds, method="L-BFGS-B") for _ in range(_SEEDS)]
+    tries = [
+        minimize(nearness, rng.uniform(lower, upper), jac=True, bounds=bounds, method="L-BFGS-B")
+        for _ in range(_SEEDS)
+    ]
     return -min(float(found.fun) for found in tries)
 
 
@@ -145,13 +148,21 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
     rank = chain.chain.forward_dynamics(q, still, still).rank
     arms = tuple(_arm_summary(cell, place, q[place.q]) for place in chain.tree.arms)
     return CellSummary(
-        arms, cell.payload, cell.gravity, cell.rows, closure_rows=6 * len(arms), rank=rank, freedom=int(chain.tree.model.nv) - rank
+        arms,
+        cell.payload,
+        cell.gravity,
+        cell.rows,
+        closure_rows=6 * len(arms),
+        rank=rank,
+        freedom=int(chain.tree.model.nv) - rank,
     )
 
 
 def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
     arm, limits = cell.arms[place.name], joint_limits(cell.arms[place.name], place.name)
-    J = cell.task_rows.select(ArmModel(arm, cell.grasps[place.name].matrix).payload_jacobian(q)) @ np.linalg.inv(place.drive)
+    J = cell.task_rows.select(
+        ArmModel(arm, cell.grasps[place.name].matrix).payload_jacobian(q)
+    ) @ np.linalg.inv(place.drive)
     return ArmSummary(
         name=place.name,
         urdf=arm.urdf,
@@ -167,7 +178,9 @@ def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
 
 def _joints(place: ArmPlace, limits: JointLimits, q: Array) -> tuple[JointSummary, ...]:
     names = [name.removeprefix(f"{place.name}/") for name in place.angles.names]
-    rows = zip(names, place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque, strict=True)
+    rows = zip(
+        names, place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque, strict=True
+    )
     return tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows)
 
 
@@ -181,7 +194,11 @@ def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
 
 
 def _joint_line(joint: JointSummary, last: bool) -> str:
-    span = f"in {joint.lower:.3g} .. {joint.upper:.3g}" if np.isfinite((joint.lower, joint.upper)).all() else "without stops"
+    span = (
+        f"in {joint.lower:.3g} .. {joint.upper:.3g}"
+        if np.isfinite((joint.lower, joint.upper)).all()
+        else "without stops"
+    )
     speed = f"speed up to {joint.velocity:.3g}" if np.isfinite(joint.velocity) else "any speed"
     torque = f"torque up to {joint.torque:.3g}" if np.isfinite(joint.torque) else "any torque"
     return f"│  {'└─' if last else '├─'} {joint.name}: {joint.angle:.3f} {span}, {speed}, {torque}"

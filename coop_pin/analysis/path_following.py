@@ -39,7 +39,10 @@ def route_of(scenario: Scenario, poses: int) -> Route:
     times = np.linspace(0.0, scenario.duration, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
-    approach = [pin.SE3.Interpolate(start, begin, float(part)).homogeneous for part in np.linspace(0.0, 1.0, _APPROACH)[:-1]]
+    approach = [
+        pin.SE3.Interpolate(start, begin, float(part)).homogeneous
+        for part in np.linspace(0.0, 1.0, _APPROACH)[:-1]
+    ]
     return Route(
         frozen(np.concatenate((np.zeros(len(approach)), times))),
         frozen(np.stack((*approach, *(target.X_WP_d for target in targets)))),
@@ -57,8 +60,9 @@ _ANGLE_WEIGHT = 1e-3
 def follow(search: IKSolver, poses: Sequence[Array], q: Array, near: Array) -> list[IKSolution]:
     """Return where an arm stands at every pose of a path, carried on from pose to pose.
 
-    Limits are not looked at: no law avoids them. Where a pose is out of reach, the arm takes the angles that come nearest, least
-    distance first, and carries on from there. A redundant arm is drawn towards a posture, as its law's spring would draw it.
+    Limits are not looked at: no law avoids them. Where a pose is out of reach, the arm takes the angles that
+    come nearest, least distance first, and carries on from there. A redundant arm is drawn towards a posture,
+    as its law's spring would draw it.
 
     Args:
         search: the arm.
@@ -78,7 +82,9 @@ def follow(search: IKSolver, poses: Sequence[Array], q: Array, near: Array) -> l
     return landings
 
 
-def step_to(search: IKSolver, last: pin.SE3, target: pin.SE3, q: Array, halvings: int = _HALVINGS) -> IKSolution:
+def step_to(
+    search: IKSolver, last: pin.SE3, target: pin.SE3, q: Array, halvings: int = _HALVINGS
+) -> IKSolution:
     """Return where an arm stands after a step of its grasp, halved until no joint moves far in one go.
 
     Args:
@@ -97,7 +103,11 @@ def step_to(search: IKSolver, last: pin.SE3, target: pin.SE3, q: Array, halvings
         halfway = step_to(search, last, middle, q, halvings - 1)
         if halfway.is_closed:
             return step_to(search, middle, target, halfway.q, halvings - 1)
-    return landing if landing.is_closed else search.descend(target, q, limited=False, angle_weight=_ANGLE_WEIGHT, steps=_STEPS)
+    return (
+        landing
+        if landing.is_closed
+        else search.descend(target, q, limited=False, angle_weight=_ANGLE_WEIGHT, steps=_STEPS)
+    )
 
 
 _BISECTIONS = 20
@@ -108,7 +118,8 @@ class ArmWalk:
 
     Attributes:
         q: where it stands, shape (n, nq).
-        sigma_min: smallest singular value of its payload Jacobian in task rows and drive coordinates, shape (n,).
+        sigma_min: smallest singular value of its payload Jacobian in task rows and drive coordinates, shape
+            (n,).
         condition: its condition number, shape (n,).
     """
 
@@ -135,14 +146,19 @@ class ArmWalk:
         self.sigma_min = frozen(sigma[:, -1])
         with np.errstate(divide="ignore"):
             self.condition = frozen(sigma[:, 0] / sigma[:, -1])
-        drive_rates = [np.linalg.pinv(J) @ rows.select(V) for J, V in zip(self._jacobians, route.twists, strict=True)]
+        drive_rates = [
+            np.linalg.pinv(J) @ rows.select(V) for J, V in zip(self._jacobians, route.twists, strict=True)
+        ]
         self._rates = np.stack(drive_rates) @ from_drive.T
 
     def loss(self) -> Unreachable | None:
         """Return when the arm first cannot follow, to a millionth of the spacing, and the gap where it is farthest away."""
         if self._held.all():
             return None
-        worst = max(range(len(self._landings)), key=lambda index: (self._landings[index].distance, self._landings[index].angle))
+        worst = max(
+            range(len(self._landings)),
+            key=lambda index: (self._landings[index].distance, self._landings[index].angle),
+        )
         gap_m, gap_rad, other_branch = self._landings[worst].distance, self._landings[worst].angle, True
         try:
             solve_ik(self._name, self._model, self._route.poses[worst], self._near)
@@ -169,7 +185,9 @@ class ArmWalk:
             if turned.size:
                 return NearlySingular(self._between(int(turned[0]), 0.5), 0.0, float("inf"))
         index = int(np.argmin(np.where(self._held, self.sigma_min, np.inf)))
-        return NearlySingular(float(self._route.times[index]), float(self.sigma_min[index]), float(self.condition[index]))
+        return NearlySingular(
+            float(self._route.times[index]), float(self.sigma_min[index]), float(self.condition[index])
+        )
 
     def crossing(self) -> JointLimitMargin | None:
         """Return the first joint that leaves its position limits, with the time interpolated between two poses."""
@@ -189,7 +207,9 @@ class ArmWalk:
         """Return the joint with the smallest margin to a position limit, where it is smallest."""
         ranges = self._search.ranges
         values = np.stack([ranges.values(q) for q in self.q])
-        margins = np.where(self._held[:, None], np.minimum(values - ranges.lower, ranges.upper - values), np.inf)
+        margins = np.where(
+            self._held[:, None], np.minimum(values - ranges.lower, ranges.upper - values), np.inf
+        )
         index, joint = np.unravel_index(int(margins.argmin()), margins.shape)
         if not np.isfinite(margins[index, joint]):
             return None
@@ -198,7 +218,12 @@ class ArmWalk:
     def _limit(self, joint: int, time: float, value: float) -> JointLimitMargin:
         ranges = self._search.ranges
         return JointLimitMargin(
-            ranges.names[joint], time, value, float(ranges.lower[joint]), float(ranges.upper[joint]), ranges.units[joint]
+            ranges.names[joint],
+            time,
+            value,
+            float(ranges.lower[joint]),
+            float(ranges.upper[joint]),
+            ranges.units[joint],
         )
 
     def fastest(self) -> FastestJoint | None:
@@ -211,7 +236,9 @@ class ArmWalk:
         index, joint = (int(entry) for entry in np.unravel_index(int(parts.argmax()), parts.shape))
         ranges = self._search.ranges
         time, speed = float(self._route.times[index]), float(abs(self._rates[index, joint]))
-        return FastestJoint(ranges.names[joint], time, speed, float(limits[joint]), f"{ranges.units[joint]}/s")
+        return FastestJoint(
+            ranges.names[joint], time, speed, float(limits[joint]), f"{ranges.units[joint]}/s"
+        )
 
     def _between(self, index: int, part: float) -> float:
         """Return the time a part of the way from one pose to the next, s."""

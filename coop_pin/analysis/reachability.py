@@ -39,7 +39,9 @@ class Reachability:
     def text(self) -> str:
         """Return the findings for people, some lines for each arm."""
         verdict = "every arm can follow" if self.ok else "not every arm can follow"
-        lines = [f"{self.scenario}: {verdict} ({self.poses} poses of the reference, 0 to {self.duration:g} s)"]
+        lines = [
+            f"{self.scenario}: {verdict} ({self.poses} poses of the reference, 0 to {self.duration:g} s)"
+        ]
         for arm in self.arms:
             lines.append(f"  {arm.arm}: {'ok' if arm.ok else 'not ok'}")
             lines += [f"    ! {problem}" for problem in arm.problems()]
@@ -50,16 +52,18 @@ class Reachability:
 def reachability(scenario: Scenario, poses: int = 401) -> Reachability:
     """Follow the reference of a scenario with the arms' kinematics alone, from the start on the branches a run would take.
 
-    The path leads from the scenario's start straight to where the reference begins, and then along the reference. Gains,
-    friction, torques and collisions play no part.
+    The path leads from the scenario's start straight to where the reference begins, and then along the
+    reference. Gains, friction, torques and collisions play no part.
 
     Args:
         scenario: what would be run.
-        poses: how many poses of the reference to look at, evenly spaced in time; what is shorter than the spacing is not seen.
+        poses: how many poses of the reference to look at, evenly spaced in time; what is shorter than the
+            spacing is not seen.
 
     Raises:
         ArgumentError: fewer than two poses.
-        UrdfError, FrameNotFoundError, ReferenceFileError, EntryNotFoundError: an arm or the motion cannot be built.
+        UrdfError, FrameNotFoundError, ReferenceFileError, EntryNotFoundError: an arm or the motion cannot be
+            built.
     """
     if poses < 2:
         raise ArgumentError(f"poses is {poses}; it must be at least 2")

@@ -17,8 +17,8 @@ from coop_pin.model.arm_model import ArmModel
 def sampled_damping(cell: Cell, X_WP: ArrayLike, damping_gains: Mapping[str, Array], period: float) -> float:
     """Return T lambda_max(A^-1 B): the held damping torque is stable while this stays below 2.
 
-    A = M_0 + sum_i J_i^-T M_i J_i^-1 is the inertia and B = sum_i J_i^-T K_d_i J_i^-1 the damping that the payload feels in the
-    k_0 task rows. Held over a tick T, xdot[k+1] = (I - T A^-1 B) xdot[k].
+    A = M_0 + sum_i J_i^-T M_i J_i^-1 is the inertia and B = sum_i J_i^-T K_d_i J_i^-1 the damping that the
+    payload feels in the k_0 task rows. Held over a tick T, xdot[k+1] = (I - T A^-1 B) xdot[k].
 
     Args:
         cell: whose arms have as many joints as the cell has task rows.

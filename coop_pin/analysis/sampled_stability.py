@@ -24,7 +24,8 @@ class SampledStability(NamedTuple):
     """How near the held torques come to shaking the cell.
 
     Attributes:
-        value: ``T |lambda|^2 / Re lambda``, the largest of all ways to move; T lambda where lambda is real. Below 2 the motion decays.
+        value: ``T |lambda|^2 / Re lambda``, the largest of all ways to move; T lambda where lambda is real.
+            Below 2 the motion decays.
         rate_hz: the control rate, Hz.
         joints: the joints that move most in that way, as arm/joint.
     """
@@ -52,11 +53,13 @@ class SampledStability(NamedTuple):
 def sampled_stability(scenario: Scenario) -> SampledStability:
     """Return how much damping the controller holds over a tick, at the start of the run and to first order.
 
-    With D = -d(acceleration)/dv through the torques alone, closures kept, the speeds go from tick to tick as v[k+1] = (I - T D) v[k].
-    The mode of an eigenvalue lambda of D decays while ``|1 - T lambda| < 1``, which is ``T |lambda|^2 / Re lambda < 2``.
+    With D = -d(acceleration)/dv through the torques alone, closures kept, the speeds go from tick to tick as
+    v[k+1] = (I - T D) v[k]. The mode of an eigenvalue lambda of D decays while ``|1 - T lambda| < 1``, which
+    is ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
-        scenario: what would be run. Friction, torque limits and what a law adds up over many ticks play no part.
+        scenario: what would be run. Friction, torque limits and what a law adds up over many ticks play no
+            part.
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.
@@ -77,7 +80,9 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     T = scenario.clock.period
     values = np.array([_held(T * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    return SampledStability(float(values[worst]), scenario.clock.rate_hz, _moving(simulation, np.abs(modes[:, worst])))
+    return SampledStability(
+        float(values[worst]), scenario.clock.rate_hz, _moving(simulation, np.abs(modes[:, worst]))
+    )
 
 
 def _held(entry: complex) -> float:
@@ -92,14 +97,22 @@ def _answers(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Ar
     rows, plant = scenario.cell.task_rows, simulation.plant
     target, squeeze = simulation.motion.at(0.0), simulation.squeeze.at(0.0)
     twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
-    references = [ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze]
+    references = [
+        ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze
+    ]
 
     def measured(v: Array) -> list[ArmMeasurement]:
         found = []
-        for sensor, reference, saturated in zip(simulation.sensors, references, simulation.saturated, strict=True):
+        for sensor, reference, saturated in zip(
+            simulation.sensors, references, simulation.saturated, strict=True
+        ):
             measurement = sensor.measure(0.0, plant.q, v, None, saturated)
             desired = rows.turn(measurement.payload_pose, reference.internal_wrench)
-            found.append(measurement._replace(internal_wrench=frozen(desired) if simulation.force_sensor.is_needed else None))
+            found.append(
+                measurement._replace(
+                    internal_wrench=frozen(desired) if simulation.force_sensor.is_needed else None
+                )
+            )
         return found
 
     state = simulation.controller.init(measured(np.zeros(len(plant.v))), references)
@@ -114,7 +127,9 @@ def _answers(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Ar
 def _moving(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move most in a mode, the fastest first."""
     speeds = {
-        name: float(speed) for place in simulation.chain.tree.arms for name, speed in zip(place.angles.names, mode[place.v], strict=True)
+        name: float(speed)
+        for place in simulation.chain.tree.arms
+        for name, speed in zip(place.angles.names, mode[place.v], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])
     return tuple(name for name in fastest if speeds[name] >= _SHARE_OF_MODE * speeds[fastest[0]])[:4]

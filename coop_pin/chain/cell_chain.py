@@ -53,8 +53,8 @@ class Observation(NamedTuple):
 class CellChain:
     """The plant of a cell.
 
-    The payload is welded at the first arm's tip (its wrench follows from the payload's own balance), or floats free and is
-    held by m closures. Both are the same mechanism.
+    The payload is welded at the first arm's tip (its wrench follows from the payload's own balance), or
+    floats free and is held by m closures. Both are the same mechanism.
 
     Attributes:
         cell: the description.
@@ -67,7 +67,8 @@ class CellChain:
 
         Args:
             cell: the description.
-            options: payload welded or free, formulation and stabilisation; those of PlantOptions when omitted.
+            options: payload welded or free, formulation and stabilisation; those of PlantOptions when
+                omitted.
 
         Raises:
             UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
@@ -107,7 +108,10 @@ class CellChain:
             X_WP: payload pose; a payload welded at the first arm stands where that arm holds it instead.
         """
         stated = [
-            arm.angles.configuration(as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))) for arm in self.tree.arms
+            arm.angles.configuration(
+                as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))
+            )
+            for arm in self.tree.arms
         ]
         return self.tree.configuration(stated, as_array("X_WP", X_WP, 4, 4))
 
@@ -120,7 +124,9 @@ class CellChain:
         frames = self._at(q)
         for arm in self.tree.arms:
             X_EG = frames[arm.tip].actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
-            gap = ClosureError(float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation))))
+            gap = ClosureError(
+                float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation)))
+            )
             if not max(gap) <= allowed:
                 raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 
@@ -130,7 +136,9 @@ class CellChain:
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP of the tree with V_WP = J_WP v, shape (6, nv)."""
-        J: Array = pin.computeFrameJacobian(self.tree.model, self._data, self._q(q), self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED)
+        J: Array = pin.computeFrameJacobian(
+            self.tree.model, self._data, self._q(q), self.tree.payload_frame, pin.LOCAL_WORLD_ALIGNED
+        )
         return J
 
     def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
@@ -145,7 +153,9 @@ class CellChain:
         """Return for each arm how far its tip stands from its grasp."""
         return self._closure_errors(self._at(self._q(q)))
 
-    def interaction_wrenches(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH) -> Array:
+    def interaction_wrenches(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH
+    ) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
 
         Args:
@@ -155,12 +165,21 @@ class CellChain:
             external: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
-        return self._wrenches(self._at(q, v, self.chain.solver.acceleration(q, v, tau)), as_array("external", external, 6))
+        return self._wrenches(
+            self._at(q, v, self.chain.solver.acceleration(q, v, tau)), as_array("external", external, 6)
+        )
 
-    def observe(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH) -> Observation:
+    def observe(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH
+    ) -> Observation:
         """Return all of this at once, from one pass over the tree; arguments as of interaction_wrenches."""
         model, data, payload = self.tree.model, self._data, self.tree.payload_frame
-        q, v, tau, external = self._q(q), self._v("v", v), self._v("tau", tau), as_array("external", external, 6)
+        q, v, tau, external = (
+            self._q(q),
+            self._v("v", v),
+            self._v("tau", tau),
+            as_array("external", external, 6),
+        )
         frames = self._at(q, v, self.chain.solver.acceleration(q, v, tau))
         return Observation(
             payload_pose=frames[payload].homogeneous,
@@ -189,7 +208,9 @@ class CellChain:
     def _closure_errors(self, frames: Any) -> list[ClosureError]:
         closure_errors = [_CLOSED_BY_TREE] * len(self.tree.arms)
         for index in self._held:
-            error = pin.log6(frames[self.tree.arms[index].tip].actInv(frames[self._grasps[index]])).vector.tolist()
+            error = pin.log6(
+                frames[self.tree.arms[index].tip].actInv(frames[self._grasps[index]])
+            ).vector.tolist()
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
@@ -209,7 +230,12 @@ class CellChain:
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
         """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the wrench that the payload's motion takes, about P in payload axes."""
-        model, data, frame, inertia = self.tree.model, self._data, self.tree.payload_frame, self.tree.payload_inertia
+        model, data, frame, inertia = (
+            self.tree.model,
+            self._data,
+            self.tree.payload_frame,
+            self.tree.payload_inertia,
+        )
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
         balance: Array = (inertia * A + V.cross(inertia * V)).vector
@@ -222,8 +248,9 @@ _UNDETERMINED = 1e-6
 def determinate_rows(chain: CellChain, q: Array) -> Mask:
     """Say which rows of the interaction wrenches (about P, in world axes) the closed chain determines, shape (6,).
 
-    Closure multipliers in the null space of J^T move no joint. Rows that they reach are shared between the arms' structures in
-    a way that rigid bodies do not tell: for example the weight of a bar between two planar arms.
+    Closure multipliers in the null space of J^T move no joint. Rows that they reach are shared between the
+    arms' structures in a way that rigid bodies do not tell: for example the weight of a bar between two
+    planar arms.
 
     Args:
         chain: the closed cell.

@@ -12,8 +12,8 @@ class ChainDynamics(NamedTuple):
 
     Attributes:
         acceleration: a, shape (nv,).
-        closure_wrenches: on body a of each closure, at a, in axes a, N and N m, shape (closures, 6). Where rows are redundant,
-            rigid bodies do not determine it; this is the one of least multipliers.
+        closure_wrenches: on body a of each closure, at a, in axes a, N and N m, shape (closures, 6). Where
+            rows are redundant, rigid bodies do not determine it; this is the one of least multipliers.
         rank: number of independent closure rows.
         residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
     """

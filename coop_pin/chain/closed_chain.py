@@ -35,12 +35,13 @@ class ClosedChain:
 
     ::
 
-        chain = ClosedChain.from_urdf("four_bar.urdf", [Closure("coupler_end", "rocker_tip", "point")], gravity=(0, 0, -9.81))
-        start = chain.assemble(chain.configuration({"crank": 1.2}), chain.velocity({"crank": 2.0}))
-        motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda t, q, v: -0.1 * v)
+        chain = ClosedChain.from_urdf("four_bar.urdf", [Closure("coupler_end", "rocker_tip", "point")],
+        gravity=(0, 0, -9.81)) start = chain.assemble(chain.configuration({"crank": 1.2}),
+        chain.velocity({"crank": 2.0})) motion = chain.integrate(*start, duration=10.0, step=1e-3,
+        torque=lambda t, q, v: -0.1 * v)
 
-    Redundant rows and singular poses are allowed. Joint limits, friction and effort of the URDF are not applied: torque, a
-    function of time and state, is the place for such forces.
+    Redundant rows and singular poses are allowed. Joint limits, friction and effort of the URDF are not
+    applied: torque, a function of time and state, is the place for such forces.
 
     Attributes:
         model: the tree; ``model.names`` has its joints in the order of v.
@@ -64,10 +65,11 @@ class ClosedChain:
             model: the tree; it is kept, not copied.
             closures: what closes it.
             stabilisation: Baumgarte's, with 10 rad/s and critical damping when omitted.
-            formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows only), "kkt" (a KKT
-                system cut at its rank, any rows), or "auto": the first for the dynamics of one state where it can express the
-                rows, the second elsewhere and for motions. A motion leaves the closures a little within each step; the
-                proximal method then takes redundant rows of a spatial loop for independent ones and stops the mechanism.
+            formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows
+                only), "kkt" (a KKT system cut at its rank, any rows), or "auto": the first for the dynamics
+                of one state where it can express the rows, the second elsewhere and for motions. A motion
+                leaves the closures a little within each step; the proximal method then takes redundant rows
+                of a spatial loop for independent ones and stops the mechanism.
 
         Raises:
             FrameNotFoundError: a frame does not exist.
@@ -80,7 +82,9 @@ class ClosedChain:
         self._data = model.createData()
         self._projection = Projection(model, self.closures)
         self.solver = self._new_solver(formulation)
-        self._mover = KKTSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
+        self._mover = (
+            KKTSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
+        )
 
     @classmethod
     def from_urdf(
@@ -95,7 +99,8 @@ class ClosedChain:
         """Close the tree of a URDF, whose root link stands in the world.
 
         Args:
-            path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
+            path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text
+                itself.
             closures: what closes it.
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: as for the constructor.
@@ -108,7 +113,9 @@ class ClosedChain:
             ShapeError, NotFiniteError: gravity is not three finite numbers.
             FrameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
-        return cls(mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation)
+        return cls(
+            mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation
+        )
 
     def with_kkt(self) -> ClosedChain:
         """Return the same chain (sharing the tree) solved by the rank-cut KKT."""
@@ -176,22 +183,27 @@ class ClosedChain:
         """Return the motion from a state, by Runge-Kutta 4.
 
         Args:
-            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian: see ``assemble``.
+            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian: see
+                ``assemble``.
             v: velocity at t = 0, shape (nv,).
             duration: s.
             step: s; the last one is shorter where it does not divide duration.
             torque: generalised force as a function of (t, q, v), shape (nv,), N m and N; none when omitted.
-            project: whether q and v are projected onto the closures, at the start and after every step. Without it the closures
-                drift, held by the stabilisation alone, and a mechanism may not survive its singular poses.
+            project: whether q and v are projected onto the closures, at the start and after every step.
+                Without it the closures drift, held by the stabilisation alone, and a mechanism may not
+                survive its singular poses.
 
         Raises:
             OpenClosureError: the closures are open at the start.
             IntegrationError: the motion breaks down: the step is too long, or torque runs away.
             ArgumentError: torque cannot be called.
-            ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of torque included.
+            ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of
+                torque included.
         """
         start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)
-        propagator = Propagator(self.model, self._mover.acceleration, torque, self._after_step if project else None)
+        propagator = Propagator(
+            self.model, self._mover.acceleration, torque, self._after_step if project else None
+        )
         self.require_closed(start.q, _START_ALLOWED)
         if not project:
             return propagator.run(start, None, time)
@@ -251,7 +263,9 @@ class ClosedChain:
         if formulation not in ("auto", "proximal", "kkt"):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         if formulation == "proximal" and not can_be_proximal:
-            raise ArgumentError("formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'")
+            raise ArgumentError(
+                "formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'"
+            )
         if can_be_proximal and formulation != "kkt":
             return ProximalSolver(self.model, self.closures.closures, self.stabilisation)
         return KKTSolver(self.model, self.closures, self.stabilisation)
@@ -262,7 +276,12 @@ class ClosedChain:
     def _stabilised(self, state: ClosureState, a: Array) -> Array:
         """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""
         gains = self.stabilisation
-        return state.jacobian @ a + state.drift + gains.velocity_gain * state.velocity + gains.position_gain * state.position
+        return (
+            state.jacobian @ a
+            + state.drift
+            + gains.velocity_gain * state.velocity
+            + gains.position_gain * state.position
+        )
 
     def _residual_allowed(self, weighted: ConstraintSVD, a: Array) -> float:
         """Return the largest residual that a solution may leave; rows dropped next to a singular pose still see the motion."""

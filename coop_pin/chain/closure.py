@@ -30,18 +30,22 @@ _POSE_ALLOWED = 1e-6
 class Closure:
     """Frame a is held to frame b.
 
-    Each frame is a named frame of the tree (a link or joint of the URDF, or the world), displaced by X_a or X_b where one is
+    Each frame is a named frame of the tree (a link or joint of the URDF, or the world), displaced by X_a or
+    X_b where one is
     given: a closure can sit anywhere on a link without a change to the URDF.
 
-    Rows are counted in the axes of frame a: "full" (a weld), "point" (a ball joint), "planar" (x, y and the turn about z),
-    "axis" (a hinge about z), or six booleans, linear first: (True, False, False, False, False, False) holds x alone.
+    Rows are counted in the axes of frame a: "full" (a weld), "point" (a ball joint), "planar" (x, y and the
+    turn about z), "axis" (a hinge about z), or six booleans, linear first: (True, False, False, False, False,
+    False) holds x alone.
 
     Attributes:
         frame_a: name of a frame; "world" or "universe" is the world.
         frame_b: name of the other frame, likewise.
         rows: which relative motions are held.
-        X_a: pose of the closure's frame a in the frame named frame_a, shape (4, 4); the frame itself when omitted.
-        X_b: pose of the closure's frame b in the frame named frame_b, shape (4, 4); the frame itself when omitted.
+        X_a: pose of the closure's frame a in the frame named frame_a, shape (4, 4); the frame itself when
+            omitted.
+        X_b: pose of the closure's frame b in the frame named frame_b, shape (4, 4); the frame itself when
+            omitted.
     """
 
     frame_a: str
@@ -69,11 +73,20 @@ class Closure:
         """
         if isinstance(self.rows, str):
             if self.rows not in _MASKS:
-                raise FieldError(f"is {self.rows!r}; it must be one of {list(_MASKS)} or six booleans", "rows")
+                raise FieldError(
+                    f"is {self.rows!r}; it must be one of {list(_MASKS)} or six booleans", "rows"
+                )
             return _MASKS[self.rows]
         rows = list(self.rows) if isinstance(self.rows, Sequence | np.ndarray) else []
-        if len(rows) != 6 or not all(isinstance(row, bool | int | np.bool_) and row in (0, 1) for row in rows) or not any(rows):
-            raise FieldError(f"is {self.rows!r}; it must be six booleans, at least one of them true, or one of {list(_MASKS)}", "rows")
+        if (
+            len(rows) != 6
+            or not all(isinstance(row, bool | int | np.bool_) and row in (0, 1) for row in rows)
+            or not any(rows)
+        ):
+            raise FieldError(
+                f"is {self.rows!r}; it must be six booleans, at least one of them true, or one of {list(_MASKS)}",
+                "rows",
+            )
         x, y, z, rx, ry, rz = map(bool, rows)
         return (x, y, z, rx, ry, rz)
 
@@ -86,7 +99,9 @@ class Closure:
 def _pose(name: str, value: ArrayLike) -> Array:
     X = as_array(name, value, 4, 4)
     R = X[:3, :3]
-    deviation = float(max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - np.eye(4)[3]).max(), abs(np.linalg.det(R) - 1.0)))
+    deviation = float(
+        max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - np.eye(4)[3]).max(), abs(np.linalg.det(R) - 1.0))
+    )
     if deviation > _POSE_ALLOWED:
         raise NotAPoseError(name, deviation, _POSE_ALLOWED)
     return frozen(X)
@@ -167,7 +182,8 @@ def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _Rotat
     With k the one axis that is free or held, u its unit vector, z = R_ab u and c = u . z:
 
     - two held, a hinge: e = z x u, the misalignment of the axes; G = c I - z u^T.
-    - one held, a joint that passes a turn on: e = -(twist of R_ab about u); row k of G is (u + z)^T / (1 + c).
+    - one held, a joint that passes a turn on: e = -(twist of R_ab about u); row k of G is (u + z)^T / (1 +
+      c).
     - three held: e = -log(R_ab) and G = I, its derivative at small errors, as for a weld.
     """
     if sum(held) not in (1, 2):
@@ -176,7 +192,9 @@ def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _Rotat
     u, z, c = np.eye(3)[k], R_ab[:, k], R_ab[k, k]
     z_rate = _cross(Omega, z)
     if sum(held) == 2:
-        return _RotationError(_cross(z, u), c * np.eye(3) - np.outer(z, u), z_rate[k] * np.eye(3) - np.outer(z_rate, u))
+        return _RotationError(
+            _cross(z, u), c * np.eye(3) - np.outer(z, u), z_rate[k] * np.eye(3) - np.outer(z_rate, u)
+        )
     i, j = (k + 1) % 3, (k + 2) % 3
     twist = math.atan2(R_ab[j, i] - R_ab[i, j], R_ab[i, i] + R_ab[j, j])
     n = (u + z) / (1.0 + c)

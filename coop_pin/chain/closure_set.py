@@ -85,7 +85,8 @@ class ClosureState(NamedTuple):
         velocity: e' = J v, m/s and rad/s, shape (r,).
         jacobian: J, shape (r, nv).
         drift: gamma with e'' = J a + gamma, shape (r,).
-        wrench_map: maps multipliers lambda to the wrench on body a of each closure at a, in axes a, shape (closures, 6, r).
+        wrench_map: maps multipliers lambda to the wrench on body a of each closure at a, in axes a, shape
+            (closures, 6, r).
     """
 
     position: Array
@@ -123,7 +124,10 @@ class ClosureSet:
             FrameNotFoundError: a frame does not exist.
         """
         self.closures = tuple(closures)
-        self.sides = [(ClosureFrame(model, c.frame_a, c.X_a), ClosureFrame(model, c.frame_b, c.X_b)) for c in self.closures]
+        self.sides = [
+            (ClosureFrame(model, c.frame_a, c.X_a), ClosureFrame(model, c.frame_b, c.X_b))
+            for c in self.closures
+        ]
         self._errors = [error_function(c) for c in self.closures]
         self._sizes = [sum(c.mask) for c in self.closures]
         self.rows = sum(self._sizes)
@@ -156,5 +160,7 @@ class ClosureSet:
             X_ab = a.pose(self._data).actInv(b.pose(self._data))
             error = np.zeros(6)
             error[list(self.closures[index].mask)] = self._errors[index](X_ab, nothing, nothing).position
-            closure_errors.append(ClosureError(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))))
+            closure_errors.append(
+                ClosureError(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:])))
+            )
         return closure_errors

@@ -80,14 +80,17 @@ class IKSolver:
         """Return the length of the way from one configuration to another, rad."""
         return float(np.linalg.norm(pin.difference(self.model, q, near)))
 
-    def descend(self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200) -> IKSolution:
+    def descend(
+        self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200
+    ) -> IKSolution:
         """Return where Levenberg-Marquardt ends: dq = A^T (A A^T + lambda I)^-1 e, e the weighted gap and A = -de/dv.
 
         Args:
             target: wanted tip pose X_WE_d.
             q: where to start, shape (nq,).
             limited: keep the joints that limits can stop within them.
-            angle_weight: of the angle against the distance, m/rad. Far below one, the distance is made least first.
+            angle_weight: of the angle against the distance, m/rad. Far below one, the distance is made least
+                first.
             steps: at most.
         """
         weights = np.repeat((1.0, angle_weight), 3)
@@ -116,14 +119,17 @@ class IKSolver:
     def approach(self, target: pin.SE3, q: Array) -> IKSolution:
         """Return the angles within the limits that come nearest to a grasp out of reach: least distance first, then least angle.
 
-        The weight of the angle falls from descent to descent, so that the distance is made least to a millionth.
+        The weight of the angle falls from descent to descent, so that the distance is made least to a
+        millionth.
         """
         for angle_weight in (1.0, 0.1, 0.01, 0.001):
             landing = self.descend(target, q, angle_weight=angle_weight)
             q = landing.q
         return landing
 
-    def slide(self, target: pin.SE3, q: Array, near: Array, *, limited: bool = True, steps: int = 60) -> Array:
+    def slide(
+        self, target: pin.SE3, q: Array, near: Array, *, limited: bool = True, steps: int = 60
+    ) -> Array:
         """Return the configuration nearest to another that self-motion leads to: dq = (I - A^+ A) (near - q).
 
         Every step is closed again by a descent, and taken only if it comes nearer.
@@ -164,7 +170,9 @@ class IKSolver:
 
     def _gap(self, target: pin.SE3, q: Array, weights: Array) -> tuple[Array, Array]:
         """Return the weighted gap [p, log R] of X_EE_d in tip axes and the Jacobian of its decrease, shapes (6,) and (6, nv)."""
-        pin.computeJointJacobians(self.model, self._data, q)  # computeFrameJacobian in local axes would leave the placements stale
+        pin.computeJointJacobians(
+            self.model, self._data, q
+        )  # computeFrameJacobian in local axes would leave the placements stale
         X_EE_d = pin.updateFramePlacement(self.model, self._data, self._tip).actInv(target)
         J = pin.getFrameJacobian(self.model, self._data, self._tip, pin.LOCAL)
         gap = np.concatenate((X_EE_d.translation, pin.log3(X_EE_d.rotation)))

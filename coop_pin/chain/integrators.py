@@ -136,7 +136,8 @@ _STAGES = _stage_polynomials()
 class VectorRungeKutta4(Integrator):
     """The same method for plain vectors, where q' = v, with a quarter of the array operations.
 
-    With Butcher's tableau A (its weights as the last row), stages and end of the step combine what is known already::
+    With Butcher's tableau A (its weights as the last row), stages and end of the step combine what is known
+    already::
 
         v_i = v + h sum_j A_ij a_j
         q_i = q + h sum_j A_ij v_j = q + h sum_j A_ij v + h^2 sum_j (A A)_ij a_j

@@ -26,18 +26,20 @@ _SAME_DISTANCE = 1e-5
 def solve_ik(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> Array:
     """Return joint angles that hold the payload at a pose within the joint limits, nearest to a posture, shape (nq,).
 
-    Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint ranges. A redundant arm then slides along its
-    self-motion to the angles nearest to the posture. Deterministic.
+    Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint ranges. A
+    redundant arm then slides along its self-motion to the angles nearest to the posture. Deterministic.
 
     Args:
         name: the arm, for messages.
         arm: its model, with its grasp.
         X_WP: payload pose, shape (4, 4).
-        posture: angles that choose the elbow, one for each joint, shape (nv,), or a configuration, shape (nq,); zeros when omitted.
+        posture: angles that choose the elbow, one for each joint, shape (nv,), or a configuration, shape
+            (nq,); zeros when omitted.
 
     Raises:
         JointLimitError: only joint limits prevent it; with the joint.
-        UnreachablePoseError: with the gap that is left: the least distance found between tip and grasp, and the angle left there.
+        UnreachablePoseError: with the gap that is left: the least distance found between tip and grasp, and
+            the angle left there.
     """
     return _branches(name, arm, X_WP, posture, _SEEDS, _SLIDES)[0]
 
@@ -45,8 +47,9 @@ def solve_ik(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | Non
 def ik_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None = None) -> list[Array]:
     """Return every distinct way found to hold the payload at a pose within the joint limits, the nearest to a posture first.
 
-    Two branches differ by more than whole turns; each is unwound to where it is nearest to the posture. The branches of a
-    redundant arm are families: each is represented by its angles nearest to the posture. Whether all are found is not
+    Two branches differ by more than whole turns; each is unwound to where it is nearest to the posture. The
+    branches of a redundant arm are families: each is represented by its angles nearest to the posture.
+    Whether all are found is not
     certain: the search starts from 96 seeds.
 
     Args:
@@ -61,7 +64,9 @@ def ik_branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | 
     return _branches(name, arm, X_WP, posture, _BRANCH_SEEDS, None)
 
 
-def _branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, slides: int | None) -> list[Array]:
+def _branches(
+    name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, slides: int | None
+) -> list[Array]:
     """Return the distinct branches, sorted by distance to the posture; of a redundant arm, those of the nearest landings."""
     search = IKSolver(arm)
     target = search.grasp(as_array("X_WP", X_WP, 4, 4))
@@ -71,7 +76,9 @@ def _branches(name: str, arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | No
     if not found:
         raise _missed(name, search, target, starts, near)
     if search.is_redundant:
-        found = _slid(search, target, _slid(search, target, found, near, _FIRST_SLIDE)[:slides], near, _WHOLE_SLIDE)
+        found = _slid(
+            search, target, _slid(search, target, found, near, _FIRST_SLIDE)[:slides], near, _WHOLE_SLIDE
+        )
     distinct: list[Array] = []
     for q in found:
         if all(search.distance(search.ranges.unwound(q, other), other) > _SAME_BRANCH for other in distinct):
@@ -106,7 +113,9 @@ def _landings(search: IKSolver, target: pin.SE3, starts: list[Array], near: Arra
                 yield q
 
 
-def _missed(name: str, search: IKSolver, target: pin.SE3, starts: list[Array], near: Array) -> UnreachablePoseError:
+def _missed(
+    name: str, search: IKSolver, target: pin.SE3, starts: list[Array], near: Array
+) -> UnreachablePoseError:
     """Return the error that says by how much the arm misses, and the joint that is to blame where it is limits alone."""
     nearest = min((search.approach(target, start) for start in starts), key=_distance_then_angle)
     beyond: list[Array] = []

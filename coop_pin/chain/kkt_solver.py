@@ -13,7 +13,8 @@ from coop_pin.chain.closure_set import ClosureSet, ClosureState
 from coop_pin.description.plant import Stabilisation
 from coop_pin.errors import MassMatrixError
 
-# Singular values below this part of the largest are redundant rows; 1e-9 would take rounding and drift for constraints.
+# Singular values below this part of the largest are redundant rows; 1e-9 would take rounding and drift for
+# constraints.
 RANK_CUT = 1e-5
 
 
@@ -25,7 +26,8 @@ class ConstraintSVD(NamedTuple):
         left: U, shape (r, rank).
         values: s, shape (rank,).
         right: V, shape (nv, rank).
-        dropped: the largest singular value that was cut off; next to zero unless the mechanism is close to a singular pose.
+        dropped: the largest singular value that was cut off; next to zero unless the mechanism is close to a
+            singular pose.
     """
 
     factor: Array
@@ -43,7 +45,13 @@ class ConstraintSVD(NamedTuple):
         """Return the decomposition cut at a rank: a little off the closures, redundant rows look independent."""
         if rank is None or rank >= self.rank:
             return self
-        return ConstraintSVD(self.factor, self.left[:, :rank], self.values[:rank], self.right[:, :rank], float(self.values[rank]))
+        return ConstraintSVD(
+            self.factor,
+            self.left[:, :rank],
+            self.values[:rank],
+            self.right[:, :rank],
+            float(self.values[rank]),
+        )
 
     def weighted(self, x: Array) -> Array:
         """Return L^-1 x, shape (nv,)."""
@@ -60,7 +68,8 @@ class ConstraintSVD(NamedTuple):
 
         Args:
             target: shape (r,).
-            damping: mu of Levenberg and Marquardt, in parts of the largest s^2: s / (s^2 + mu s_1^2) instead of 1 / s.
+            damping: mu of Levenberg and Marquardt, in parts of the largest s^2: s / (s^2 + mu s_1^2) instead
+                of 1 / s.
         """
         return self.unweighted(self.right.dot(self.left.T.dot(target) / self._damped(damping)))
 

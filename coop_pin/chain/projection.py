@@ -52,9 +52,10 @@ class Projection:
     def state(self, q: Array, v: Array, allowed: float, most_rank: int | None = None) -> Projected:
         """Return a nearby state on the closures.
 
-        Newton's steps dq = -M^-1 J^T (J M^-1 J^T)^+ e go on until they no longer matter or rounding stops them: near a singular
-        pose, where a row has the small singular value s, an error e left in it would turn the velocity by e / s^2. The last
-        decomposition serves the velocity, v - M^-1 J^T (J M^-1 J^T)^+ J v, too.
+        Newton's steps dq = -M^-1 J^T (J M^-1 J^T)^+ e go on until they no longer matter or rounding stops
+        them: near a singular pose, where a row has the small singular value s, an error e left in it would
+        turn the velocity by e / s^2. The last decomposition serves the velocity, v - M^-1 J^T (J M^-1 J^T)^+
+        J v, too.
 
         Args:
             q: configuration, shape (nq,).

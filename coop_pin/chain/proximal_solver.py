@@ -27,9 +27,13 @@ class ProximalSolver:
         baumgarte = pin.BaumgarteCorrectorParameters(stabilisation.position_gain, stabilisation.velocity_gain)
         constraints = [_constraint(model, closure, baumgarte) for closure in closures]
         self._constraints = pin.StdVec_RigidConstraintModel(constraints)
-        self._constraint_data = pin.StdVec_RigidConstraintData([constraint.createData() for constraint in constraints])
+        self._constraint_data = pin.StdVec_RigidConstraintData(
+            [constraint.createData() for constraint in constraints]
+        )
         self._settings = pin.ProximalSettings(_ACCURACY, _MU, _STEPS)
-        self._solved = list(self._constraint_data)  # live references; Pinocchio's own iteration costs more than a solution
+        self._solved = list(
+            self._constraint_data
+        )  # live references; Pinocchio's own iteration costs more than a solution
         pin.initConstraintDynamics(model, self._data, self._constraints, self._constraint_data)
 
     @staticmethod
@@ -39,7 +43,9 @@ class ProximalSolver:
 
     def acceleration(self, q: Array, v: Array, tau: Array, most_rank: int | None = None) -> Array:
         """Return a, shape (nv,); the proximal method needs no rank."""
-        a: Array = pin.constraintDynamics(self._model, self._data, q, v, tau, self._constraints, self._constraint_data, self._settings)
+        a: Array = pin.constraintDynamics(
+            self._model, self._data, q, v, tau, self._constraints, self._constraint_data, self._settings
+        )
         return a
 
     def wrenches(self) -> Array:
@@ -47,8 +53,15 @@ class ProximalSolver:
         return np.array([data.contact_force.vector for data in self._solved]).reshape(-1, 6)
 
 
-def _constraint(model: pin.Model, closure: Closure, baumgarte: pin.BaumgarteCorrectorParameters) -> pin.RigidConstraintModel:
-    a, b = ClosureFrame(model, closure.frame_a, closure.X_a), ClosureFrame(model, closure.frame_b, closure.X_b)
-    constraint = pin.RigidConstraintModel(_TYPES[closure.mask], model, a.joint, a.X_JC, b.joint, b.X_JC, pin.LOCAL)
+def _constraint(
+    model: pin.Model, closure: Closure, baumgarte: pin.BaumgarteCorrectorParameters
+) -> pin.RigidConstraintModel:
+    a, b = (
+        ClosureFrame(model, closure.frame_a, closure.X_a),
+        ClosureFrame(model, closure.frame_b, closure.X_b),
+    )
+    constraint = pin.RigidConstraintModel(
+        _TYPES[closure.mask], model, a.joint, a.X_JC, b.joint, b.X_JC, pin.LOCAL
+    )
     constraint.setBaumgarteCorrectorParameters(baumgarte)
     return constraint

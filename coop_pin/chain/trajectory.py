@@ -13,7 +13,13 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.chain.chain_dynamics import ChainState
 from coop_pin.chain.integrators import INTEGRATORS, RUNGE_KUTTA_NODES, configuration_space
 from coop_pin.chain.projection import Projected
-from coop_pin.errors import ArgumentError, IntegrationError, MassMatrixError, NotPositiveError, OpenClosureError
+from coop_pin.errors import (
+    ArgumentError,
+    IntegrationError,
+    MassMatrixError,
+    NotPositiveError,
+    OpenClosureError,
+)
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 """(t, q, v) -> generalised force tau, N m and N, shape (nv,)."""
@@ -42,11 +48,14 @@ class Trajectory(NamedTuple):
 class Propagator:
     """Carries a state along by Runge-Kutta 4.
 
-    The rank of the closures where a step begins holds for the step. Its stages stand a little off the closures, where redundant
-    rows of an over-constrained loop look independent and would hold the mechanism fast.
+    The rank of the closures where a step begins holds for the step. Its stages stand a little off the
+    closures, where redundant rows of an over-constrained loop look independent and would hold the mechanism
+    fast.
     """
 
-    def __init__(self, model: pin.Model, acceleration: Acceleration, torque: TorqueLaw | None, project: Project | None) -> None:
+    def __init__(
+        self, model: pin.Model, acceleration: Acceleration, torque: TorqueLaw | None, project: Project | None
+    ) -> None:
         """Take the parts of a motion.
 
         Args:
@@ -84,11 +93,15 @@ class Propagator:
                 with np.errstate(over="raise", invalid="raise"):
                     q, v, rank = self._step(t, h, q, v, rank)
             except (OpenClosureError, MassMatrixError, FloatingPointError, np.linalg.LinAlgError) as error:
-                raise IntegrationError(t, h, str(error), Trajectory(*(part[: k + 1] for part in motion))) from error
+                raise IntegrationError(
+                    t, h, str(error), Trajectory(*(part[: k + 1] for part in motion))
+                ) from error
             motion.q[k + 1], motion.v[k + 1] = q, v
         return motion
 
-    def _step(self, t: float, h: float, q: Array, v: Array, rank: int | None) -> tuple[Array, Array, int | None]:
+    def _step(
+        self, t: float, h: float, q: Array, v: Array, rank: int | None
+    ) -> tuple[Array, Array, int | None]:
         nodes = iter(RUNGE_KUTTA_NODES)
 
         def rate(q: Array, v: Array) -> tuple[Array, Array]:
@@ -110,7 +123,8 @@ def time_grid(duration: float, step: float) -> Array:
     """Return the times 0, step, 2 step, ... and duration itself; the last step is shorter where step does not divide duration.
 
     Raises:
-        ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than zero.
+        ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than
+            zero.
     """
     for name, value in (("duration", duration), ("step", step)):
         if not float(as_array(name, value)) > 0.0:

@@ -40,7 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.formatwarning = pythons_own
 
 
-def _worded(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:  # noqa: ARG001
+def _worded(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:  # noqa: ARG001
     """Return a warning for people: without the line of this package's source that gave it."""
     return f"coop-pin: warning: {message}\n"
 

@@ -20,7 +20,9 @@ def field_list(description: BaseModel) -> list[str]:
     """Return one line for each field: ``--a.b.c VALUE  meaning``; the meanings are those of the docstrings."""
     fields = list(_fields(description, "", "", None))
     width = max(len(option) for option, _, _ in fields)
-    return [f"{option:<{width}}  {value:<{_VALUE_WIDTH}}  {meaning}".rstrip() for option, value, meaning in fields]
+    return [
+        f"{option:<{width}}  {value:<{_VALUE_WIDTH}}  {meaning}".rstrip() for option, value, meaning in fields
+    ]
 
 
 def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str, str]]:
@@ -39,7 +41,11 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
     elif isinstance(value, BaseModel):
         meanings = _meanings(type(value)) | _kind_meaning(meaning, annotation)
         for name, field in type(value).model_fields.items():
-            entries[name.replace("_", "-")] = getattr(value, name), meanings.get(name, meaning), field.annotation
+            entries[name.replace("_", "-")] = (
+                getattr(value, name),
+                meanings.get(name, meaning),
+                field.annotation,
+            )
     elif isinstance(value, dict):
         entries = {name: (entry, meaning, annotation) for name, entry in value.items()}
     elif isinstance(value, tuple) and any(isinstance(entry, BaseModel) for entry in value):
@@ -53,7 +59,9 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
 def _kind_meaning(meaning: str, annotation: Any) -> dict[str, str]:
     """Return what a ``kind`` means: the words for the whole, and the kinds to choose from."""
     kinds = list(dict.fromkeys(_kinds(annotation)))
-    return {"kind": f"{meaning.split(';')[0].rstrip('.')}; one of {', '.join(kinds)}."} if len(kinds) > 1 else {}
+    return (
+        {"kind": f"{meaning.split(';')[0].rstrip('.')}; one of {', '.join(kinds)}."} if len(kinds) > 1 else {}
+    )
 
 
 def _kinds(annotation: Any) -> Iterator[str]:
@@ -68,7 +76,9 @@ def _kinds(annotation: Any) -> Iterator[str]:
 
 def _meanings(model: type[BaseModel]) -> dict[str, str]:
     """Return what the docstrings of a description and of its bases say of each field."""
-    documented = [kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel]
+    documented = [
+        kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel
+    ]
     return {name: meaning for kind in documented for name, meaning in _attributes(kind.__doc__ or "")}
 
 

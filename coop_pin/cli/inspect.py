@@ -19,7 +19,9 @@ class List:
         from coop_pin.description import Scenario, scenario_names
 
         for scenario in map(Scenario.load, scenario_names()):
-            print(f"{scenario.name:<20} {len(scenario.cell.arms)} arms  {scenario.duration:g} s  {scenario.summary}")
+            print(
+                f"{scenario.name:<20} {len(scenario.cell.arms)} arms  {scenario.duration:g} s  {scenario.summary}"
+            )
         return OK
 
 
@@ -66,7 +68,8 @@ class Show:
 class Check:
     """Look along the desired motion without simulating: is it within reach, how near to singular, which limits are met when?
 
-    And at the start: can the control rate bear the damping that the gains ask for? A controller of your own is not asked.
+    And at the start: can the control rate bear the damping that the gains ask for? A controller of your own
+    is not asked.
 
     Attributes:
         scenario: a name that 'coop-pin list' shows, or a TOML file.
@@ -96,7 +99,8 @@ class CheckUrdf:
     """Check a URDF: would Pinocchio read what the file says, can such bodies exist, are units and meshes right?
 
     Attributes:
-        urdf: a URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm ("panda").
+        urdf: a URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm
+            ("panda").
         strict: masses and inertias that no body can have are errors, not warnings.
     """
 

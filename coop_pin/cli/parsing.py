@@ -55,7 +55,10 @@ def split_fields(words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]
     Returns:
         The own words, and the values of each field as written.
     """
-    options = {"--help", *(form for option in dataclasses.fields(Run) for form in (f"--{option.name}", f"--no-{option.name}"))}
+    options = {
+        "--help",
+        *(form for option in dataclasses.fields(Run) for form in (f"--{option.name}", f"--no-{option.name}")),
+    }
     own: list[str] = []
     fields: dict[str, list[str]] = {}
     open_field: list[str] | None = None

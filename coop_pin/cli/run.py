@@ -46,8 +46,8 @@ class ProgressBar:
 class Run:
     """Run a scenario and write its results into a folder.
 
-    Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2 3
-    --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
+    Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2
+    3 --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
 
     Attributes:
         scenario: a name that 'coop-pin list' shows, or a TOML file.
@@ -65,7 +65,9 @@ class Run:
     replay: bool = True
     figures: bool = True
     report: bool = False
-    fields: Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
+    fields: Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress] = dataclasses.field(
+        default_factory=dict
+    )
 
     def execute(self) -> int:
         """Run, write, print; return the exit code."""
@@ -111,7 +113,11 @@ def _said(value: float | list[float]) -> str:
     """Return a metric in words where it is no number."""
     if isinstance(value, list):
         start, end = value
-        return f"{start:g} to {end:g}" if start < end else f"none: the run ends, or an event comes, before {start:g} s"
+        return (
+            f"{start:g} to {end:g}"
+            if start < end
+            else f"none: the run ends, or an event comes, before {start:g} s"
+        )
     if math.isnan(value):
         return "does not apply"
     return "never" if math.isinf(value) else f"{value:.4g}"
@@ -120,12 +126,16 @@ def _said(value: float | list[float]) -> str:
 def table(result: RunResult, timing: Timing) -> str:
     """Return the metrics of a run as lines of text, and the limits that it went beyond."""
     scenario = result.scenario
-    lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"]
+    lines = [
+        f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"
+    ]
     for name, value in result.metrics().items():
         lines.append(f"  {name:<30} {_said(value)}")
     if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
         lines.append("  it never settled: 'coop-pin check' tells whether the control rate can bear the gains")
     for beyond in result.limit_violations():
         where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"
-        lines.append(f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s")
+        lines.append(
+            f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s"
+        )
     return "\n".join(lines)

@@ -12,7 +12,13 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
-from coop_pin.errors import CodeChangedError, StoreLockedError, StoreWriteError, SweepInterruptedError, WorkersLostError
+from coop_pin.errors import (
+    CodeChangedError,
+    StoreLockedError,
+    StoreWriteError,
+    SweepInterruptedError,
+    WorkersLostError,
+)
 from coop_pin.sweeps.backend import Where
 from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.estimates import estimate
@@ -28,7 +34,8 @@ class Sweep:
         plan: a TOML file that says what varies.
         out: the folder that keeps the runs and their table; out/ and the file's name when omitted.
         workers: number of processes, 0 for this one; one for each processor when omitted.
-        scheduler: address of a dask scheduler to use instead of local processes, for example tcp://127.0.0.1:8786.
+        scheduler: address of a dask scheduler to use instead of local processes, for example
+            tcp://127.0.0.1:8786.
         retry_failed: run again what failed for want of time or of a worker.
         estimate: only print the plan and how long it will take.
         quiet: no progress bar and no summary.
@@ -92,7 +99,11 @@ def run_sweep(command: Sweep) -> int:
         print(plan, estimate(plan, Where.of(command.workers, None).workers), sep="\n")
         return OK
     folder = command.out or Path("out") / command.plan.stem
-    options: dict[str, Any] = {"scheduler": command.scheduler, "retry_failed": command.retry_failed, "quiet": command.quiet}
+    options: dict[str, Any] = {
+        "scheduler": command.scheduler,
+        "retry_failed": command.retry_failed,
+        "quiet": command.quiet,
+    }
     try:
         result = sweep(plan, out=folder, workers=command.workers, **options)
     except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
@@ -100,7 +111,10 @@ def run_sweep(command: Sweep) -> int:
         return FAILED
     except SweepInterruptedError as interrupt:
         again = shlex.join(["coop-pin", *sys.argv[1:]])
-        print(f"\ncoop-pin: {interrupt.finished} of {interrupt.total} runs are kept in {folder}; go on with: {again}", file=sys.stderr)
+        print(
+            f"\ncoop-pin: {interrupt.finished} of {interrupt.total} runs are kept in {folder}; go on with: {again}",
+            file=sys.stderr,
+        )
         return INTERRUPTED
     if not command.quiet:
         print(result.summary())
@@ -124,7 +138,9 @@ def show_sweep(command: SweepShow) -> int:
     if command.failures:
         print("failed:")
         for failure in result.failures:
-            print(f"  run {failure.number}: {_written(failure.parameters)}: {failure.kind}: {failure.message}")
+            print(
+                f"  run {failure.number}: {_written(failure.parameters)}: {failure.kind}: {failure.message}"
+            )
     if command.figure is not None:
         _draw(result, command, command.figure)
     return OK

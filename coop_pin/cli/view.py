@@ -23,14 +23,16 @@ from coop_pin.viz import open_view
 class View:
     """Look at a run or at a cell in 3-D, or write pictures of a run.
 
-    Of a run, its replay opens, a file that plays offline; it is made anew from the result if it is missing. Of a scenario, its cell opens
-    as it stands at the start, on an address of this machine alone, until Ctrl-C; with --run it moves.
+    Of a run, its replay opens, a file that plays offline; it is made anew from the result if it is missing.
+    Of a scenario, its cell opens as it stands at the start, on an address of this machine alone, until
+    Ctrl-C; with --run it moves.
 
-    With --image or --video nothing opens: pictures are written, as the replay shows them. That takes the extra 'video', and a Chromium or
-    Chrome, but no display.
+    With --image or --video nothing opens: pictures are written, as the replay shows them. That takes the
+    extra 'video', and a Chromium or Chrome, but no display.
 
     Attributes:
-        what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML file.
+        what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML
+            file.
         open: whether to open a browser; without a screen only the address is printed.
         run: whether to let the run of a scenario go by, over and over; nothing is written.
         realtime_rate: simulated seconds in one second of wall time.
@@ -86,7 +88,9 @@ class View:
 
     def _show_live(self, url: str) -> None:
         self._show(url, url)
-        print("coop-pin: open this address in a browser on this machine; Ctrl-C ends the view", file=sys.stderr)
+        print(
+            "coop-pin: open this address in a browser on this machine; Ctrl-C ends the view", file=sys.stderr
+        )
 
     def _show(self, text: str, address: str) -> None:
         print(text, flush=True)
@@ -144,7 +148,9 @@ def write_pictures(run: Path, image: Path | None, time: float | None, video: Pat
         print(video.resolve())
 
 
-def view_until_interrupted(scenario: Scenario, realtime_rate: float | None, port: int, show: Callable[[str], None]) -> None:
+def view_until_interrupted(
+    scenario: Scenario, realtime_rate: float | None, port: int, show: Callable[[str], None]
+) -> None:
     """Serve a live view of a scenario's cell until Ctrl-C, which is how it ends.
 
     Args:

@@ -2,7 +2,11 @@
 
 from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, CellController, Command
 from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
-from coop_pin.control.sliding_mode import RedundantSlidingModeController, SlidingModeController, SlidingModeState
+from coop_pin.control.sliding_mode import (
+    RedundantSlidingModeController,
+    SlidingModeController,
+    SlidingModeState,
+)
 from coop_pin.control.terms import Posture, Saturation, Sign, Switching, Tanh, force_gain_bound
 
 __all__ = [

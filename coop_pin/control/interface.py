@@ -20,9 +20,10 @@ class ArmMeasurement(NamedTuple):
         payload_pose: X_WP as this arm's own forward kinematics sees it, shape (4, 4).
         payload_twist: V_WP likewise, in world axes, shape (k_0,).
         payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
-        internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,), or None where the
-            scenario's force path provides none.
-        saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at the first.
+        internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,), or None
+            where the scenario's force path provides none.
+        saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at
+            the first.
     """
 
     time: float
@@ -83,7 +84,9 @@ class CellController(ABC):
         """Return the state at the first tick."""
 
     @abstractmethod
-    def step(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any) -> Command:
+    def step(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> Command:
         """Return one torque for each arm to hold until the next tick, and the state for it."""
 
 
@@ -97,14 +100,23 @@ class DecentralisedController(CellController):
     def __init__(self, controllers: Mapping[str, ArmController]) -> None:
         self.controllers = dict(controllers)
 
-    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> tuple[Any, ...]:
+    def init(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
+    ) -> tuple[Any, ...]:
         """Return every arm's first state."""
         return tuple(
             self._for_arm(name, controller.init, measurement, reference)
-            for (name, controller), measurement, reference in zip(self.controllers.items(), measurements, references, strict=True)
+            for (name, controller), measurement, reference in zip(
+                self.controllers.items(), measurements, references, strict=True
+            )
         )
 
-    def step(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: tuple[Any, ...]) -> Command:
+    def step(
+        self,
+        measurements: Sequence[ArmMeasurement],
+        references: Sequence[ArmReference],
+        state: tuple[Any, ...],
+    ) -> Command:
         """Return every arm's torque and next state.
 
         Raises:
@@ -112,7 +124,9 @@ class DecentralisedController(CellController):
         """
         commands = [
             self._for_arm(name, controller.step, *inputs)
-            for (name, controller), *inputs in zip(self.controllers.items(), measurements, references, state, strict=True)
+            for (name, controller), *inputs in zip(
+                self.controllers.items(), measurements, references, state, strict=True
+            )
         ]
         return Command([command.torque for command in commands], tuple(command.state for command in commands))
 

@@ -39,9 +39,10 @@ class PayloadSpaceController(ArmController):
         tau  = -J^T [c (K_x (s_x - s_xd) + K_x alpha sigma_x) + f_d - K_f ftilde] + posture
         sigma_x[k+1] = sigma_x[k] + T sgn(s_x - s_xd),  sigma_x[0] = 0
 
-    When all arms see the same payload pose, the bracketed motion terms differ between arms only by their shares c: their
-    internal part is zero by construction, and the three-parameter family of rest states of law (23) is gone. What is left in
-    the internal wrench is what the arms' own friction and weight put there, and what a kinematic bias winds up.
+    When all arms see the same payload pose, the bracketed motion terms differ between arms only by their
+    shares c: their internal part is zero by construction, and the three-parameter family of rest states of
+    law (23) is gone. What is left in the internal wrench is what the arms' own friction and weight put there,
+    and what a kinematic bias winds up.
 
     The integral stands still while a torque of the arm is saturated.
 
@@ -80,9 +81,13 @@ class PayloadSpaceController(ArmController):
         s_xd = state.start_surface * math.exp(-self.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - s_xd
         motion = self.sliding_gain.dot(s + self.sign_gain.dot(state.sign_integral))
-        tau = -J.T.dot(self.load_share * motion + force_term(self.rows, self.force_gain, measurement, reference))
+        tau = -J.T.dot(
+            self.load_share * motion + force_term(self.rows, self.force_gain, measurement, reference)
+        )
         if self.posture is not None:
-            tau = tau + self.posture.torque(measurement.q, measurement.v, J, right_inverse(J, measurement.time))
+            tau = tau + self.posture.torque(
+                measurement.q, measurement.v, J, right_inverse(J, measurement.time)
+            )
         held = measurement.saturated.any()
         sigma = state.sign_integral if held else state.sign_integral + self.period * self.switching(s)
         return Command(tau, PayloadSpaceState(state.start_time, state.start_surface, sigma))

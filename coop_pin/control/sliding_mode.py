@@ -42,8 +42,8 @@ class SlidingModeController(ArmController):
         tau     = -K_d s_r - J^T (f_d - K_f ftilde)                (23)
         sigma[k+1] = sigma[k] + T sgn(s_q[k]),  sigma[0] = 0       (18)
 
-    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j stands still where the torque of joint j is saturated.
-    The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
+    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j stands still where the torque of joint
+    j is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
 
     Attributes:
         rows: the k_0 task rows.
@@ -81,14 +81,18 @@ class SlidingModeController(ArmController):
         """
         return self.step_through(_inverse(measurement), measurement, reference, state)
 
-    def init_through(self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
+    def init_through(
+        self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference
+    ) -> SlidingModeState:
         """Return the state at t_0 for a stated inverse of the payload Jacobian, shape (k, k_0)."""
         xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
         s = J_plus.dot(xtildedot + self.pose_gain.dot(xtilde))
         return SlidingModeState(measurement.time, s, np.zeros_like(s))
 
-    def step_through(self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
+    def step_through(
+        self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
+    ) -> Command:
         """Return the command for a stated inverse of the payload Jacobian, shape (k, k_0)."""
         # dot, not @: for a 3x3 matrix it costs a third.
         t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
@@ -98,7 +102,9 @@ class SlidingModeController(ArmController):
         s_q = s - s_d
         qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - self.sign_gain.dot(state.sign_integral)
         s_r = v - qdot_r
-        tau = -self.damping_gain.dot(s_r) - J.T.dot(force_term(self.rows, self.force_gain, measurement, reference))
+        tau = -self.damping_gain.dot(s_r) - J.T.dot(
+            force_term(self.rows, self.force_gain, measurement, reference)
+        )
         sigma = state.sign_integral + self.period * (self.switching(s_q) * ~measurement.saturated)
         return Command(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
 
@@ -111,13 +117,15 @@ def _inverse(measurement: ArmMeasurement) -> Array:
 class RedundantSlidingModeController(ArmController):
     """Law (23) with the right pseudo-inverse J^+ = J^T (J J^T + damping^2 I)^-1, for k > k_0, plus a posture term.
 
-    The paper prints J^+ = (J^T J)^-1 J^T, which is singular for k > k_0. Equations as in SlidingModeController.
+    The paper prints J^+ = (J^T J)^-1 J^T, which is singular for k > k_0. Equations as in
+    SlidingModeController.
 
-    **What the proof loses.** For k > k_0, ``s_r = qdot - qdot_r = s_q + alpha sigma + (I - J^+ J) qdot``: eq. (21)'s second
-    equality fails. J s_r is as in the paper, so that the internal-wrench terms V_2 and V_3 of Theorem 2 stay bounded; but
-    s_q now differs from s_r - alpha sigma by the null-space motion, whose derivative is not bounded by the gains: the sliding
-    condition ``s_q^T s_q' <= -epsilon |s_q|`` is not proven. K_d damps the null space too. With ``inverse_damping`` > 0, J J^+ is not
-    the identity either, and x follows x_d only up to that damping: a run that asks for it carries the flag in its scenario.
+    **What the proof loses.** For k > k_0, ``s_r = qdot - qdot_r = s_q + alpha sigma + (I - J^+ J) qdot``: eq.
+    (21)'s second equality fails. J s_r is as in the paper, so that the internal-wrench terms V_2 and V_3 of
+    Theorem 2 stay bounded; but s_q now differs from s_r - alpha sigma by the null-space motion, whose
+    derivative is not bounded by the gains: the sliding condition ``s_q^T s_q' <= -epsilon |s_q|`` is not
+    proven. K_d damps the null space too. With ``inverse_damping`` > 0, J J^+ is not the identity either, and
+    x follows x_d only up to that damping: a run that asks for it carries the flag in its scenario.
 
     Attributes:
         printed: the law as printed, which takes J^+ from here.

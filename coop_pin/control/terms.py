@@ -68,8 +68,9 @@ CONDITION_LIMIT = 1e6
 def jacobian_inverse(J: Array, time: float) -> Array:
     """Return J^-1 of a square payload Jacobian.
 
-    The condition number is measured in the Frobenius norm, ``|J| |J^-1|``: an upper bound of the usual one, at a tenth of its cost.
-    LAPACK is called directly: numpy's wrapper around it costs three times the solution.
+    The condition number is measured in the Frobenius norm, ``|J| |J^-1|``: an upper bound of the usual one,
+    at a tenth of its cost. LAPACK is called directly: numpy's wrapper around it costs three times the
+    solution.
 
     Args:
         J: shape (k_0, k_0).
@@ -107,13 +108,19 @@ def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
     gram = J.dot(J.T)
     gram_inverse: Array
     _, _, gram_inverse, zero_pivot = dgesv(gram + damping**2 * _identity(len(J)), _identity(len(J)))
-    condition = float(np.vdot(gram, gram) * np.vdot(gram_inverse, gram_inverse)) ** 0.25 if not zero_pivot else float("inf")
+    condition = (
+        float(np.vdot(gram, gram) * np.vdot(gram_inverse, gram_inverse)) ** 0.25
+        if not zero_pivot
+        else float("inf")
+    )
     if not condition < CONDITION_LIMIT:
         raise SingularJacobianError(condition, time, CONDITION_LIMIT)
     return J.T.dot(gram_inverse)
 
 
-def force_term(rows: TaskRows, force_gain: float, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+def force_term(
+    rows: TaskRows, force_gain: float, measurement: ArmMeasurement, reference: ArmReference
+) -> Array:
     """Return f_d - K_f ftilde in world axes, or f_d where no internal wrench is measured, shape (k_0,).
 
     f_d turns with the payload pose that this arm sees. Gueaieb et al. (2007), eq. (23).
@@ -128,8 +135,8 @@ def force_term(rows: TaskRows, force_gain: float, measurement: ArmMeasurement, r
 class Posture:
     """A spring and damper in the null space of the payload Jacobian.
 
-    ``tau = N^T (-stiffness (q - angles) - damping v)`` with ``N = I - J^+ J``: tau does no work on the payload's motion
-    ``v = J^+ V_WP``. Damping alone would let an arm sink through its limits under gravity.
+    ``tau = N^T (-stiffness (q - angles) - damping v)`` with ``N = I - J^+ J``: tau does no work on the
+    payload's motion ``v = J^+ V_WP``. Damping alone would let an arm sink through its limits under gravity.
 
     Attributes:
         angles: drive angles to return to, rad, shape (k,).
@@ -162,10 +169,10 @@ def no_posture(joints: int) -> Posture:
 def force_gain_bound(pole: float) -> float:
     """Return the force gain K_f at which sampled internal-force feedback goes unstable: (1 + p) / (1 - p).
 
-    In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of tick k
-    acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k] the error obeys
-    ftilde_m[k+1] = (p - (1 - p) K_f) ftilde_m[k] + const, which is stable for K_f < (1 + p) / (1 - p).
-    p = 0 is the wrench of one tick before: K_f < 1.
+    In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of
+    tick k acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k] the error obeys ftilde_m[k+1] = (p - (1
+    - p) K_f) ftilde_m[k] + const, which is stable for K_f < (1 + p) / (1 - p). p = 0 is the wrench of one
+    tick before: K_f < 1.
 
     Args:
         pole: p of the filter, in [0, 1).

@@ -8,7 +8,15 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from coop_pin.arrays import Array
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
@@ -26,7 +34,8 @@ class JointFriction(Description):
     Attributes:
         viscous: N m s/rad, one value for all joints or one for each.
         coulomb: N m, likewise.
-        coulomb_velocity: the speed over which Coulomb friction changes sign, rad/s. A step would cost RK4 its order.
+        coulomb_velocity: the speed over which Coulomb friction changes sign, rad/s. A step would cost RK4 its
+            order.
     """
 
     viscous: NumberOrVector = 0.0
@@ -57,7 +66,9 @@ def _source_or_numbers(value: Any) -> Any:
     """Read "urdf", "none", a number or a row of numbers; all numbers positive."""
     if isinstance(value, str):
         if value not in ("urdf", "none"):
-            raise FieldError(f'is {value!r}; it must be "urdf", "none", a number or one number for each joint')
+            raise FieldError(
+                f'is {value!r}; it must be "urdf", "none", a number or one number for each joint'
+            )
         return value
     numbers = number_or_row(value)
     if np.min(numbers) <= 0.0:
@@ -65,7 +76,9 @@ def _source_or_numbers(value: Any) -> Any:
     return numbers
 
 
-TorqueLimits = Annotated[Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)]
+TorqueLimits = Annotated[
+    Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)
+]
 """Drive torques, N m: "urdf", "none", one for all joints, or one for each."""
 
 
@@ -73,19 +86,25 @@ class Arm(Description):
     """One arm of a cell. Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
 
     Attributes:
-        urdf: path of its URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm ("panda", "ur5").
+        urdf: path of its URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data
+            arm ("panda", "ur5").
         package_dirs: folders in which the packages of package:// and $(find ...) are looked for first.
         xacro_args: values of a xacro file's arguments.
-        tip: frame of the URDF that is fixed to the payload, E; the only link at an end of the URDF when omitted.
+        tip: frame of the URDF that is fixed to the payload, E; the only link at an end of the URDF when
+            omitted.
         base: pose X_WB of the URDF's root link in the world.
         drive: drive matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
-        friction: at the drives; "urdf": at the joints, as its <dynamics> says, with Coulomb friction smoothed over
-            JointFriction's default speed; or "none".
-        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the joints' efforts. Efforts that are
-            zero set no limit (many files leave them so), nor do any where ``drive`` is given: they are not drive torques.
-        posture: joint angles near which the arm starts (a continuous joint has one angle, too); they choose its elbow. Zeros when omitted.
-        locked: joints that do not move, such as grippers', and their angles, rad or m; joints that mimic them are locked along.
-        mimic: what to do about joints that mimic others and are not locked: "refuse" the arm, or "ignore" the coupling.
+        friction: at the drives; "urdf": at the joints, as its <dynamics> says, with Coulomb friction smoothed
+            over JointFriction's default speed; or "none".
+        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the joints'
+            efforts. Efforts that are zero set no limit (many files leave them so), nor do any where ``drive``
+            is given: they are not drive torques.
+        posture: joint angles near which the arm starts (a continuous joint has one angle, too); they choose
+            its elbow. Zeros when omitted.
+        locked: joints that do not move, such as grippers', and their angles, rad or m; joints that mimic them
+            are locked along.
+        mimic: what to do about joints that mimic others and are not locked: "refuse" the arm, or "ignore" the
+            coupling.
         calibration_error: pose of the tip that the arm's own kinematics believe in, seen from the true tip.
     """
 
@@ -108,7 +127,9 @@ class Arm(Description):
         if tip or not {"urdf", "package_dirs", "xacro_args"} <= earlier.data.keys():
             return tip
         urdf = earlier.data["urdf"]
-        leaves = Robot(load_checked(_file(urdf, earlier.data["package_dirs"], earlier.data["xacro_args"]))).leaves
+        leaves = Robot(
+            load_checked(_file(urdf, earlier.data["package_dirs"], earlier.data["xacro_args"]))
+        ).leaves
         if len(leaves) != 1:
             raise AmbiguousTipError(urdf, leaves)
         return leaves[0]
@@ -119,20 +140,30 @@ class Arm(Description):
         if drive is None:
             return drive
         if any(len(row) != len(drive) for row in drive):
-            raise FieldShapeError(f"has rows of {[len(row) for row in drive]} entries; a drive matrix is square ({len(drive)} rows)")
+            raise FieldShapeError(
+                f"has rows of {[len(row) for row in drive]} entries; a drive matrix is square ({len(drive)} rows)"
+            )
         condition = float(np.linalg.cond(np.array(drive)))
         if condition > 1e6:
-            raise FieldError(f"has condition number {condition:.3g}; a drive matrix must be invertible (at most 1e6)")
+            raise FieldError(
+                f"has condition number {condition:.3g}; a drive matrix must be invertible (at most 1e6)"
+            )
         return drive
 
     @model_validator(mode="after")
     def _sizes_agree(self) -> Self:
-        sizes: dict[str, object] = {"drive": self.drive, "posture": self.posture, "torque_limits": self.torque_limits}
+        sizes: dict[str, object] = {
+            "drive": self.drive,
+            "posture": self.posture,
+            "torque_limits": self.torque_limits,
+        }
         if isinstance(self.friction, JointFriction):
             sizes |= {"friction.viscous": self.friction.viscous, "friction.coulomb": self.friction.coulomb}
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
-            raise FieldShapeError(f"entries per joint disagree: {counts}; all must equal the arm's number of joints")
+            raise FieldShapeError(
+                f"entries per joint disagree: {counts}; all must equal the arm's number of joints"
+            )
         return self
 
     @classmethod
@@ -163,7 +194,14 @@ class Arm(Description):
         """
         file = find_urdf(path_or_name)
         urdf = str(file.path) if file.origin == "user" else str(path_or_name)
-        return cls(urdf=urdf, tip=tip or "", base=base, posture=posture, locked={} if locked is None else locked, **fields)
+        return cls(
+            urdf=urdf,
+            tip=tip or "",
+            base=base,
+            posture=posture,
+            locked={} if locked is None else locked,
+            **fields,
+        )
 
     @property
     def file(self) -> UrdfFile:
@@ -181,7 +219,9 @@ class Arm(Description):
             FieldShapeError: the drive matrix is of another size.
         """
         if self.drive is not None and len(self.drive) != nv:
-            raise FieldShapeError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
+            raise FieldShapeError(
+                f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive"
+            )
         return np.eye(nv) if self.drive is None else np.array(self.drive)
 
 

@@ -29,7 +29,8 @@ def grasps_from_configuration(
 
     Args:
         arms: by name.
-        joint_angles: of every arm: one for each joint that is neither fixed nor locked, rad or m, in Pinocchio's order.
+        joint_angles: of every arm: one for each joint that is neither fixed nor locked, rad or m, in
+            Pinocchio's order.
         payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
 
     Raises:
@@ -56,11 +57,12 @@ class Cell(Description):
     Attributes:
         arms: the arms by name; their order is the order of arrays.
         payload: the held object; a table with a ``kind`` is made into one (payload_source.py).
-        payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for "as-posed" grasps only.
-        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from ``payload_pose`` and the
-            postures, once: the cell then holds the poses themselves.
-        rows: the task rows: "full" (6), "planar" (x, y and the turn about z, for arms that move in the world's x-y plane) or
-            "positional" (x, y, z).
+        payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for
+            "as-posed" grasps only.
+        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from
+            ``payload_pose`` and the postures, once: the cell then holds the poses themselves.
+        rows: the task rows: "full" (6), "planar" (x, y and the turn about z, for arms that move in the
+            world's x-y plane) or "positional" (x, y, z).
         gravity: m/s^2, in world axes.
         load_shares: c_i, the share of the load that each arm carries, summing to one; equal when omitted.
     """
@@ -105,13 +107,17 @@ class Cell(Description):
 
     @field_validator("load_shares")
     @classmethod
-    def _shares_sum_to_one(cls, shares: dict[str, float] | None, earlier: ValidationInfo) -> dict[str, float] | None:
+    def _shares_sum_to_one(
+        cls, shares: dict[str, float] | None, earlier: ValidationInfo
+    ) -> dict[str, float] | None:
         if shares is None:
             return None
         check_arm_names(shares, earlier.data.get("arms"), LoadShareError)
         total = sum(shares.values())
         if abs(total - 1.0) > 1e-9:
-            raise LoadShareError(f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)")
+            raise LoadShareError(
+                f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)"
+            )
         return shares
 
     @property
@@ -127,7 +133,9 @@ class Cell(Description):
         return np.array([self.load_shares[name] for name in self.arms])
 
 
-def check_arm_names(given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError) -> None:
+def check_arm_names(
+    given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError
+) -> None:
     """Refuse a table by arm that misses an arm or names one that does not exist; without arms (they have mistakes) say nothing."""
     if arms is None:
         return

@@ -151,7 +151,9 @@ class UserController(Description):
         return self
 
 
-Controller = Annotated[SlidingMode | RedundantSlidingMode | PayloadSpace | UserController, Field(discriminator="kind")]
+Controller = Annotated[
+    SlidingMode | RedundantSlidingMode | PayloadSpace | UserController, Field(discriminator="kind")
+]
 
 Prescribed = SlidingMode | RedundantSlidingMode | PayloadSpace
 """The laws that come with coop_pin."""
@@ -202,7 +204,5 @@ def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldEr
         ]
     if largest < bound:
         return []
-    detail = (
-        f"is {largest:g}; force feedback sampled over {controller.force_path.kind!r} is unstable from {bound:g} on. Lower it, {_INSIST}"
-    )
+    detail = f"is {largest:g}; force feedback sampled over {controller.force_path.kind!r} is unstable from {bound:g} on. Lower it, {_INSIST}"
     return [ForceGainBoundError(detail, path)]

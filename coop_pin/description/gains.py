@@ -18,7 +18,9 @@ Gain = NumberVectorOrMatrix
 def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     rows = np.array(alpha)
     if rows.ndim == 2 and (rows.shape[0] != rows.shape[1] or np.any(rows != np.diag(np.diag(rows)))):
-        raise SignGainError(f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign")
+        raise SignGainError(
+            f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
+        )
     if np.min(rows) < 0.0:
         raise SignGainError(f"is {rows.tolist()}; alpha must not be negative")
     return alpha
@@ -30,11 +32,15 @@ def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]
         raise FieldShapeError(f"has shape {rows.shape}; a gain matrix is square")
     if rows.ndim < 2:
         if np.min(rows) <= 0.0:
-            raise FieldError(f"is {rows.tolist()}; it must be positive" + (" in every entry" if rows.ndim else ""))
+            raise FieldError(
+                f"is {rows.tolist()}; it must be positive" + (" in every entry" if rows.ndim else "")
+            )
         return gain
     smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0])
     if smallest <= 0.0:
-        raise FieldError(f"is {rows.tolist()}; it must be positive definite (smallest eigenvalue {smallest:g})")
+        raise FieldError(
+            f"is {rows.tolist()}; it must be positive definite (smallest eigenvalue {smallest:g})"
+        )
     return gain
 
 
@@ -46,11 +52,13 @@ class Gains(Description):
     """Gains that every law here has.
 
     Attributes:
-        pose_gain: gamma, how fast pose errors decay, 1/s; one for all task rows (6, or 3 for a planar cell) or one for each.
-        sign_gain: alpha, on the integral of the error's sign; diagonal. On the joints, rad/s^2, or on the task rows, m/s^2 and rad/s^2:
-            see the law.
+        pose_gain: gamma, how fast pose errors decay, 1/s; one for all task rows (6, or 3 for a planar cell)
+            or one for each.
+        sign_gain: alpha, on the integral of the error's sign; diagonal. On the joints, rad/s^2, or on the
+            task rows, m/s^2 and rad/s^2: see the law.
         force_gain: K_f, how strongly the measured internal wrench is fed back; no unit.
-        transient_rate: kappa of eq. (20), how fast the sliding surface that starts at the first error decays, 1/s.
+        transient_rate: kappa of eq. (20), how fast the sliding surface that starts at the first error decays,
+            1/s.
     """
 
     pose_gain: PositiveGain
@@ -73,7 +81,8 @@ class PayloadSpaceGains(Gains):
     """Gains of the payload-space law.
 
     Attributes:
-        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation, N m s/rad.
+        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation, N
+            m s/rad.
     """
 
     sliding_gain: PositiveGain

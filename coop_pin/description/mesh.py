@@ -48,7 +48,12 @@ def mesh_body(path: Path, mass: float | None, density: float | None, scale: floa
     kilograms = mass if mass is not None else (density or 0.0) * volume
     M = kilograms / volume * np.array(mesh.moment_inertia)
     x, y, z = (float(edge) for edge in mesh.extents)
-    return MeshBody(kilograms, (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2]), np.array(mesh.center_mass), (x, y, z))
+    return MeshBody(
+        kilograms,
+        (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2]),
+        np.array(mesh.center_mass),
+        (x, y, z),
+    )
 
 
 def read_mesh(path: Path) -> Any:
@@ -74,7 +79,10 @@ def _closed_mesh(path: Path) -> Any:
     mesh = read_mesh(path)
     mesh.merge_vertices()
     if not mesh.is_watertight:
-        raise MeshError(f"{path} is open: it encloses no volume. Close its holes, or give mass and inertia yourself", "mesh_file")
+        raise MeshError(
+            f"{path} is open: it encloses no volume. Close its holes, or give mass and inertia yourself",
+            "mesh_file",
+        )
     if mesh.volume < 0.0:
         mesh.invert()  # the triangles look inwards
     return mesh

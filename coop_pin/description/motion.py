@@ -10,7 +10,18 @@ from pydantic import AfterValidator, Field, model_validator
 
 from coop_pin.description.user_code import FunctionName, load_function
 from coop_pin.errors import AmbiguousTurnError, FieldError, FieldShapeError, MotionError
-from coop_pin.reference import Circle, Exponentials, FromFunction, Hold, Line, PoseReference, Swing, Tabulated, Turn, Waypoints
+from coop_pin.reference import (
+    Circle,
+    Exponentials,
+    FromFunction,
+    Hold,
+    Line,
+    PoseReference,
+    Swing,
+    Tabulated,
+    Turn,
+    Waypoints,
+)
 from coop_pin.schema.base import Description, Positive, Vector3
 from coop_pin.schema.pose import Pose
 
@@ -42,7 +53,9 @@ class WaypointsMotion(Description):
             raise FieldShapeError(f"has {len(times)} entries; a path needs at least 2", "points")
         for index in range(1, len(times)):
             if times[index] <= times[index - 1]:
-                detail = f"is {times[index]:g} after {times[index - 1]:g}; times must increase from point to point"
+                detail = (
+                    f"is {times[index]:g} after {times[index - 1]:g}; times must increase from point to point"
+                )
                 raise MotionError(detail, f"points.{index}.time")
         try:
             self.build()
@@ -52,7 +65,9 @@ class WaypointsMotion(Description):
 
     def build(self) -> PoseReference:
         """Return the reference."""
-        return Waypoints(np.array([point.time for point in self.points]), np.stack([point.matrix for point in self.points]))
+        return Waypoints(
+            np.array([point.time for point in self.points]), np.stack([point.matrix for point in self.points])
+        )
 
 
 class CsvMotion(Description):
@@ -61,8 +76,8 @@ class CsvMotion(Description):
     The file is read when the motion is built, so that a scenario can be read where the file is not.
 
     Attributes:
-        path: a file of comma-separated values with a header: time, x, y, z and roll, pitch, yaw or qx, qy, qz, qw. In a scenario's
-            file it is relative to that file.
+        path: a file of comma-separated values with a header: time, x, y, z and roll, pitch, yaw or qx, qy,
+            qz, qw. In a scenario's file it is relative to that file.
     """
 
     kind: Literal["csv"] = "csv"
@@ -81,7 +96,8 @@ class UserMotion(Description):
     """A function of time of the user's own.
 
     Attributes:
-        target: "module:function", called as ``function(time, **options)`` -> X_WP_d, shape (4, 4). In Python the function itself will do.
+        target: "module:function", called as ``function(time, **options)`` -> X_WP_d, shape (4, 4). In Python
+            the function itself will do.
         twist: likewise -> V_WP_d, world axes, linear first, shape (6,); by central differences when omitted.
         acceleration: likewise -> A_WP_d, shape (6,).
         options: keyword arguments for all of them.
@@ -100,7 +116,9 @@ class UserMotion(Description):
             EntryNotFoundError: a module or function does not exist.
         """
         named = (self.target, self.twist, self.acceleration)
-        pose, twist, acceleration = (None if name is None else load_function(name, self.options) for name in named)
+        pose, twist, acceleration = (
+            None if name is None else load_function(name, self.options) for name in named
+        )
         assert pose is not None
         return FromFunction(pose, twist, acceleration)
 
@@ -117,8 +135,9 @@ Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 class CircleMotion(Description):
     """Round and round a circle with a fixed orientation, from rest.
 
-    The circle passes through the pose; its centre lies at pose.xyz - radius (cos(phi_0) e_1 + sin(phi_0) e_2) with e_1 the
-    world's x axis seen in the plane of the circle (y, where the normal is x) and e_2 = normal x e_1.
+    The circle passes through the pose; its centre lies at pose.xyz - radius (cos(phi_0) e_1 + sin(phi_0) e_2)
+    with e_1 the world's x axis seen in the plane of the circle (y, where the normal is x) and e_2 = normal x
+    e_1.
 
     Attributes:
         pose: X_WP_d at the start.
@@ -151,7 +170,9 @@ class CircleMotion(Description):
             start_time=self.start_time,
             rpy=np.array(self.pose.rpy),
         )
-        return replace(around_origin, centre=np.array(self.pose.xyz) - around_origin.at(self.start_time).X_WP_d[:3, 3])
+        return replace(
+            around_origin, centre=np.array(self.pose.xyz) - around_origin.at(self.start_time).X_WP_d[:3, 3]
+        )
 
 
 class TurnMotion(Description):
@@ -199,7 +220,9 @@ class SwingMotion(Description):
 
     def build(self) -> PoseReference:
         """Return the reference."""
-        return Swing(self.pose.matrix, np.array(self.axis), self.amplitude, self.period, self.ramp, self.start_time)
+        return Swing(
+            self.pose.matrix, np.array(self.axis), self.amplitude, self.period, self.ramp, self.start_time
+        )
 
 
 __all__ = [
@@ -251,13 +274,18 @@ class ExponentialMotion(Description):
     @model_validator(mode="after")
     def _one_constant_each(self) -> Self:
         if len(self.amplitudes) != len(self.time_constants):
-            raise FieldShapeError(f"has {len(self.time_constants)} entries for {len(self.amplitudes)} amplitudes", "time_constants")
+            raise FieldShapeError(
+                f"has {len(self.time_constants)} entries for {len(self.amplitudes)} amplitudes",
+                "time_constants",
+            )
         return self
 
     def build(self) -> PoseReference:
         """Return the reference."""
         amplitudes = np.reshape(np.array(self.amplitudes, dtype=float), (-1, 3))
-        return Exponentials(np.array(self.constant), amplitudes, np.array(self.time_constants), np.array(self.rpy))
+        return Exponentials(
+            np.array(self.constant), amplitudes, np.array(self.time_constants), np.array(self.rpy)
+        )
 
 
 class LineMotion(Description):
@@ -290,6 +318,14 @@ class LineMotion(Description):
 
 
 Motion = Annotated[
-    HoldMotion | ExponentialMotion | LineMotion | CircleMotion | TurnMotion | SwingMotion | WaypointsMotion | CsvMotion | UserMotion,
+    HoldMotion
+    | ExponentialMotion
+    | LineMotion
+    | CircleMotion
+    | TurnMotion
+    | SwingMotion
+    | WaypointsMotion
+    | CsvMotion
+    | UserMotion,
     Field(discriminator="kind"),
 ]

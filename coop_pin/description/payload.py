@@ -74,7 +74,10 @@ class Payload(Description):
             size: its edges along x, y and z, m.
         """
         if len(size) != 3:
-            raise FieldShapeError(f"has {len(size)} entries {list(size)}; it must have 3, the edges along x, y and z in m", "size")
+            raise FieldShapeError(
+                f"has {len(size)} entries {list(size)}; it must have 3, the edges along x, y and z in m",
+                "size",
+            )
         x, y, z = (edge * edge * mass / 12.0 for edge in size)
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)
 
@@ -88,7 +91,11 @@ class Payload(Description):
             thickness: edge of its square section, m; counts in I_x only.
         """
         rod = mass * length**2 / 12.0
-        return cls(mass=mass, inertia=(mass * thickness**2 / 6.0, rod, rod, 0.0, 0.0, 0.0), size=(length, thickness, thickness))
+        return cls(
+            mass=mass,
+            inertia=(mass * thickness**2 / 6.0, rod, rod, 0.0, 0.0, 0.0),
+            size=(length, thickness, thickness),
+        )
 
     @classmethod
     def cylinder(cls, mass: float, radius: float, length: float) -> Self:
@@ -104,7 +111,9 @@ class Payload(Description):
         return cls(mass=mass, inertia=(across, across, along, 0.0, 0.0, 0.0), size=size, shape="cylinder")
 
     @classmethod
-    def mesh(cls, path: str | Path, mass: float | None = None, density: float | None = None, scale: float = 1.0) -> Self:
+    def mesh(
+        cls, path: str | Path, mass: float | None = None, density: float | None = None, scale: float = 1.0
+    ) -> Self:
         """Return a homogeneous body that fills a closed surface mesh; P sits at its centre of mass, with the axes of the file.
 
         Args:
@@ -119,7 +128,12 @@ class Payload(Description):
         """
         file = Path(path).absolute()
         body = mesh_body(file, mass, density, scale)
-        drawn = {"shape": "mesh", "mesh_file": str(file), "mesh_scale": scale, "shape_pose": Pose(xyz=-body.centre)}
+        drawn = {
+            "shape": "mesh",
+            "mesh_file": str(file),
+            "mesh_scale": scale,
+            "shape_pose": Pose(xyz=-body.centre),
+        }
         return cls(mass=body.mass, inertia=body.inertia, size=body.size, **drawn)
 
     @classmethod
@@ -133,7 +147,13 @@ class Payload(Description):
             UrdfError: the file has defects, physical ones included, or more than one link.
         """
         body = link_body(load_checked(find_urdf(path), strict=True), str(path))
-        return cls(mass=body.mass, inertia=body.inertia, size=body.size, shape=body.shape, shape_pose=Pose.from_matrix(body.X_PS))
+        return cls(
+            mass=body.mass,
+            inertia=body.inertia,
+            size=body.size,
+            shape=body.shape,
+            shape_pose=Pose.from_matrix(body.X_PS),
+        )
 
     def with_mass(self, mass: float) -> Self:
         """Return the same shape with another mass: the inertia scales along."""

@@ -52,11 +52,14 @@ class PlantOptions(Description):
     """How the plant is formulated and integrated.
 
     Attributes:
-        payload: "welded" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver, slower, to check the other by).
+        payload: "welded" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m
+            closures).
+        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver, slower, to
+            check the other by).
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: of the closures.
-        project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after every "step".
+        project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after
+            every "step".
     """
 
     payload: Literal["welded", "free"] = "welded"

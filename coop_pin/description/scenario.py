@@ -59,11 +59,13 @@ class Scenario(Description):
         cell: arms, payload, grasps.
         controller: the law and its gains.
         motion: desired motion of the payload.
-        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm, a ramp, or a function;
-            zero when omitted.
+        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm,
+            a ramp, or a function; zero when omitted.
         start: payload pose at t = 0, at rest.
-        start_angles: joint angles of every arm at t = 0, in place of those that are found for ``start``; they must hold the payload there.
-        project_start: move open starting angles onto the grasps instead of refusing them; the payload then stands where they meet.
+        start_angles: joint angles of every arm at t = 0, in place of those that are found for ``start``; they
+            must hold the payload there.
+        project_start: move open starting angles onto the grasps instead of refusing them; the payload then
+            stands where they meet.
         events: what happens to the payload.
         clock: control rate and plant steps.
         plant: how the plant is solved.
@@ -89,7 +91,9 @@ class Scenario(Description):
 
     @field_validator("start_angles")
     @classmethod
-    def _angles_for_every_arm(cls, angles: dict[str, tuple[float, ...]], earlier: ValidationInfo) -> dict[str, tuple[float, ...]]:
+    def _angles_for_every_arm(
+        cls, angles: dict[str, tuple[float, ...]], earlier: ValidationInfo
+    ) -> dict[str, tuple[float, ...]]:
         if angles and "cell" in earlier.data:
             check_arm_names(angles, earlier.data["cell"].arms)
         return angles
@@ -119,7 +123,10 @@ class Scenario(Description):
             end = event.end if isinstance(event, WrenchPulse) else event.time
             if end > duration:
                 late.append(
-                    EventTimeError(f"ends at t = {end:g} s; the run ends at {duration:g} s: lengthen it or move the event", f"{index}.time")
+                    EventTimeError(
+                        f"ends at t = {end:g} s; the run ends at {duration:g} s: lengthen it or move the event",
+                        f"{index}.time",
+                    )
                 )
         if late:
             raise one_or_all(late, "the events")
@@ -135,7 +142,8 @@ class Scenario(Description):
         """Read a scenario from the catalogue or from a TOML file.
 
         Args:
-            name_or_path: name in the catalogue ("adept-paper") or path of a file. URDF paths in a file are relative to it.
+            name_or_path: name in the catalogue ("adept-paper") or path of a file. URDF paths in a file are
+                relative to it.
             overrides: fields to change, by dotted path.
 
         Raises:
@@ -178,7 +186,9 @@ class Scenario(Description):
     def to_toml(self) -> str:
         """Return the scenario as resolved: every field with its value."""
         text = tomli_w.dumps(_without_none(self.model_dump(mode="json")))
-        return _NUMBERS_IN_LINES.sub(lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text)
+        return _NUMBERS_IN_LINES.sub(
+            lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as resolved."""
@@ -189,19 +199,26 @@ def _missing(path: Path) -> EntryNotFoundError:
     """Return the error of a name or path that leads to no scenario; TOML files where it leads are suggested."""
     beside = path if path.is_dir() else path.parent
     files = sorted(map(str, beside.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
-    return EntryNotFoundError("scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system")
+    return EntryNotFoundError(
+        "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
+    )
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
     """Make paths of URDF, mesh and CSV files and of package folders that exist beside the scenario's file absolute.
 
-    A URDF that exists nowhere is taken for one beside the file as well: the error then names the folder that was meant.
+    A URDF that exists nowhere is taken for one beside the file as well: the error then names the folder that
+    was meant.
     """
     cell = data["cell"] if isinstance(data.get("cell"), dict) else {}
     arms = cell.get("arms", {})
     for arm in arms.values() if isinstance(arms, dict) else ():
         _anchor(arm, "urdf", folder)
-        if isinstance(arm, dict) and isinstance(arm.get("urdf"), str) and _is_missing_robot(Path(arm["urdf"])):
+        if (
+            isinstance(arm, dict)
+            and isinstance(arm.get("urdf"), str)
+            and _is_missing_robot(Path(arm["urdf"]))
+        ):
             arm["urdf"] = str((folder / arm["urdf"]).absolute())
         if isinstance(arm, dict) and isinstance(arm.get("package_dirs"), list):
             arm["package_dirs"] = [_beside(folder, entry) for entry in arm["package_dirs"]]

@@ -79,8 +79,9 @@ class UserSqueeze(Description):
     """A function of time of the user's own.
 
     Attributes:
-        target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six numbers} or an array of shape
-            (m, 6) in the order of the arms, payload axes, N and N m, that sums to zero. In Python the function itself will do.
+        target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six
+            numbers} or an array of shape (m, 6) in the order of the arms, payload axes, N and N m, that sums
+            to zero. In Python the function itself will do.
         options: keyword arguments for it.
     """
 
@@ -149,7 +150,10 @@ def _plain_table(value: Any) -> Any:
     try:
         return SteadySqueeze(wrenches=dict(value))
     except ScenarioError as error:
-        problems = [type(problem)(problem.detail, problem.path.removeprefix("wrenches").lstrip(".")) for problem in error.problems]
+        problems = [
+            type(problem)(problem.detail, problem.path.removeprefix("wrenches").lstrip("."))
+            for problem in error.problems
+        ]
         raise one_or_all(problems, "the squeeze") from None
 
 

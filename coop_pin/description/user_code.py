@@ -17,7 +17,9 @@ def _function_name(value: Any) -> Any:
     if callable(value):
         module, name = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
         if not module or not name or "<" in name:
-            raise FieldError(f"is {value!r}, which has no name to write down; define it with def at the top of a module")
+            raise FieldError(
+                f"is {value!r}, which has no name to write down; define it with def at the top of a module"
+            )
         return f"{module}:{name}"
     if isinstance(value, str):
         module, colon, name = value.partition(":")
@@ -51,5 +53,7 @@ def load_function(name: str, options: dict[str, Any]) -> Callable[..., Any]:
         if found is None:
             raise EntryNotFoundError("function", path, known, f"module {module_name!r}")
     if not callable(found):
-        raise EntryNotFoundError("function", path, [], f"module {module_name!r}: {path} is {found!r}, which cannot be called")
+        raise EntryNotFoundError(
+            "function", path, [], f"module {module_name!r}: {path} is {found!r}, which cannot be called"
+        )
     return functools.partial(found, **options) if options else found

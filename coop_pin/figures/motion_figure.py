@@ -21,7 +21,8 @@ _ROOM = 0.45
 def motion_figure(result: RunResult) -> Figure:
     """Return the paths of the payload and of the tips, and the polygon between the tips at six moments, seen from above.
 
-    Cells that move in space are drawn from the side (x, z) as well, below the view from above and to the same scale.
+    Cells that move in space are drawn from the side (x, z) as well, below the view from above and to the same
+    scale.
 
     Args:
         result: the run.
@@ -31,7 +32,10 @@ def motion_figure(result: RunResult) -> Figure:
     scale = min(_WIDTH / extent[0], _LARGEST_HEIGHT / sum(extent[second] for _, second in views))
     heights = [scale * extent[second] + _ROOM for _, second in views]
     with styled():
-        figure = Figure(figsize=(max(scale * extent[0], _LEAST_WIDTH) + 2.0 * _ROOM, sum(heights) + 2.0 * _ROOM), layout="constrained")
+        figure = Figure(
+            figsize=(max(scale * extent[0], _LEAST_WIDTH) + 2.0 * _ROOM, sum(heights) + 2.0 * _ROOM),
+            layout="constrained",
+        )
         panels = figure.subplots(len(views), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for panel, view in zip(panels, views, strict=True):
             _draw(panel, result, view)
@@ -44,17 +48,30 @@ def _extent(result: RunResult) -> Array:
     """Return how far bases, tips and payload reach in x, y and z, with some room around them, m, shape (3,)."""
     data = result.data
     bases = np.array([arm.base.xyz for arm in result.scenario.cell.arms.values()])
-    places = (bases, data["tip_position"].values.reshape(-1, 3), data["payload_position"].values, data["desired_position"].values)
+    places = (
+        bases,
+        data["tip_position"].values.reshape(-1, 3),
+        data["payload_position"].values,
+        data["desired_position"].values,
+    )
     return 1.2 * np.maximum(np.ptp(np.concatenate(places), axis=0), 0.1)
 
 
 def _draw(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
     data, first, second = result.data, *view
-    tips, actual, desired = (data[name].values for name in ("tip_position", "payload_position", "desired_position"))
+    tips, actual, desired = (
+        data[name].values for name in ("tip_position", "payload_position", "desired_position")
+    )
     chosen = np.unique(np.linspace(0, len(tips) - 1, _MOMENTS).round().astype(int))
     for age, sample in enumerate(chosen):
         corners = np.concatenate((tips[sample], tips[sample, :1]))
-        panel.plot(corners[:, first], corners[:, second], color=palette.LOAD, alpha=0.25 + 0.75 * age / len(chosen), linewidth=2.5)
+        panel.plot(
+            corners[:, first],
+            corners[:, second],
+            color=palette.LOAD,
+            alpha=0.25 + 0.75 * age / len(chosen),
+            linewidth=2.5,
+        )
     panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
     panel.plot(actual[:, first], actual[:, second], label="payload's path", **ACTUAL)
     for arm, (name, described) in enumerate(result.scenario.cell.arms.items()):

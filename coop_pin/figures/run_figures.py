@@ -30,7 +30,8 @@ from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, axia
 def tracking_figure(result: RunResult) -> Figure:
     """Return actual against desired payload pose, and the first arm's internal force along the line to the other tips.
 
-    Planar cells show x, y and psi (degrees); others x, y, z, the rotation-vector error (mrad), and the internal force across the line too.
+    Planar cells show x, y and psi (degrees); others x, y, z, the rotation-vector error (mrad), and the
+    internal force across the line too.
 
     Args:
         result: the run.
@@ -56,7 +57,11 @@ def tracking_figure(result: RunResult) -> Figure:
 
 
 def _draw_positions(data: xr.Dataset, panels: tuple[Axes, ...]) -> None:
-    time, actual, desired = data["time"].values, data["payload_position"].values, data["desired_position"].values
+    time, actual, desired = (
+        data["time"].values,
+        data["payload_position"].values,
+        data["desired_position"].values,
+    )
     for axis, panel in enumerate(panels):
         panel.plot(time, actual[:, axis], label="actual", **ACTUAL)
         panel.plot(time, desired[:, axis], label="desired", **DESIRED)
@@ -166,14 +171,17 @@ def _draw(panel: Axes, time: Array, values: Array, **style: Any) -> None:
 def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.axhline(limit, color=palette.LIMIT, linewidth=0.8, linestyle="--")
     panel.set_ylim(top=max(panel.get_ylim()[1], 3.0 * limit))
-    panel.annotate(text, (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7.5)
+    panel.annotate(
+        text, (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7.5
+    )
 
 
 def internal_force_figure(result: RunResult) -> Figure:
     """Return axial force, shear force and moment of the internal wrench: a column for each arm, actual and desired.
 
-    Axial is along the line from the arm's tip to the middle of the other tips, negative where the arms squeeze; shear is the
-    size of what lies across that line; the moment's size is about P. Rows that rigid bodies do not determine count as zero.
+    Axial is along the line from the arm's tip to the middle of the other tips, negative where the arms
+    squeeze; shear is the size of what lies across that line; the moment's size is about P. Rows that rigid
+    bodies do not determine count as zero.
 
     Args:
         result: the run.
@@ -182,7 +190,10 @@ def internal_force_figure(result: RunResult) -> Figure:
     time, axis = data["time"].values, axial_directions(data)
     figure, axes = grid_figure(3, len(arms), result, "internal wrench on each arm", panel=(3.6, 1.6))
     with styled():
-        for name, style, text in (("internal_wrench", ACTUAL, "actual"), ("desired_internal_wrench", DESIRED, "desired")):
+        for name, style, text in (
+            ("internal_wrench", ACTUAL, "actual"),
+            ("desired_internal_wrench", DESIRED, "desired"),
+        ):
             wrench = np.nan_to_num(data[name].values)
             force, moment = wrench[..., :3], np.linalg.norm(wrench[..., 3:], axis=2)
             axial = np.einsum("nmi,nmi->nm", force, axis)
@@ -193,7 +204,9 @@ def internal_force_figure(result: RunResult) -> Figure:
                     if name == "internal_wrench":
                         frame_bulk(panel, values[:, arm], "N m" if row == 2 else "N")
         for arm, column in zip(arms, axes.T, strict=True):
-            for panel, part, unit in zip(column, ("axial", "shear", "moment about P"), ("N", "N", "N m"), strict=True):
+            for panel, part, unit in zip(
+                column, ("axial", "shear", "moment about P"), ("N", "N", "N m"), strict=True
+            ):
                 label(panel, f"arm {arm}, {part}", unit)
         legend_above(axes[0, 0])
     finish(figure, axes, result)
@@ -213,7 +226,12 @@ def singularity_figure(result: RunResult) -> Figure:
     panel, conditions = axes[0, 0], data["jacobian_condition"].values
     with styled():
         for arm, condition in enumerate(conditions.T):
-            panel.plot(data["time"].values, condition, color=palette.SERIES[arm % len(palette.SERIES)], label=f"arm {arms[arm]}")
+            panel.plot(
+                data["time"].values,
+                condition,
+                color=palette.SERIES[arm % len(palette.SERIES)],
+                label=f"arm {arms[arm]}",
+            )
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
         label(panel, "condition number of the payload Jacobian", "")

@@ -100,10 +100,18 @@ def _draw_force_gains(panel: Axes, runs: tuple[ForceGainRun, ...]) -> None:
     factor = np.array([1.0 / (1.0 + run.force_gain) for run in chosen])
     rms = np.array([run.force_rms_error for run in chosen])
     slope = float(factor @ rms / (factor @ factor))
-    panel.plot([0.0, 1.0], [0.0, slope], color=palette.DESIRED, linestyle="--", linewidth=0.9, label="proportional")
+    panel.plot(
+        [0.0, 1.0], [0.0, slope], color=palette.DESIRED, linestyle="--", linewidth=0.9, label="proportional"
+    )
     panel.plot(factor, rms, color=palette.ACTUAL, marker="o", markersize=4.0, linestyle="none", label="runs")
     for run, x in zip(chosen, factor, strict=True):
-        panel.annotate(f"{run.force_gain:g}", (x, run.force_rms_error), xytext=(3, -9), textcoords="offset points", fontsize=7.0)
+        panel.annotate(
+            f"{run.force_gain:g}",
+            (x, run.force_rms_error),
+            xytext=(3, -9),
+            textcoords="offset points",
+            fontsize=7.0,
+        )
     panel.set_xlim(0.0, 1.05)
     panel.set_ylim(bottom=0.0)
     panel.set_xlabel("$1 / (1 + K_f)$; numbers at the points: $K_f$")

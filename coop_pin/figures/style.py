@@ -48,7 +48,9 @@ def styled() -> AbstractContextManager[None]:
     return mpl.rc_context(STYLE)
 
 
-def grid_figure(rows: int, columns: int, result: RunResult, title: str, panel: tuple[float, float] = (3.6, 2.0)) -> tuple[Figure, Grid]:
+def grid_figure(
+    rows: int, columns: int, result: RunResult, title: str, panel: tuple[float, float] = (3.6, 2.0)
+) -> tuple[Figure, Grid]:
     """Return an empty figure and its axes, shape (rows, columns), which share the time axis.
 
     Args:
@@ -89,7 +91,13 @@ def label(panel: Axes, title: str, unit: str) -> None:
 def legend_above(panel: Axes) -> None:
     """Name the lines of a panel beside its title, where no curve passes."""
     panel.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.0, handlelength=1.3, handletextpad=0.5
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=4,
+        borderaxespad=0.1,
+        columnspacing=1.0,
+        handlelength=1.3,
+        handletextpad=0.5,
     )
 
 
@@ -108,10 +116,23 @@ def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
     if finite.min() >= low - margin and finite.max() <= high + margin:
         return
     panel.set_ylim(low - margin, high + margin)
-    least, most = (0.0 if abs(edge) < 1e-6 * np.abs(finite).max() else float(edge) for edge in (finite.min(), finite.max()))
+    least, most = (
+        0.0 if abs(edge) < 1e-6 * np.abs(finite).max() else float(edge)
+        for edge in (finite.min(), finite.max())
+    )
     text = f"peaks cut off: {least:.3g} to {most:.3g} {unit}"
     backing = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
-    panel.text(0.99, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=7.0, color=palette.CAPTION, bbox=backing)
+    panel.text(
+        0.99,
+        0.03,
+        text,
+        transform=panel.transAxes,
+        ha="right",
+        va="bottom",
+        fontsize=7.0,
+        color=palette.CAPTION,
+        bbox=backing,
+    )
 
 
 def frame_decades(panel: Axes, values: Array) -> None:

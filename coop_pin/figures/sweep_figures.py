@@ -70,7 +70,10 @@ def lines_figure(table: MetricTable, field: str) -> Figure:
     others = [str(name) for name in values.dims if name != field]
     series = list(itertools.product(*(values[name].values.tolist() for name in others)))
     if len(series) > len(palette.SERIES):
-        raise FieldError(f"would need {len(series)} lines; a figure tells {len(palette.SERIES)} apart. Let fewer fields vary", field)
+        raise FieldError(
+            f"would need {len(series)} lines; a figure tells {len(palette.SERIES)} apart. Let fewer fields vary",
+            field,
+        )
     with styled():
         figure = Figure(figsize=(7.6, 4.0), layout="constrained")
         panel = figure.subplots()
@@ -80,7 +83,14 @@ def lines_figure(table: MetricTable, field: str) -> Figure:
             text = ", ".join(_written(name, value) for name, value in chosen.items())
             panel.plot(x, y, color=colour, marker=marker, markersize=4.0, label=text or None)
             gone = failed.sel(chosen).values
-            panel.plot(x[gone], np.full(gone.sum(), 0.97), "x", color=colour, transform=panel.get_xaxis_transform(), clip_on=False)
+            panel.plot(
+                x[gone],
+                np.full(gone.sum(), 0.97),
+                "x",
+                color=colour,
+                transform=panel.get_xaxis_transform(),
+                clip_on=False,
+            )
         scale_to_places(panel, "x", values[field].values)
         scale_to_values(panel, "y", values.values)
         panel.set_xlabel(field)
@@ -106,13 +116,17 @@ def map_figure(table: MetricTable) -> Figure:
         table: the metric; both of its dimensions have numbers.
     """
     across, up = (str(name) for name in table.values.dims)
-    values, failed = (entry.sortby([across, up]).transpose(up, across) for entry in (table.values, table.failed))
+    values, failed = (
+        entry.sortby([across, up]).transpose(up, across) for entry in (table.values, table.failed)
+    )
     with styled():
         figure = Figure(figsize=(5.8, 4.2), layout="constrained")
         panel = figure.subplots()
         panel.grid(visible=False)
         x, y = (_edges(values[name].values) for name in (across, up))
-        mesh = panel.pcolormesh(x, y, np.ma.masked_invalid(values.values), norm=_norm(values.values), cmap="cividis")
+        mesh = panel.pcolormesh(
+            x, y, np.ma.masked_invalid(values.values), norm=_norm(values.values), cmap="cividis"
+        )
         for row, column in np.argwhere(failed.values):
             _hatch(panel, x[column : column + 2], y[row : row + 2])
         _draw_boundary(panel, x, y, failed.values)
@@ -138,7 +152,12 @@ def _draw_boundary(panel: Axes, x: Array, y: Array, failed: Array) -> None:
 
 def _hatch(panel: Axes, x: Array, y: Array) -> None:
     panel.fill(
-        [x[0], x[1], x[1], x[0]], [y[0], y[0], y[1], y[1]], facecolor="#f3f4f6", edgecolor=palette.EVENT, hatch="////", linewidth=0.0
+        [x[0], x[1], x[1], x[0]],
+        [y[0], y[0], y[1], y[1]],
+        facecolor="#f3f4f6",
+        edgecolor=palette.EVENT,
+        hatch="////",
+        linewidth=0.0,
     )
 
 
@@ -181,7 +200,9 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     if over is not None and over not in table.values.dims:
         raise EntryNotFoundError("dimension", over, [str(name) for name in table.values.dims], "the sweep")
     if (not fields) if over is None else (over not in fields):
-        raise FieldError("has no numbers to draw along; use pareto_figure, or result.best", over or "the sweep")
+        raise FieldError(
+            "has no numbers to draw along; use pareto_figure, or result.best", over or "the sweep"
+        )
     return lines_figure(table, over or max(fields, key=lambda name: table.values.sizes[name]))
 
 
@@ -203,8 +224,24 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     with styled():
         figure = Figure(figsize=(5.4, 3.8), layout="constrained")
         panel = figure.subplots()
-        panel.plot(a[shown], b[shown], "o", color=palette.EVENT, markersize=3.5, alpha=0.7, label=f"{np.count_nonzero(shown)} runs")
-        panel.step(edge[:, 0], edge[:, 1], where="post", color=palette.ACTUAL, marker="o", markersize=4.5, label="front")
+        panel.plot(
+            a[shown],
+            b[shown],
+            "o",
+            color=palette.EVENT,
+            markersize=3.5,
+            alpha=0.7,
+            label=f"{np.count_nonzero(shown)} runs",
+        )
+        panel.step(
+            edge[:, 0],
+            edge[:, 1],
+            where="post",
+            color=palette.ACTUAL,
+            marker="o",
+            markersize=4.5,
+            label="front",
+        )
         for place, (x, y) in zip(front, edge, strict=True):
             panel.annotate(f"{place.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
         scale_to_values(panel, "x", a[shown])

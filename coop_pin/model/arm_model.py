@@ -16,7 +16,15 @@ from coop_pin.description.urdf import UrdfFile, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import LockedJointError, MimicJointError, UnsupportedJointError
 from coop_pin.model.joint_angles import JointAngles
-from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id, model_from_text, symmetric
+from coop_pin.model.pinocchio_model import (
+    add_frame,
+    append_arm,
+    empty_model,
+    frame_id,
+    joint_id,
+    model_from_text,
+    symmetric,
+)
 from coop_pin.spatial import inverse_pose
 
 _SLACK = 1e-9
@@ -46,13 +54,17 @@ def load_arm_model(arm: Arm) -> pin.Model:
 
     Raises:
         UrdfNotFoundError: the URDF does not exist.
-        UrdfError: it has structural defects; LockedJointError: a locked joint is out of its limits, or none is left;
-            MimicJointError: joints mimic others and ``mimic`` refuses them; UnsupportedJointError: a joint is planar or floating.
+        UrdfError: it has structural defects; LockedJointError: a locked joint is out of its limits, or none
+            is left;
+            MimicJointError: joints mimic others and ``mimic`` refuses them; UnsupportedJointError: a joint is
+                planar or floating.
         JointNotFoundError: a locked joint does not exist.
     """
     file = arm.file
     version = file.path.stat()
-    return _reduced(file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore").copy()
+    return _reduced(
+        file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore"
+    ).copy()
 
 
 def load_unreduced_arm(arm: Arm) -> UnreducedArm:
@@ -61,9 +73,13 @@ def load_unreduced_arm(arm: Arm) -> UnreducedArm:
 
 
 @lru_cache(maxsize=64)
-def _reduced(file: UrdfFile, version: tuple[int, int], locked: tuple[tuple[str, float], ...], ignore_mimic: bool) -> pin.Model:  # noqa: ARG001
+def _reduced(
+    file: UrdfFile, version: tuple[int, int], locked: tuple[tuple[str, float], ...], ignore_mimic: bool
+) -> pin.Model:  # noqa: ARG001
     whole = _whole(file, dict(locked), ignore_mimic)
-    return pin.buildReducedModel(whole.model, whole.locked, whole.configuration) if whole.locked else whole.model
+    return (
+        pin.buildReducedModel(whole.model, whole.locked, whole.configuration) if whole.locked else whole.model
+    )
 
 
 def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:
@@ -75,7 +91,9 @@ def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> U
         _lock(model, q, joint, angle)
     moving = robot.unlocked(locked)
     if not moving:
-        raise LockedJointError(f"locks every joint of {file.path.name}; an arm must have one that moves", "locked")
+        raise LockedJointError(
+            f"locks every joint of {file.path.name}; an arm must have one that moves", "locked"
+        )
     for joint in moving:
         if robot.joints[joint] not in _DRIVEN:
             raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
@@ -91,11 +109,15 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
     if size == 2:
         q[first : first + 2] = np.cos(angle), np.sin(angle)
     elif size > 2:
-        raise LockedJointError("has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}")
+        raise LockedJointError(
+            "has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}"
+        )
     else:
         lower, upper = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
         if not lower - _SLACK <= angle <= upper + _SLACK:
-            raise LockedJointError(f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}")
+            raise LockedJointError(
+                f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
+            )
         q[first] = angle
 
 
@@ -111,7 +133,9 @@ class ArmModel:
         drive: drive matrix T with q_drive = T q, shape (nv, nv).
     """
 
-    def __init__(self, arm: Arm, X_PE: ArrayLike | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> None:
+    def __init__(
+        self, arm: Arm, X_PE: ArrayLike | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)
+    ) -> None:
         """Build the model.
 
         Args:
@@ -150,7 +174,9 @@ class ArmModel:
         """Return h(q, v): Coriolis, centrifugal and gravity torques, N m, shape (nv,)."""
         return np.array(pin.nonLinearEffects(self.model, self._data, self._q(q), self._v("v", v)))
 
-    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6) -> Array:
+    def forward_dynamics(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6
+    ) -> Array:
         """Return a = M^-1 (tau - h + J_WP^T F_EP_W) by ABA, rad/s^2, shape (nv,): eq. (4) of Gueaieb et al. (2007).
 
         Args:
@@ -162,7 +188,9 @@ class ArmModel:
         torque = self._v("tau", tau) + self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
         return np.array(pin.aba(self.model, self._data, self._q(q), self._v("v", v), torque))
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6) -> Array:
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6
+    ) -> Array:
         """Return tau = M a + h - J_WP^T F_EP_W by RNEA, N m, shape (nv,)."""
         torque = np.array(pin.rnea(self.model, self._data, self._q(q), self._v("v", v), self._v("a", a)))
         return torque - self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
@@ -177,12 +205,18 @@ class ArmModel:
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP with V_WP = J_WP v: J_phi_i of eq. (2), in world axes, shape (6, nv)."""
-        return np.array(pin.computeFrameJacobian(self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED))
+        return np.array(
+            pin.computeFrameJacobian(
+                self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED
+            )
+        )
 
     def payload_acceleration_bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return Jdot v, the part of d/dt V_WP that needs no joint acceleration (eq. (3)), shape (6,)."""
         pin.forwardKinematics(self.model, self._data, self._q(q), self._v("v", v), np.zeros(self.nv))
-        return pin.getFrameClassicalAcceleration(self.model, self._data, self._payload, pin.LOCAL_WORLD_ALIGNED).vector.copy()
+        return pin.getFrameClassicalAcceleration(
+            self.model, self._data, self._payload, pin.LOCAL_WORLD_ALIGNED
+        ).vector.copy()
 
     def _frame_pose(self, q: ArrayLike, frame: int) -> Array:
         pin.framesForwardKinematics(self.model, self._data, self._q(q))

@@ -40,30 +40,43 @@ class ArmPlace(NamedTuple):
 class CellModel:
     """The tree of a cell before its closures.
 
-    Frames: ``<arm>/<frame of the URDF>``, ``<arm>/grasp`` (the tip E), ``payload`` (P) and ``payload/<arm>`` (where the arm grips).
+    Frames: ``<arm>/<frame of the URDF>``, ``<arm>/grasp`` (the tip E), ``payload`` (P) and ``payload/<arm>``
+    (where the arm grips).
 
     Attributes:
         model: the Pinocchio model.
         arms: where each arm sits.
-        closed_by_tree: names of arms whose grasp the tree itself holds (the first, when the payload is welded).
+        closed_by_tree: names of arms whose grasp the tree itself holds (the first, when the payload is
+            welded).
         payload_frame: index of frame P.
         payload_joint: the joint that carries the payload.
     """
 
-    def __init__(self, cell: Cell, payload_joint: int, model: pin.Model, X_joint_payload: pin.SE3, rooted_at: str | None) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        payload_joint: int,
+        model: pin.Model,
+        X_joint_payload: pin.SE3,
+        rooted_at: str | None,
+    ) -> None:
         self.model, self.payload_joint, self._X_joint_payload = model, payload_joint, X_joint_payload
         self.closed_by_tree = () if rooted_at is None else (rooted_at,)
         self._carrier_inertia = model.inertias[payload_joint].copy()
         self.payload_frame = add_frame(model, "payload", payload_joint, X_joint_payload)
         for name in cell.arms:
-            add_frame(model, f"payload/{name}", payload_joint, X_joint_payload * pin.SE3(cell.grasps[name].matrix))
+            add_frame(
+                model, f"payload/{name}", payload_joint, X_joint_payload * pin.SE3(cell.grasps[name].matrix)
+            )
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
         self.set_payload(cell.payload)
 
     def set_payload(self, payload: Payload) -> None:
         """Give the payload another mass and inertia, at once."""
         self.payload_inertia = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
-        self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_joint_payload.act(self.payload_inertia)
+        self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_joint_payload.act(
+            self.payload_inertia
+        )
 
     def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
         """Return q of the tree from each arm's entries of q and the payload pose."""

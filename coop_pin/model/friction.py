@@ -16,7 +16,8 @@ class Friction(NamedTuple):
     """``tau = -A^T (viscous w + coulomb tanh(w / coulomb_velocity))`` with ``w = A v``.
 
     Attributes:
-        axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape (k, k).
+        axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape
+            (k, k).
         viscous: N m s/rad, shape (k,).
         coulomb: N m, shape (k,).
         coulomb_velocity: rad/s.
@@ -46,4 +47,6 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
         coulomb = per_joint(np.array(chosen.coulomb), joints, f"{path}.coulomb")
         return Friction(arm.drive_matrix(joints), viscous, coulomb, chosen.coulomb_velocity)
     share = 1.0 if chosen == "urdf" else 0.0
-    return Friction(np.eye(joints), share * model.damping, share * model.friction, JointFriction().coulomb_velocity)
+    return Friction(
+        np.eye(joints), share * model.damping, share * model.friction, JointFriction().coulomb_velocity
+    )

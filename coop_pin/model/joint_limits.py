@@ -34,8 +34,9 @@ class JointLimits(NamedTuple):
 def joint_limits(arm: Arm, name: str = "arm") -> JointLimits:
     """Return the limits of an arm.
 
-    A velocity or effort of zero is taken for "not stated", as many files mean it: no limit. Efforts of the URDF are drive
-    torques only where the drives turn the joints one by one; with a drive matrix they set no limit.
+    A velocity or effort of zero is taken for "not stated", as many files mean it: no limit. Efforts of the
+    URDF are drive torques only where the drives turn the joints one by one; with a drive matrix they set no
+    limit.
 
     Args:
         arm: the description.
@@ -87,8 +88,8 @@ _SCATTER = 0.5
 class JointRanges:
     """The position limits of an arm's joints.
 
-    Continuous joints have none. A revolute joint stands the same after a whole turn: when its range is a whole turn or more,
-    every pose can be unwound into it, and only narrower joints can stop an arm.
+    Continuous joints have none. A revolute joint stands the same after a whole turn: when its range is a
+    whole turn or more, every pose can be unwound into it, and only narrower joints can stop an arm.
 
     Attributes:
         names: the joints.
@@ -122,7 +123,9 @@ class JointRanges:
     def hold(self, q: Array) -> Array:
         """Return q with the narrow joints brought to their nearest limit where they stand beyond it, shape (nq,)."""
         held = q.copy()
-        held[self._narrow_entries] = np.clip(q[self._narrow_entries], self.lower[self.narrow], self.upper[self.narrow])
+        held[self._narrow_entries] = np.clip(
+            q[self._narrow_entries], self.lower[self.narrow], self.upper[self.narrow]
+        )
         return held
 
     def stopped(self, q: Array, direction: Array) -> Mask:
@@ -154,14 +157,20 @@ class JointRanges:
     def around(self, q: Array, count: int) -> list[Array]:
         """Return configurations scattered around one, half a radian in each joint, the same at every call."""
         generator = np.random.default_rng(0)
-        return [self.hold(pin.integrate(self._model, q, generator.normal(scale=_SCATTER, size=self._model.nv))) for _ in range(count)]
+        return [
+            self.hold(pin.integrate(self._model, q, generator.normal(scale=_SCATTER, size=self._model.nv)))
+            for _ in range(count)
+        ]
 
 
 def _turns(angle: float, lower: float, upper: float) -> int:
     """Return the fewest whole turns that bring an angle within limits, or nearest to them."""
     if lower - _ROUND_OFF <= angle <= upper + _ROUND_OFF:
         return 0
-    up, down = math.ceil((lower - angle - _ROUND_OFF) / _WHOLE_TURN), math.floor((upper - angle + _ROUND_OFF) / _WHOLE_TURN)
+    up, down = (
+        math.ceil((lower - angle - _ROUND_OFF) / _WHOLE_TURN),
+        math.floor((upper - angle + _ROUND_OFF) / _WHOLE_TURN),
+    )
     if up <= down:
         return min(max(0, up), down)
     return up if (angle + up * _WHOLE_TURN) - upper < lower - (angle + down * _WHOLE_TURN) else down

@@ -154,6 +154,8 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
     for name, rate in rates.items():
         joint = model.joints[joint_id(model, name)]
         if joint.nv != 1:
-            raise ArgumentError(f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v by hand")
+            raise ArgumentError(
+                f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v by hand"
+            )
         v[joint.idx_v] = as_array(name, rate)
     return v

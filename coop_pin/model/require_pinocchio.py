@@ -16,20 +16,24 @@ def import_pinocchio() -> ModuleType:
     """Return Pinocchio.
 
     Raises:
-        MissingPinocchioError: it is not there, it does not load, it is of a version that coop_pin cannot use, or another package has
-            its name.
+        MissingPinocchioError: it is not there, it does not load, it is of a version that coop_pin cannot use,
+            or another package has its name.
     """
     try:
         found = importlib.import_module("pinocchio")
     except ImportError as error:
         missing = isinstance(error, ModuleNotFoundError) and error.name == "pinocchio"
-        raise MissingPinocchioError("Pinocchio is not installed" if missing else f"Pinocchio does not load: {error}") from error
+        raise MissingPinocchioError(
+            "Pinocchio is not installed" if missing else f"Pinocchio does not load: {error}"
+        ) from error
     if not hasattr(found, "buildModelFromXML"):
         raise MissingPinocchioError(
             f"{found!r} is not Pinocchio; rename or remove it (on PyPI a plugin for nose has that name: pip uninstall pinocchio)"
         )
     if not OLDEST <= _numbers(found.__version__) < TOO_NEW:
-        raise MissingPinocchioError(f"Pinocchio {found.__version__} is installed; coop_pin needs 4.1 or later, before 5")
+        raise MissingPinocchioError(
+            f"Pinocchio {found.__version__} is installed; coop_pin needs 4.1 or later, before 5"
+        )
     return found
 
 

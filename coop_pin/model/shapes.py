@@ -97,7 +97,9 @@ def _sphere(geometry: Any) -> Sphere:
 
 def _mesh(geometry: Any) -> Mesh:
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
-    faces = np.array([(triangle[0], triangle[1], triangle[2]) for triangle in triangles], dtype=np.int64).reshape(-1, 3)
+    faces = np.array(
+        [(triangle[0], triangle[1], triangle[2]) for triangle in triangles], dtype=np.int64
+    ).reshape(-1, 3)
     return Mesh(np.array(geometry.vertices(), dtype=float), faces)
 
 
@@ -127,5 +129,8 @@ def payload_shape(payload: Payload, scale: float = 1.0) -> Shape:
         except MeshError as error:
             warnings.warn(f"the payload is drawn as a box: {error}", GeometryWarning, stacklevel=2)
         else:
-            return Mesh(scale * payload.mesh_scale * np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64))
+            return Mesh(
+                scale * payload.mesh_scale * np.array(mesh.vertices, dtype=float),
+                np.array(mesh.faces, dtype=np.int64),
+            )
     return Box((x, y, z))

@@ -64,13 +64,18 @@ class CellVisuals:
             payload: how the tree holds the payload, as in the scenario's plant: it fixes the layout of q.
         """
         tree = CELL_MODELS[payload](cell)
-        self.joints = {place.name: tuple(name.removeprefix(f"{place.name}/") for name in place.angles.names) for place in tree.arms}
+        self.joints = {
+            place.name: tuple(name.removeprefix(f"{place.name}/") for name in place.angles.names)
+            for place in tree.arms
+        }
         self._model = tree.model
         self._data = self._model.createData()
         self.bodies: tuple[Body, ...] = ()
         self._joints: list[int] = []
         self._base_poses: dict[int, Array] = {}
-        alike: dict[Hashable, dict[str, tuple[Visual, ...]]] = {}  # arms of one kind are read once: meshes take their time
+        alike: dict[
+            Hashable, dict[str, tuple[Visual, ...]]
+        ] = {}  # arms of one kind are read once: meshes take their time
         for name, arm in cell.arms.items():
             kind = (arm.file, *arm.locked.items())
             if kind not in alike:
@@ -128,8 +133,15 @@ def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[
     """Yield Pinocchio's visual geometry objects; where one cannot be read, those of the other links."""
     try:
         yield from _build(whole.model, whole.text, folders)
-    except (ValueError, RuntimeError):  # Pinocchio gives up on the whole file at the first bad mesh: go link by link
-        names = [link.get("name", "") for link in ElementTree.fromstring(whole.text).iter("link") if link.find("visual") is not None]
+    except (
+        ValueError,
+        RuntimeError,
+    ):  # Pinocchio gives up on the whole file at the first bad mesh: go link by link
+        names = [
+            link.get("name", "")
+            for link in ElementTree.fromstring(whole.text).iter("link")
+            if link.find("visual") is not None
+        ]
         for name in names:
             try:
                 yield from _build(whole.model, _only_visuals_of(name, whole.text), folders)
@@ -138,7 +150,8 @@ def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[
 
 
 def _build(model: pin.Model, text: str, folders: list[str]) -> list[Any]:
-    # Handing in the geometry model is the only way to hand in folders without a deprecation warning of pin 4.1.
+    # Handing in the geometry model is the only way to hand in folders without a deprecation warning of pin
+    # 4.1.
     geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), folders)
     return list(geometry.geometryObjects)
 

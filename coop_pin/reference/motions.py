@@ -50,7 +50,8 @@ AFTER = Scaling(1.0, 0.0, 0.0)
 def rest_to_rest(time: float, start_time: float, duration: float) -> Scaling:
     """Return s = 10 u^3 - 15 u^4 + 6 u^5 and its two derivatives, u = (time - start_time) / duration.
 
-    Zero before, one after; rate and acceleration vanish at both ends, so that s is twice continuously differentiable.
+    Zero before, one after; rate and acceleration vanish at both ends, so that s is twice continuously
+    differentiable.
 
     Args:
         time: s.
@@ -137,7 +138,8 @@ HALF_TURN_MARGIN = 1e-3
 class Line(PoseReference):
     """p = p_0 + s (p_1 - p_0), R = exp(s phi) R_0 with phi = log(R_1 R_0^T), s(t) the quintic from rest to rest.
 
-    The pose rests at start before start_time and at goal afterwards; the orientation takes the geodesic, the shorter way.
+    The pose rests at start before start_time and at goal afterwards; the orientation takes the geodesic, the
+    shorter way.
 
     Attributes:
         start: X_WP_d before, shape (4, 4).
@@ -170,7 +172,11 @@ class Line(PoseReference):
         if angle > math.pi - HALF_TURN_MARGIN:
             raise AmbiguousTurnError("start", "goal", 1, angle)
         axis = turn / angle if angle else turn
-        keep(self, start_time=as_number("start_time", self.start_time), _displacement=goal[:3, 3] - start[:3, 3])
+        keep(
+            self,
+            start_time=as_number("start_time", self.start_time),
+            _displacement=goal[:3, 3] - start[:3, 3],
+        )
         keep(self, _turn=turn, _angle=angle, _terms=axis_turn_terms(axis, R_0))
 
     def at(self, time: float) -> PoseTarget:
@@ -227,11 +233,23 @@ class Circle(PoseReference):
     def __post_init__(self) -> None:
         """Check the fields and lay out the plane."""
         keep(self, centre=as_array("centre", self.centre, 3), radius=as_positive("radius", self.radius))
-        keep(self, angular_rate=as_number("angular_rate", self.angular_rate), ramp=as_positive("ramp", self.ramp))
-        keep(self, normal=as_unit_vector("normal", self.normal), start_angle=as_number("start_angle", self.start_angle))
+        keep(
+            self,
+            angular_rate=as_number("angular_rate", self.angular_rate),
+            ramp=as_positive("ramp", self.ramp),
+        )
+        keep(
+            self,
+            normal=as_unit_vector("normal", self.normal),
+            start_angle=as_number("start_angle", self.start_angle),
+        )
         keep(self, start_time=as_number("start_time", self.start_time), rpy=as_array("rpy", self.rpy, 3))
         e_1 = _in_plane(self.normal)
-        keep(self, _R=rotation_from_rpy(self.rpy), _spokes=self.radius * np.stack((e_1, np.cross(self.normal, e_1))))
+        keep(
+            self,
+            _R=rotation_from_rpy(self.rpy),
+            _spokes=self.radius * np.stack((e_1, np.cross(self.normal, e_1))),
+        )
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
@@ -276,8 +294,17 @@ class Turn(PoseReference):
 
     def __post_init__(self) -> None:
         """Check the fields."""
-        keep(self, pose=as_pose("pose", self.pose), axis=as_unit_vector("axis", self.axis), angle=as_number("angle", self.angle))
-        keep(self, duration=as_positive("duration", self.duration), start_time=as_number("start_time", self.start_time))
+        keep(
+            self,
+            pose=as_pose("pose", self.pose),
+            axis=as_unit_vector("axis", self.axis),
+            angle=as_number("angle", self.angle),
+        )
+        keep(
+            self,
+            duration=as_positive("duration", self.duration),
+            start_time=as_number("start_time", self.start_time),
+        )
         keep(self, _terms=axis_turn_terms(self.axis, self.pose[:3, :3]))
 
     def at(self, time: float) -> PoseTarget:
@@ -292,7 +319,8 @@ class Turn(PoseReference):
 class Swing(PoseReference):
     """R = exp(theta e) R_0 about an axis e through P, swinging to and fro: theta = s amplitude sin(2 pi t / period).
 
-    s(t) is the quintic that rises from 0 to 1 during the ramp, t counts from start_time; the swing starts from rest.
+    s(t) is the quintic that rises from 0 to 1 during the ramp, t counts from start_time; the swing starts
+    from rest.
 
     Attributes:
         pose: X_WP_d before the swing, shape (4, 4).
@@ -319,7 +347,9 @@ class Swing(PoseReference):
     def __post_init__(self) -> None:
         """Check the fields."""
         keep(self, pose=as_pose("pose", self.pose), axis=as_unit_vector("axis", self.axis))
-        keep(self, amplitude=as_number("amplitude", self.amplitude), period=as_positive("period", self.period))
+        keep(
+            self, amplitude=as_number("amplitude", self.amplitude), period=as_positive("period", self.period)
+        )
         keep(self, ramp=as_positive("ramp", self.ramp), start_time=as_number("start_time", self.start_time))
         keep(self, _terms=axis_turn_terms(self.axis, self.pose[:3, :3]))
 
@@ -330,17 +360,22 @@ class Swing(PoseReference):
         sine, cosine = math.sin(w * (time - self.start_time)), math.cos(w * (time - self.start_time))
         theta = self.amplitude * s.value * sine
         theta_rate = self.amplitude * (s.rate * sine + s.value * w * cosine)
-        theta_acceleration = self.amplitude * (s.acceleration * sine + 2.0 * s.rate * w * cosine - s.value * w * w * sine)
+        theta_acceleration = self.amplitude * (
+            s.acceleration * sine + 2.0 * s.rate * w * cosine - s.value * w * w * sine
+        )
         R = turned(self._terms, theta)
-        return make_target(R, self.pose[:3, 3], omega=theta_rate * self.axis, alpha=theta_acceleration * self.axis)
+        return make_target(
+            R, self.pose[:3, 3], omega=theta_rate * self.axis, alpha=theta_acceleration * self.axis
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Exponentials(PoseReference):
     """p(t) = constant + sum_k amplitude_k exp(-t / tau_k) with a fixed orientation.
 
-    Gueaieb et al. (2007), section 4, is ``x_d = 0.4 - 0.2 exp(-t/6.6) + 0.5 exp(-t/6.8)``, ``y_d = x_d/sqrt(3) - 0.2``,
-    ``psi_d = pi/3``. The motion does not start at rest; the formula holds at negative times as well, where it grows.
+    Gueaieb et al. (2007), section 4, is ``x_d = 0.4 - 0.2 exp(-t/6.6) + 0.5 exp(-t/6.8)``, ``y_d =
+    x_d/sqrt(3) - 0.2``, ``psi_d = pi/3``. The motion does not start at rest; the formula holds at negative
+    times as well, where it grows.
 
     Attributes:
         constant: where the motion ends, m, shape (3,).
@@ -392,9 +427,10 @@ class Exponentials(PoseReference):
 class FromFunction(PoseReference):
     """X_WP_d(t) = pose_function(t); what is not given of twist and acceleration comes from central differences.
 
-    The differences look ahead and back by 2 step, so the functions must be smooth and defined a little before the start of
-    the run. Fourth order in step: at the default, motions with time constants about a second come out to 1e-11 in the twist
-    and 1e-9 in the acceleration. A given twist or acceleration is taken on trust here; ``check_consistency`` tests it.
+    The differences look ahead and back by 2 step, so the functions must be smooth and defined a little before
+    the start of the run. Fourth order in step: at the default, motions with time constants about a second
+    come out to 1e-11 in the twist and 1e-9 in the acceleration. A given twist or acceleration is taken on
+    trust here; ``check_consistency`` tests it.
 
     Attributes:
         pose_function: time in s -> X_WP_d, shape (4, 4).
@@ -403,7 +439,8 @@ class FromFunction(PoseReference):
         step: of the differences, s, positive.
 
     Raises:
-        NotPositiveError: step is zero or less. ``at`` raises ShapeError, NotFiniteError or NotAPoseError, naming the function.
+        NotPositiveError: step is zero or less. ``at`` raises ShapeError, NotFiniteError or NotAPoseError,
+            naming the function.
     """
 
     pose_function: Callable[[float], ArrayLike]

@@ -40,7 +40,12 @@ NO_VECTOR: Array = frozen(np.zeros(3))
 
 
 def make_target(
-    R: Array, p: Array, v: Array = NO_VECTOR, omega: Array = NO_VECTOR, a: Array = NO_VECTOR, alpha: Array = NO_VECTOR
+    R: Array,
+    p: Array,
+    v: Array = NO_VECTOR,
+    omega: Array = NO_VECTOR,
+    a: Array = NO_VECTOR,
+    alpha: Array = NO_VECTOR,
 ) -> PoseTarget:
     """Return the target of a motion given in parts, all in world axes.
 
@@ -173,7 +178,8 @@ def twist_from(displaced: Array, step: float) -> Array:
 def acceleration_from(displaced: Array, step: float) -> Array:
     """Return the derivative of the twist, shape (6,), from displacements.
 
-    ``alpha = d/dt (J(r) rdot) = rddot`` where r = 0: the derivative of the left Jacobian J there gives rdot x rdot / 2 = 0.
+    ``alpha = d/dt (J(r) rdot) = rddot`` where r = 0: the derivative of the left Jacobian J there gives rdot x
+    rdot / 2 = 0.
     """
     acceleration: Array = SECOND @ displaced / step**2
     return acceleration
@@ -224,7 +230,9 @@ def check_consistency(reference: PoseReference, times: ArrayLike, allowed: float
         _check_target(reference, time)
     twists = np.array([reference.at(time).V_WP_d for time in instants])
     accelerations = np.array([reference.at(time).A_WP_d for time in instants])
-    pose_rates = np.array([twist_from(displacements(lambda t: reference.at(t).X_WP_d, time, STEP), STEP) for time in instants])
+    pose_rates = np.array(
+        [twist_from(displacements(lambda t: reference.at(t).X_WP_d, time, STEP), STEP) for time in instants]
+    )
     twist_rates = np.array([rate_of(lambda t: reference.at(t).V_WP_d, time, STEP) for time in instants])
     return ConsistencyGaps(
         _largest_gap("V_WP_d", instants, twists, pose_rates, allowed),
@@ -240,12 +248,16 @@ def _check_target(reference: PoseReference, time: float) -> None:
     as_array(f"A_WP_d({time})", target.A_WP_d, 6)
 
 
-def _largest_gap(name: str, times: Sequence[float], given: Array, differences: Array, allowed: float) -> float:
+def _largest_gap(
+    name: str, times: Sequence[float], given: Array, differences: Array, allowed: float
+) -> float:
     """Return the largest entry of given - differences, both of shape (n, 6), once each half is accepted."""
     for part, half in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
         closure_errors = np.linalg.norm(given[:, half] - differences[:, half], axis=1)
         scale = max(SMALLEST_SCALE, float(np.linalg.norm(differences[:, half], axis=1).max(initial=0.0)))
         if closure_errors.max(initial=0.0) > allowed * scale:
             worst = int(closure_errors.argmax())
-            raise InconsistentReferenceError(f"{part} part of {name}", times[worst], float(closure_errors[worst]), allowed * scale)
+            raise InconsistentReferenceError(
+                f"{part} part of {name}", times[worst], float(closure_errors[worst]), allowed * scale
+            )
     return float(np.abs(given - differences).max(initial=0.0))

@@ -15,7 +15,14 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.errors import AmbiguousTurnError, NotIncreasingError, NotPositiveError, ReferenceFileError, ShapeError, suggestion
+from coop_pin.errors import (
+    AmbiguousTurnError,
+    NotIncreasingError,
+    NotPositiveError,
+    ReferenceFileError,
+    ShapeError,
+    suggestion,
+)
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, as_pose, as_times, keep, make_target
 
 
@@ -35,8 +42,8 @@ class TurningMotion(NamedTuple):
 def turning_motion(motion: Array) -> TurningMotion:
     """Return the rotation of q / |q| and its rates.
 
-    With ``w = qdot q^-1 = (w_0, w_v)``: ``omega = 2 w_v``, ``alpha = 2 (vector part of qddot q^-1) - 4 w_0 w_v``.
-    The length of q drops out: scaling q adds only to the scalar part w_0.
+    With ``w = qdot q^-1 = (w_0, w_v)``: ``omega = 2 w_v``, ``alpha = 2 (vector part of qddot q^-1) - 4 w_0
+    w_v``. The length of q drops out: scaling q adds only to the scalar part w_0.
 
     ``E a`` below is the vector part of the product a conj(q), ``G a`` that of conj(q) a; R = E G^T / |q|^2.
 
@@ -62,9 +69,10 @@ SMALLEST_LENGTH = 0.2
 class PoseSpline:
     """Quintic spline through positions and quaternions, at rest (rate and acceleration zero) at both ends.
 
-    Positions and quaternions are seven coordinates of one spline with four continuous derivatives; the rotation is that of
-    the quaternion scaled to length one, its angular rate and acceleration follow exactly. Before the first time and after
-    the last the pose stands still, so that twist and acceleration are continuous everywhere.
+    Positions and quaternions are seven coordinates of one spline with four continuous derivatives; the
+    rotation is that of the quaternion scaled to length one, its angular rate and acceleration follow exactly.
+    Before the first time and after the last the pose stands still, so that twist and acceleration are
+    continuous everywhere.
 
     Attributes:
         times: s, strictly increasing, shape (n,), n >= 2.
@@ -97,7 +105,11 @@ class PoseSpline:
         _check_length(times, coefficients, quaternions)
         keep(self, times=times, positions=positions, quaternions=quaternions)
         keep(self, _knots=tuple(times.tolist()), _coefficients=coefficients)
-        keep(self, _first=_resting(positions[0], quaternions[0]), _last=_resting(positions[-1], quaternions[-1]))
+        keep(
+            self,
+            _first=_resting(positions[0], quaternions[0]),
+            _last=_resting(positions[-1], quaternions[-1]),
+        )
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
@@ -177,8 +189,9 @@ def _resting(position: Array, quaternion: Array) -> PoseTarget:
 class Waypoints(PoseReference):
     """A smooth path through poses at their times, at rest before the first and after the last.
 
-    The path does not stop at the poses between; see PoseSpline for how it is made. To stop at a pose, give it twice, or
-    chain Line motions. Times that are spaced very unevenly make the path swing out between its poses.
+    The path does not stop at the poses between; see PoseSpline for how it is made. To stop at a pose, give it
+    twice, or chain Line motions. Times that are spaced very unevenly make the path swing out between its
+    poses.
 
     Attributes:
         times: s, strictly increasing, shape (n,), n >= 2.
@@ -237,14 +250,21 @@ class Tabulated(PoseReference):
     def __post_init__(self) -> None:
         """Fit the spline, and keep the table as the spline checked it."""
         spline = PoseSpline(self.times, self.positions, self.quaternions)
-        keep(self, times=spline.times, positions=spline.positions, quaternions=spline.quaternions, _spline=spline)
+        keep(
+            self,
+            times=spline.times,
+            positions=spline.positions,
+            quaternions=spline.quaternions,
+            _spline=spline,
+        )
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Tabulated:
         """Read a file of comma-separated values with a header.
 
-        The columns, in any order and no others: time (s), x, y, z (m), and either roll, pitch, yaw (rad) or qx, qy, qz, qw.
-        A motion that does not start and end at rest is brought from rest within its first interval and to rest within its last.
+        The columns, in any order and no others: time (s), x, y, z (m), and either roll, pitch, yaw (rad) or
+        qx, qy, qz, qw. A motion that does not start and end at rest is brought from rest within its first
+        interval and to rest within its last.
 
         Raises:
             ReferenceFileError: the file cannot be read; it carries the line number where a line is to blame.
@@ -252,7 +272,10 @@ class Tabulated(PoseReference):
         columns, lines, table = _read(str(path))
         column = dict(zip(columns, table.T, strict=True))
         if RPY[0] in column:
-            quaternions = np.reshape(Rotation.from_euler("xyz", np.stack([column[name] for name in RPY], axis=1)).as_quat(), (-1, 4))
+            quaternions = np.reshape(
+                Rotation.from_euler("xyz", np.stack([column[name] for name in RPY], axis=1)).as_quat(),
+                (-1, 4),
+            )
         else:
             quaternions = np.stack([column[name] for name in QUATERNION], axis=1)
             _check_lengths(str(path), lines, quaternions)

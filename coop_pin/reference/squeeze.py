@@ -16,8 +16,8 @@ from coop_pin.reference.pose_reference import as_number, as_positive, keep
 class SqueezeReference(ABC):
     """The desired internal wrench f_d_i of each arm, Gueaieb et al. (2007), eq. (23).
 
-    Rows in the order of the cell's arms; on the arm by the payload, about P, in PAYLOAD axes, linear first. They must sum to
-    zero over the arms: the scenario checks that, not the reference.
+    Rows in the order of the cell's arms; on the arm by the payload, about P, in PAYLOAD axes, linear first.
+    They must sum to zero over the arms: the scenario checks that, not the reference.
     """
 
     @abstractmethod
@@ -71,7 +71,11 @@ class RampedSqueeze(SqueezeReference):
         """Check the fields."""
         start = as_array("start", self.start, "m", 6)
         keep(self, start=start, goal=as_array("goal", self.goal, len(start), 6))
-        keep(self, duration=as_positive("duration", self.duration), start_time=as_number("start_time", self.start_time))
+        keep(
+            self,
+            duration=as_positive("duration", self.duration),
+            start_time=as_number("start_time", self.start_time),
+        )
 
     def at(self, time: float) -> Array:
         """Return f_d at a time in s, shape (m, 6)."""

@@ -133,14 +133,20 @@ def _controller(result: RunResult) -> str:
 
 def _fields(table: dict[str, object]) -> str:
     """Return a table as words; empty entries say nothing."""
-    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in table.items() if value not in ({}, (), None))
+    return ", ".join(
+        f"{name.replace('_', ' ')} {_value(value)}"
+        for name, value in table.items()
+        if value not in ({}, (), None)
+    )
 
 
 def _value(value: object) -> str:
     if isinstance(value, dict):
         kind = value.get("kind")
         rest = {name: entry for name, entry in value.items() if name != "kind"}
-        return " ".join(part for part in (str(kind) if kind else "", f"({_fields(rest)})" if rest else "") if part)
+        return " ".join(
+            part for part in (str(kind) if kind else "", f"({_fields(rest)})" if rest else "") if part
+        )
     if isinstance(value, list | tuple):
         return f"({', '.join(_value(entry) for entry in value)})"
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -156,8 +162,8 @@ _NO_LIMIT_EXCEEDED = "<p>No joint and no drive went beyond its limits.</p>"
 def report_html(result: RunResult) -> str:
     """Return one self-contained page: scenario, judgements, figures, limits, and the 3-D replay.
 
-    It loads nothing from outside, plays offline, and prints; on paper a drawing of the motion stands in for the replay. The
-    same result gives the same bytes.
+    It loads nothing from outside, plays offline, and prints; on paper a drawing of the motion stands in for
+    the replay. The same result gives the same bytes.
 
     Args:
         result: the run, finished or not.
@@ -174,8 +180,13 @@ def report_html(result: RunResult) -> str:
         window=_window(result),
         replay=html.escape(replay_html(result)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
-        tracking=_image(tracking_figure(result), "payload pose against the desired one, and the axial internal force"),
-        internal=_image(internal_force_figure(result), "axial force, shear force and moment of the internal wrench on each arm"),
+        tracking=_image(
+            tracking_figure(result), "payload pose against the desired one, and the axial internal force"
+        ),
+        internal=_image(
+            internal_force_figure(result),
+            "axial force, shear force and moment of the internal wrench on each arm",
+        ),
         torque=_image(torque_figure(result), "drive torques of every joint"),
         errors=_image(error_figure(result), "pose errors, closure drift and energy balance"),
         singularity=_image(singularity_figure(result), "condition number of each payload Jacobian"),
@@ -202,7 +213,10 @@ def _broken_off(result: RunResult) -> str:
 
 
 def _facts(result: RunResult) -> str:
-    rows = (f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in scenario_facts(result))
+    rows = (
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+        for name, text in scenario_facts(result)
+    )
     return "\n".join(rows)
 
 
@@ -216,7 +230,11 @@ def _judgements(lines: list[Judgement]) -> str:
 
 def _window(result: RunResult) -> str:
     window = result.steady_window
-    return f"{window.start:g} s to {window.end:g} s" if window.end > window.start else "a window this run did not reach"
+    return (
+        f"{window.start:g} s to {window.end:g} s"
+        if window.end > window.start
+        else "a window this run did not reach"
+    )
 
 
 def _limits(result: RunResult) -> str:
@@ -228,7 +246,9 @@ def _limits(result: RunResult) -> str:
     ]
     if not rows:
         return _NO_LIMIT_EXCEEDED
-    head = "<tr><th>arm</th><th>joint</th><th>limit of</th><th>worst</th><th>limit</th><th>first at, s</th></tr>"
+    head = (
+        "<tr><th>arm</th><th>joint</th><th>limit of</th><th>worst</th><th>limit</th><th>first at, s</th></tr>"
+    )
     return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table></div>'
 
 

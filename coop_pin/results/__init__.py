@@ -5,4 +5,12 @@ from coop_pin.results.metrics import LimitTable, LimitViolation
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
 
-__all__ = ["LimitTable", "LimitViolation", "Snapshot", "Observer", "RunResult", "RunSamples", "ThrottledObserver"]
+__all__ = [
+    "LimitTable",
+    "LimitViolation",
+    "Snapshot",
+    "Observer",
+    "RunResult",
+    "RunSamples",
+    "ThrottledObserver",
+]

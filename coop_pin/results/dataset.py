@@ -33,8 +33,8 @@ class RunSamples(NamedTuple):
         saturated: whether a torque was cut at its limit, shape (n, m, k).
         joint_position: joint angles, rad or m, shape (n, m, k); NaN beyond an arm's joints.
         joint_velocity: joint rates, likewise.
-        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies do not
-            determine, shape (n, m, 6).
+        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies
+            do not determine, shape (n, m, 6).
         external_wrench: on the payload, about P in world axes, shape (n, 6).
         closure_error: distance and angle of each grasp, m and rad, shape (n, m, 2).
         jacobian_condition: of each payload Jacobian, shape (n, m).
@@ -76,11 +76,14 @@ _POSITION = AXES[:3]
 def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.Dataset:
     """Return the labelled arrays of a run, errors, internal wrenches and joint limits included.
 
-    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x, y, z, w).
+    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x,
+    y, z, w).
     """
     internal = internal_wrenches(samples.interaction_wrench, scenario.cell.shares)
     desired_internal = rotate_vector6(samples.payload_pose[:, None, :3, :3], samples.desired_squeeze)
-    variables: dict[str, tuple[Any, ...]] = {}  # gathered first: every later assignment would align the whole dataset anew
+    variables: dict[
+        str, tuple[Any, ...]
+    ] = {}  # gathered first: every later assignment would align the whole dataset anew
     for name, dims, values, unit, text in (
         ("configuration", "q", samples.configuration, "rad or m", "configuration of the Pinocchio tree"),
         ("velocity", "v", samples.velocity, "rad/s or m/s", "velocity of the Pinocchio tree"),
@@ -88,23 +91,47 @@ def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.D
         ("payload_quaternion", "quaternion", _quaternions(samples.payload_pose), "1", "orientation of P"),
         ("payload_twist", "axis", samples.payload_twist, "m/s, rad/s", "V_WP"),
         ("desired_position", "position", samples.desired_pose[:, :3, 3], "m", "desired position of P"),
-        ("desired_quaternion", "quaternion", _quaternions(samples.desired_pose), "1", "desired orientation of P"),
+        (
+            "desired_quaternion",
+            "quaternion",
+            _quaternions(samples.desired_pose),
+            "1",
+            "desired orientation of P",
+        ),
         ("desired_twist", "axis", samples.desired_twist, "m/s, rad/s", "V_WP_d"),
         ("pose_error", "axis", _pose_errors(samples), "m, rad", "actual minus desired pose"),
         ("tip_position", "arm position", samples.tip_position, "m", "position of each tip"),
         ("drive_velocity", "arm joint", samples.drive_velocity, "rad/s", "drive rates"),
-        ("joint_position", "arm joint", samples.joint_position, "rad or m", "joint angles; continuous joints count on over full turns"),
+        (
+            "joint_position",
+            "arm joint",
+            samples.joint_position,
+            "rad or m",
+            "joint angles; continuous joints count on over full turns",
+        ),
         ("joint_velocity", "arm joint", samples.joint_velocity, "rad/s or m/s", "joint rates"),
         ("torque", "arm joint", samples.torque, "N m", "drive torques applied from the tick on"),
         ("commanded_torque", "arm joint", samples.commanded_torque, "N m", "drive torques before saturation"),
         ("saturated", "arm joint", samples.saturated, "1", "whether the torque was cut at its limit"),
-        ("interaction_wrench", "arm axis", samples.interaction_wrench, "N, N m", "on the arm by the payload, about P"),
+        (
+            "interaction_wrench",
+            "arm axis",
+            samples.interaction_wrench,
+            "N, N m",
+            "on the arm by the payload, about P",
+        ),
         ("internal_wrench", "arm axis", internal, "N, N m", "f_i = F_i - c_i sum_j F_j"),
         ("desired_internal_wrench", "arm axis", desired_internal, "N, N m", "f_d_i turned by the payload"),
         ("external_wrench", "axis", samples.external_wrench, "N, N m", "on the payload, about P"),
         ("closure_distance", "arm", samples.closure_error[..., 0], "m", "tip to grasp"),
         ("closure_angle", "arm", samples.closure_error[..., 1], "rad", "tip to grasp"),
-        ("jacobian_condition", "arm", samples.jacobian_condition, "1", "condition number of the payload Jacobian"),
+        (
+            "jacobian_condition",
+            "arm",
+            samples.jacobian_condition,
+            "1",
+            "condition number of the payload Jacobian",
+        ),
         ("kinetic_energy", "", samples.energy[:, 0], "J", "of arms and payload"),
         ("potential_energy", "", samples.energy[:, 1], "J", "of arms and payload"),
         ("work_actuation", "", samples.work[:, 0], "J", "done by the drives since the start"),
@@ -121,9 +148,17 @@ def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.D
     ):
         variables[name] = (("arm", "joint"), values, {"units": unit, "long_name": "NaN where there is none"})
     names = [(*joints, *[""] * (samples.torque.shape[2] - len(joints))) for joints in limits.joints]
-    variables["joint_name"] = (("arm", "joint"), np.array(names), {"long_name": "empty beyond an arm's joints"})
+    variables["joint_name"] = (
+        ("arm", "joint"),
+        np.array(names),
+        {"long_name": "empty beyond an arm's joints"},
+    )
     determined = np.isfinite(samples.interaction_wrench).all(axis=(0, 1))
-    variables["wrench_is_determined"] = ("axis", determined, {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"})
+    variables["wrench_is_determined"] = (
+        "axis",
+        determined,
+        {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"},
+    )
     attributes = {"title": scenario.summary or scenario.name}
     return xr.Dataset(variables, coords=_coordinates(scenario, samples), attrs=attributes)
 

@@ -59,17 +59,23 @@ def limit_violations(data: xr.Dataset) -> tuple[LimitViolation, ...]:
             if not joint:
                 continue
             for kind, values, lower, upper in _watched(data, a, j):
-                over = np.maximum(values - upper, lower - values)  # NaN where there is no limit: then nothing is over it
+                over = np.maximum(
+                    values - upper, lower - values
+                )  # NaN where there is no limit: then nothing is over it
                 beyond = np.flatnonzero(over > _SLACK)
                 if beyond.size:
                     worst = int(beyond[np.argmax(over[beyond])])
                     limit = upper if values[worst] > upper else lower
                     first = float(data["time"].values[beyond[0]])
-                    found.append(LimitViolation(str(arm), str(joint), kind, float(values[worst]), float(limit), first))
+                    found.append(
+                        LimitViolation(str(arm), str(joint), kind, float(values[worst]), float(limit), first)
+                    )
     return tuple(found)
 
 
-def _watched(data: xr.Dataset, a: int, j: int) -> list[tuple[Literal["position", "velocity", "torque"], Array, float, float]]:
+def _watched(
+    data: xr.Dataset, a: int, j: int
+) -> list[tuple[Literal["position", "velocity", "torque"], Array, float, float]]:
     """Return kind, values over time, lower and upper limit of one joint."""
     speed, torque = float(data["velocity_limit"].values[a, j]), float(data["torque_limit"].values[a, j])
     lower, upper = float(data["position_lower"].values[a, j]), float(data["position_upper"].values[a, j])
@@ -100,7 +106,8 @@ class Window(NamedTuple):
 class InternalForceMetrics(NamedTuple):
     """Internal-wrench errors over a window, over all arms.
 
-    The axis of an arm is the line from its own tip to the middle of the other tips: for two arms, the line between the tips.
+    The axis of an arm is the line from its own tip to the middle of the other tips: for two arms, the line
+    between the tips.
 
     Attributes:
         axial_mean: mean internal force along the axis, N; negative where the arms squeeze.
@@ -146,7 +153,10 @@ def settling_time(data: xr.Dataset, window: Window) -> float:
 def samples_of(data: xr.Dataset, window: Window) -> Mask:
     """Return a mask of the samples with start <= t < end; the last sample of a run belongs to it."""
     time = data["time"].values
-    return np.asarray((time >= window.start - 1e-9) & ((time < window.end - 1e-9) | (time == time[-1]) & (window.end >= time[-1] - 1e-9)))
+    return np.asarray(
+        (time >= window.start - 1e-9)
+        & ((time < window.end - 1e-9) | (time == time[-1]) & (window.end >= time[-1] - 1e-9))
+    )
 
 
 def axial_directions(data: xr.Dataset) -> Array:
@@ -166,18 +176,24 @@ def axial_directions(data: xr.Dataset) -> Array:
 def internal_force(data: xr.Dataset, window: Window) -> InternalForceMetrics:
     """Judge internal wrenches over a window; not a number for a single arm, which has none."""
     inside, axis = samples_of(data, window), axial_directions(data)
-    actual = np.nan_to_num(data["internal_wrench"].values)  # outside the task rows nothing is known and nothing is judged
+    actual = np.nan_to_num(
+        data["internal_wrench"].values
+    )  # outside the task rows nothing is known and nothing is judged
     error = np.nan_to_num(data["internal_wrench"].values - data["desired_internal_wrench"].values)
     axial = np.einsum("nmi,nmi->nm", actual[..., :3], axis)[inside]
     axial_error = np.einsum("nmi,nmi->nm", error[..., :3], axis)
     shear_error = np.linalg.norm(error[..., :3] - axial_error[..., None] * axis, axis=2)
     moment_error = np.linalg.norm(error[..., 3:], axis=2)
     mean = float(axial.mean()) if axial.size else math.nan
-    return InternalForceMetrics(mean, rms(axial_error[inside]), rms(shear_error[inside]), rms(moment_error[inside]))
+    return InternalForceMetrics(
+        mean, rms(axial_error[inside]), rms(shear_error[inside]), rms(moment_error[inside])
+    )
 
 
 def energy_balance(data: xr.Dataset) -> Array:
     """Return energy minus its start minus all work done, J, shape (n,): zero for an exact integration."""
     energy = data["kinetic_energy"].values + data["potential_energy"].values
-    work = sum(data[f"work_{channel}"].values for channel in ("actuation", "friction", "external", "payload_change"))
+    work = sum(
+        data[f"work_{channel}"].values for channel in ("actuation", "friction", "external", "payload_change")
+    )
     return np.asarray(energy - energy[0] - work)

@@ -14,7 +14,13 @@ from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
 from coop_pin.results import metrics as judgements
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.dataset import RunSamples, dataset
-from coop_pin.results.metrics import InternalForceMetrics, LimitTable, LimitViolation, Window, limit_violations
+from coop_pin.results.metrics import (
+    InternalForceMetrics,
+    LimitTable,
+    LimitViolation,
+    Window,
+    limit_violations,
+)
 
 
 class RunResult:
@@ -130,7 +136,9 @@ class RunResult:
     def save(self, path: str | Path) -> None:
         """Write a netCDF file with the scenario inside; a good file at that path is never destroyed half-way."""
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
-        content = data.to_netcdf(engine="h5netcdf")  # in memory first: HDF5 that meets a full disk takes the process down
+        content = data.to_netcdf(
+            engine="h5netcdf"
+        )  # in memory first: HDF5 that meets a full disk takes the process down
         write_atomically(Path(path), lambda part: part.write_bytes(content))
 
     @classmethod
@@ -147,11 +155,15 @@ class RunResult:
         try:
             data = xr.load_dataset(path, engine="h5netcdf")
         except (OSError, ValueError, KeyError) as error:
-            raise ResultFileError(f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run") from None
+            raise ResultFileError(
+                f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
+            ) from None
         text = data.attrs.pop("coop_pin_scenario", None)
         if text is None:
             raise ResultFileError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
         try:
             return cls(Scenario.from_toml(text), data)
         except (ScenarioError, ScenarioFileError) as error:
-            raise ResultFileError(f"{path} holds a scenario that this version of coop_pin cannot read: {error}") from None
+            raise ResultFileError(
+                f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
+            ) from None

@@ -17,7 +17,8 @@ class Snapshot(NamedTuple):
         payload_pose: X_WP, shape (4, 4).
         desired_pose: X_WP_d, shape (4, 4).
         tip_position: m, shape (m, 3).
-        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies do not determine, shape (m, 6).
+        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies
+            do not determine, shape (m, 6).
         internal_wrench: f_i = F_i - c_i sum_j F_j, likewise.
         desired_internal_wrench: f_d_i turned by the payload, likewise.
         external_wrench: on the payload, about P in world axes, shape (6,).

@@ -63,8 +63,12 @@ def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[f
         return number_or_row(entries)
     lengths = [len(row) if isinstance(row, tuple) else 0 for row in entries]
     if len(set(lengths)) > 1 or not lengths[0]:
-        raise FieldShapeError(f"has rows of {lengths} entries; all rows must have the same number of entries, at least one")
-    return tuple(tuple(_number(entry, f"{i}.{j}") for j, entry in enumerate(row)) for i, row in enumerate(entries))
+        raise FieldShapeError(
+            f"has rows of {lengths} entries; all rows must have the same number of entries, at least one"
+        )
+    return tuple(
+        tuple(_number(entry, f"{i}.{j}") for j, entry in enumerate(row)) for i, row in enumerate(entries)
+    )
 
 
 def _number(value: Any, path: str = "") -> float:
@@ -83,7 +87,9 @@ Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValid
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_as_tuples)]
 NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(number_or_row)]
-NumberVectorOrMatrix = Annotated[float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)]
+NumberVectorOrMatrix = Annotated[
+    float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)
+]
 
 
 class Description(BaseModel):
@@ -108,8 +114,8 @@ class Description(BaseModel):
     def override(self, changes: Mapping[str, Any]) -> Self:
         """Return a copy with fields changed by dotted path, for example ``{"clock.rate_hz": 400, "events.0.time": 5.0}``.
 
-        Entries of lists are counted from zero; the number after the last one adds an entry. A changed ``kind`` starts from the
-        defaults of the new kind.
+        Entries of lists are counted from zero; the number after the last one adds an entry. A changed
+        ``kind`` starts from the defaults of the new kind.
 
         Raises:
             ScenarioError: a path does not exist, or the copy has mistakes.

@@ -13,10 +13,12 @@ from coop_pin.errors import UnknownFieldError, suggestion
 def overridden(description: BaseModel, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a description with changes by dotted path, not yet checked.
 
-    Outer fields change before inner ones, and a ``kind`` before the fields beside it, whatever the order they are given in.
+    Outer fields change before inner ones, and a ``kind`` before the fields beside it, whatever the order they
+    are given in.
 
     Raises:
-        UnknownFieldError: a path leads through something that has no fields. Unknown last fields are left to the check.
+        UnknownFieldError: a path leads through something that has no fields. Unknown last fields are left to
+            the check.
     """
     fields: Any = description
     for path, value in sorted(changes.items(), key=lambda change: _order(change[0])):

@@ -34,13 +34,17 @@ class Pose(Description):
         if isinstance(value, dict | Pose):
             return value
         if not isinstance(value, list | tuple):
-            raise FieldError(f"is {value!r}; it must be a table of xyz and rpy, a position of 3 numbers, or a 4x4 pose matrix")
+            raise FieldError(
+                f"is {value!r}; it must be a table of xyz and rpy, a position of 3 numbers, or a 4x4 pose matrix"
+            )
         if len(value) == 3 and not any(isinstance(entry, list | tuple | np.ndarray) for entry in value):
             return {"xyz": value}
         try:
             X_AB = as_pose("the matrix", value)
         except ArgumentError as error:
-            raise FieldError(f"is neither a table of xyz and rpy, nor a position of 3 numbers, nor a 4x4 pose matrix: {error}") from None
+            raise FieldError(
+                f"is neither a table of xyz and rpy, nor a position of 3 numbers, nor a 4x4 pose matrix: {error}"
+            ) from None
         return {"xyz": X_AB[:3, 3], "rpy": rpy_from_rotation(X_AB[:3, :3])}
 
     @property

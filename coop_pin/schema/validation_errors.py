@@ -40,7 +40,9 @@ _WANTED = {
 """What pydantic's findings of a wrong type ask for, in the words of a scenario file."""
 
 
-def field_errors(error: ValidationError, fields: Mapping[str, Any], model: type[BaseModel]) -> list[FieldError]:
+def field_errors(
+    error: ValidationError, fields: Mapping[str, Any], model: type[BaseModel]
+) -> list[FieldError]:
     """Turn pydantic's findings into our own, keeping the typed ones that validators raised.
 
     Args:
@@ -59,15 +61,28 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
         return [problem.below(path) for problem in cause.problems]
     match kind:
         case "extra_forbidden":
-            return [UnknownFieldError(f"there is no such field; {suggestion(str(details['loc'][-1]), list(model.model_fields))}", path)]
+            return [
+                UnknownFieldError(
+                    f"there is no such field; {suggestion(str(details['loc'][-1]), list(model.model_fields))}",
+                    path,
+                )
+            ]
         case "missing":
             return [MissingFieldError(f"must be given{_needs(model, details['loc'])}", path)]
         case "finite_number":
             return [FieldNotFiniteError(f"is {value}; it must be a finite number", path)]
         case "too_short" | "too_long":
-            return [FieldShapeError(f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path)]
+            return [
+                FieldShapeError(
+                    f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path
+                )
+            ]
         case "union_tag_invalid":
-            return [FieldError(f"is {context['tag']!r}; it must be one of {context['expected_tags']}", f"{path}.kind")]
+            return [
+                FieldError(
+                    f"is {context['tag']!r}; it must be one of {context['expected_tags']}", f"{path}.kind"
+                )
+            ]
         case "union_tag_not_found":
             return [MissingFieldError("must be given: it says what the other fields mean", f"{path}.kind")]
         case "literal_error":

@@ -55,7 +55,9 @@ class Actuation:
         """
         arrays = [np.asarray(torque, dtype=np.float64) for torque in torques]
         if len(arrays) != len(self._names):
-            raise ShapeError("the list of torques, one entry for each arm,", (len(arrays),), (len(self._names),))
+            raise ShapeError(
+                "the list of torques, one entry for each arm,", (len(arrays),), (len(self._names),)
+            )
         for name, torque, limit in zip(self._names, arrays, self._limits, strict=True):
             if torque.shape != limit.shape:
                 raise ShapeError(f"torque of arm {name!r}", torque.shape, limit.shape)
@@ -112,4 +114,8 @@ class Transmission:
         A is D for friction at the drives; for friction of the URDF it picks the joints' rates.
         """
         viscous: Array = self._viscous.dot(v)
-        return viscous + self._coulomb.dot(np.tanh(self._to_scaled_speed.dot(v))) if self._has_coulomb else viscous
+        return (
+            viscous + self._coulomb.dot(np.tanh(self._to_scaled_speed.dot(v)))
+            if self._has_coulomb
+            else viscous
+        )

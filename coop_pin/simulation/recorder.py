@@ -27,7 +27,9 @@ class Recorder:
         payload_energy: energy that payload changes have added so far, J.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]) -> None:
+    def __init__(
+        self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]
+    ) -> None:
         self._cell, self._plant, self._limits = scenario.cell, plant, limits
         self.count = 0
         self.payload_energy = 0.0
@@ -78,7 +80,11 @@ class Recorder:
         kept.payload_pose[tick], kept.payload_twist[tick] = seen.payload_pose, seen.payload_twist
         kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.closure_errors
         kept.interaction_wrench[tick] = seen.interaction_wrenches
-        kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = target.X_WP_d, target.V_WP_d, squeeze
+        kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = (
+            target.X_WP_d,
+            target.V_WP_d,
+            squeeze,
+        )
         kept.external_wrench[tick] = plant.external
         kept.energy[tick] = seen.energy
         kept.work[tick, :-1], kept.work[tick, -1] = plant.work, self.payload_energy
@@ -94,7 +100,10 @@ class Recorder:
     def moment(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         kept, last = self._samples, self.count - 1
-        interaction, pose = np.where(self._determined, kept.interaction_wrench[last], np.nan), kept.payload_pose[last]
+        interaction, pose = (
+            np.where(self._determined, kept.interaction_wrench[last], np.nan),
+            kept.payload_pose[last],
+        )
         return Snapshot(
             time=float(kept.time[last]),
             configuration=frozen(kept.configuration[last]),
@@ -107,7 +116,9 @@ class Recorder:
             external_wrench=frozen(kept.external_wrench[last]),
             torque=frozen(kept.torque[last]),
             saturated=frozen(kept.saturated[last]),
-            jacobian_condition=frozen(np.array([np.linalg.cond(jacobians[last]) for jacobians in self._jacobians])),
+            jacobian_condition=frozen(
+                np.array([np.linalg.cond(jacobians[last]) for jacobians in self._jacobians])
+            ),
         )
 
     def result(self, scenario: Scenario) -> RunResult:
@@ -118,7 +129,9 @@ class Recorder:
         """
         kept, cell = self._samples.first(self.count), self._cell
         kept.interaction_wrench[..., ~self._determined] = np.nan
-        for index, (place, jacobians) in enumerate(zip(self._plant.chain.tree.arms, self._jacobians, strict=True)):
+        for index, (place, jacobians) in enumerate(
+            zip(self._plant.chain.tree.arms, self._jacobians, strict=True)
+        ):
             kept.jacobian_condition[:, index] = np.linalg.cond(jacobians[: self.count])
             posture, joints = cell.arms[place.name].posture, len(place.drive)
             start = np.zeros(joints) if posture is None else np.array(posture)
@@ -132,5 +145,8 @@ class Recorder:
         for index, limits in enumerate(self._limits):
             for table, values in zip(tables, limits, strict=True):
                 table[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
-        names = tuple(tuple(name.removeprefix(f"{arm.name}/") for name in arm.angles.names) for arm in self._plant.chain.tree.arms)
+        names = tuple(
+            tuple(name.removeprefix(f"{arm.name}/") for name in arm.angles.names)
+            for arm in self._plant.chain.tree.arms
+        )
         return LimitTable(names, *tables)

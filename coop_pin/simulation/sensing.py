@@ -18,14 +18,19 @@ class ArmSensor:
 
     def __init__(self, cell: Cell, place: ArmPlace) -> None:
         self._place = place
-        self._kinematics = ArmKinematics(cell.arms[place.name], cell.grasps[place.name].matrix, cell.task_rows)
+        self._kinematics = ArmKinematics(
+            cell.arms[place.name], cell.grasps[place.name].matrix, cell.task_rows
+        )
         posture = cell.arms[place.name].posture
         self._angles = np.zeros(len(place.drive)) if posture is None else np.array(posture)
 
-    def measure(self, time: float, q: Array, v: Array, internal_wrench: Array | None, saturated: Mask) -> ArmMeasurement:
+    def measure(
+        self, time: float, q: Array, v: Array, internal_wrench: Array | None, saturated: Mask
+    ) -> ArmMeasurement:
         """Return this arm's measurement from the state of the whole tree.
 
-        Encoders lose no turn: the angle of a continuous joint starts within half a turn of the posture and never jumps.
+        Encoders lose no turn: the angle of a continuous joint starts within half a turn of the posture and
+        never jumps.
         """
         own, T = q[self._place.q], self._place.drive
         view = self._kinematics.view(own)
@@ -70,5 +75,8 @@ class ForceSensor:
         assert self._last is not None
         assert self._pole is not None
         p = self._pole
-        self._last = [frozen(p * old + (1.0 - p) * self._rows.select(new)) for old, new in zip(self._last, internal, strict=True)]
+        self._last = [
+            frozen(p * old + (1.0 - p) * self._rows.select(new))
+            for old, new in zip(self._last, internal, strict=True)
+        ]
         return self._last

@@ -30,7 +30,8 @@ def simulate(
         controller: who decides; it sees measurements only.
         progress: called after every tick.
         view: sees every tick, for example what coop_pin.viz.open_view returns.
-        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted 1 with a view, otherwise inf.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
+            1 with a view, otherwise inf.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
@@ -55,7 +56,9 @@ def simulate(
     except CoopPinError as error:
         error.result = run.result() if run.ticks_done else None
         raise
-    except Exception as error:  # a user's controller, motion or squeeze may raise anything; nothing computed is lost
+    except (
+        Exception
+    ) as error:  # a user's controller, motion or squeeze may raise anything; nothing computed is lost
         broken = UserCodeError(run.time, error)
         broken.result = run.result() if run.ticks_done else None
         raise broken from error

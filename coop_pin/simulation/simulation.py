@@ -110,7 +110,9 @@ class Simulation:
         """
         if self.is_finished:
             raise RunFinishedError(self.timeline.time(self.timeline.ticks))
-        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is refused with its time, not warned of
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # what runs away is refused with its time, not warned of
             self._tick(self.ticks_done)
 
     def moment(self) -> Snapshot:
@@ -120,8 +122,8 @@ class Simulation:
     def result(self) -> RunResult:
         """Return the result up to the last recorded tick; there must be one.
 
-        Its scenario holds the events that were added, so it can be run again; where controller or squeeze were replaced, the summary
-        says when, and it cannot.
+        Its scenario holds the events that were added, so it can be run again; where controller or squeeze
+        were replaced, the summary says when, and it cannot.
         """
         if not self._replaced:
             return self.recorder.result(self.scenario)
@@ -135,7 +137,9 @@ class Simulation:
             EventTimeError: it starts before the next tick, or ends after the run.
         """
         if event.time < self.time:
-            raise EventTimeError(f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time")
+            raise EventTimeError(
+                f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
+            )
         self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
         self.timeline = Timeline(self.scenario.clock, self.scenario.duration, self.scenario.events)
 
@@ -175,7 +179,10 @@ class Simulation:
     def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
         rows = self.scenario.cell.task_rows
         twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
-        return [ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze]
+        return [
+            ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench)))
+            for wrench in squeeze
+        ]
 
     def _measure(self, tick: int, time: float, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         wrenches: Sequence[Array | None] = [None] * len(self.sensors)
@@ -188,7 +195,10 @@ class Simulation:
         if not self.force_sensor.is_needed or tick > 0:
             return measurements
         rows = self.scenario.cell.task_rows
-        desired = [rows.turn(m.payload_pose, r.internal_wrench) for m, r in zip(measurements, references, strict=True)]
+        desired = [
+            rows.turn(m.payload_pose, r.internal_wrench)
+            for m, r in zip(measurements, references, strict=True)
+        ]
         started = self.force_sensor.start(desired)
         return [m._replace(internal_wrench=wrench) for m, wrench in zip(measurements, started, strict=True)]
 

@@ -41,9 +41,13 @@ class Timeline:
         self.period = clock.period
         self._step = clock.period / clock.steps_per_tick
         self._per_tick = clock.steps_per_tick
-        self._changes = sorted((e for e in events if isinstance(e, PayloadChange)), key=lambda change: change.time)
+        self._changes = sorted(
+            (e for e in events if isinstance(e, PayloadChange)), key=lambda change: change.time
+        )
         self._pulses = [e for e in events if isinstance(e, WrenchPulse)]
-        self._instants = sorted({t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes})
+        self._instants = sorted(
+            {t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes}
+        )
 
     def time(self, tick: int) -> float:
         """Return t_k, s."""
@@ -72,7 +76,9 @@ class Timeline:
     def push_at(self, time: float) -> Array:
         """Return the sum of the pulses that push from this time on, N and N m, shape (6,)."""
         tolerance = _SAME * self._step
-        active = [pulse.wrench for pulse in self._pulses if pulse.time - tolerance <= time < pulse.end - tolerance]
+        active = [
+            pulse.wrench for pulse in self._pulses if pulse.time - tolerance <= time < pulse.end - tolerance
+        ]
         return np.array(active).sum(axis=0) if active else np.zeros(6)
 
     def _same(self, time: float, instant: float) -> bool:

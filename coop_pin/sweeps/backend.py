@@ -30,7 +30,8 @@ class Where(NamedTuple):
     """Where runs are computed.
 
     Attributes:
-        workers: number of local workers; 0 for this process, where a run that hangs or crashes takes the sweep with it.
+        workers: number of local workers; 0 for this process, where a run that hangs or crashes takes the
+            sweep with it.
         scheduler: address of a dask scheduler to use instead.
     """
 
@@ -45,7 +46,9 @@ class Where(NamedTuple):
             FieldError: the number of workers is negative.
         """
         if workers is not None and workers < 0:
-            raise FieldError(f"is {workers}; it must be 0 (this process) or the number of processes", "workers")
+            raise FieldError(
+                f"is {workers}; it must be 0 (this process) or the number of processes", "workers"
+            )
         return cls(available_workers() if workers is None else workers, scheduler)
 
     @property
@@ -92,10 +95,15 @@ class DaskBackend:
 
     @functools.cached_property
     def _cluster(self) -> Any:
-        from coop_pin.sweeps.cluster import local_cluster, remote_cluster  # dask is an extra, and slow to load
+        from coop_pin.sweeps.cluster import (
+            local_cluster,
+            remote_cluster,
+        )  # dask is an extra, and slow to load
 
         where = self._where
-        return self._stack.enter_context(remote_cluster(where.scheduler) if where.scheduler else local_cluster(where.workers))
+        return self._stack.enter_context(
+            remote_cluster(where.scheduler) if where.scheduler else local_cluster(where.workers)
+        )
 
 
 _TASK_S = 0.25
@@ -123,9 +131,10 @@ class _Task(NamedTuple):
 class ClusterExecutor:
     """Runs jobs on a dask cluster.
 
-    Short runs travel in batches of about a quarter of a second. A batch whose worker dies is taken apart, and its jobs are tried one
-    by one; a job that ends three workers, or hangs until the guard ends its worker a second time, is recorded as failed. The beginning
-    of such suspects is reported, so that a slow start of the next worker is not taken for a hang.
+    Short runs travel in batches of about a quarter of a second. A batch whose worker dies is taken apart, and
+    its jobs are tried one by one; a job that ends three workers, or hangs until the guard ends its worker a
+    second time, is recorded as failed. The beginning of such suspects is reported, so that a slow start of
+    the next worker is not taken for a hang.
     """
 
     def __init__(self, cluster: Cluster) -> None:
@@ -170,7 +179,11 @@ class ClusterExecutor:
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
         ticket = uuid.uuid4().hex
-        future = self._cluster.submit(run_isolated, jobs[0], ticket) if deaths else self._cluster.submit(run_jobs, jobs)
+        future = (
+            self._cluster.submit(run_isolated, jobs[0], ticket)
+            if deaths
+            else self._cluster.submit(run_jobs, jobs)
+        )
         self._under_way[future] = _Task(jobs, deaths, ticket)
         future.add_done_callback(self._done.put)
 
@@ -191,12 +204,16 @@ class ClusterExecutor:
             yield from self._worker_died(task)
             return
         except CancelledError:
-            raise WorkersLostError("the scheduler is gone; start the same command again: finished runs are kept") from None
+            raise WorkersLostError(
+                "the scheduler is gone; start the same command again: finished runs are kept"
+            ) from None
         except CodeChangedError:
             raise
         except Exception as error:  # not of the run, whose errors are in its record: of the worker itself
             said = f"a worker cannot work ({type(error).__name__}: {error})"
-            raise WorkersLostError(f"{said}; it needs the coop_pin that is here, and room in its temporary folder") from error
+            raise WorkersLostError(
+                f"{said}; it needs the coop_pin that is here, and room in its temporary folder"
+            ) from error
         for outcome in outcomes:
             self._mean_s += 0.2 * (outcome.record.times["wall_s"] - self._mean_s)
             yield outcome
@@ -213,7 +230,9 @@ class ClusterExecutor:
             connected = self._cluster.client.status == "running"
             lost_since = None if connected else lost_since or time.monotonic()
             if lost_since is not None and time.monotonic() - lost_since > _PATIENCE_S:
-                raise WorkersLostError("the scheduler does not answer; start the same command again: finished runs are kept")
+                raise WorkersLostError(
+                    "the scheduler does not answer; start the same command again: finished runs are kept"
+                )
 
     def _note_begun(self, event: tuple[float, str]) -> None:
         """Note when a suspect begins, by our own clock."""

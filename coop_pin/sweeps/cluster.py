@@ -37,7 +37,9 @@ class LocalWorkers:
         self._keeper.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._closing.set()
         self._end(self._process)
         self._keeper.join(timeout=10.0)
@@ -93,8 +95,10 @@ from coop_pin.sweeps.quiet import QuietScheduler
 # Dask's own names carry no types.
 _SCHEDULER: Any = distributed.SpecCluster
 _CLIENT: Any = distributed.Client
-# One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then beyond doubt.
-# Its self-observation every 20 ms would cost 2 % of a processor in each process. It remembers messages, which hold scenarios: few are
+# One task on a worker at a time, and none tried twice by the scheduler: whose run killed a worker is then
+# beyond doubt.
+# Its self-observation every 20 ms would cost 2 % of a processor in each process. It remembers messages, which
+# hold scenarios: few are
 # enough.
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,
@@ -157,7 +161,9 @@ class Cluster(NamedTuple):
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """Keep dask's own reports of lost connections and workers from the terminal: they arrive as errors and as records."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.scheduler")]
+    loggers = [
+        logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.scheduler")
+    ]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL)
@@ -196,7 +202,9 @@ def remote_cluster(address: str) -> Iterator[Cluster]:
             _require_address(address)
             client = _CLIENT(address, set_as_default=False, timeout="5s")
         except OSError as error:
-            raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler") from None
+            raise WorkersLostError(
+                f"there is no dask scheduler at {address!r} ({error}); start one with: dask scheduler"
+            ) from None
         with client:
             yield Cluster(client, lambda: None)
 
@@ -206,4 +214,6 @@ def _require_address(address: str) -> None:
     try:
         resolve_address(address)
     except ValueError as error:
-        raise FieldError(f"is {address!r} ({error}); it must be an address such as tcp://127.0.0.1:8786", "scheduler") from None
+        raise FieldError(
+            f"is {address!r} ({error}); it must be an address such as tcp://127.0.0.1:8786", "scheduler"
+        ) from None

@@ -33,15 +33,23 @@ def _values(given: Any) -> tuple[Any, ...]:
     if isinstance(given, np.ndarray | range):
         given = given.tolist() if isinstance(given, np.ndarray) else list(given)
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise FieldError(f"is {given!r}; it must be a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]")
+        raise FieldError(
+            f"is {given!r}; it must be a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
+        )
     return tuple(given)
 
 
 def _spaced(given: Mapping[str, Any]) -> tuple[Any, ...]:
     kind, numbers = next(iter(given.items())) if len(given) == 1 else ("", ())
     if kind not in _SPACINGS:
-        raise FieldError(f"is {dict(given)!r}; it must be one of {{{' = [...]}, {'.join(_SPACINGS)} = [...]}}")
-    if not isinstance(numbers, Sequence) or len(numbers) != 3 or not all(isinstance(n, int | float) for n in numbers):
+        raise FieldError(
+            f"is {dict(given)!r}; it must be one of {{{' = [...]}, {'.join(_SPACINGS)} = [...]}}"
+        )
+    if (
+        not isinstance(numbers, Sequence)
+        or len(numbers) != 3
+        or not all(isinstance(n, int | float) for n in numbers)
+    ):
         wanted = "[start, stop, step]" if kind == "range" else "[first, last, count]"
         raise FieldError(f"is {numbers!r}; it must be three numbers {wanted}", kind)
     first, last, third = numbers
@@ -60,7 +68,10 @@ def _range(start: float, stop: float, step: float) -> tuple[Any, ...]:
     """Return start, start + step, ... up to stop, which is not included."""
     count = math.ceil((stop - start) / step - 1e-9) if step else 0
     if count < 1:
-        raise FieldError(f"from {start:g} to {stop:g} in steps of {step:g} is empty; its step must lead from start to stop", "range")
+        raise FieldError(
+            f"from {start:g} to {stop:g} in steps of {step:g} is empty; its step must lead from start to stop",
+            "range",
+        )
     return tuple(start + i * step for i in range(count))
 
 
@@ -72,7 +83,10 @@ def label(value: Any) -> Any:
     """Return a value as it can stand on an axis: numbers, texts and truth values themselves, others as JSON text."""
     if isinstance(value, str | int | float | bool):
         return value
-    return json.dumps(value, default=lambda entry: entry.model_dump(mode="json") if hasattr(entry, "model_dump") else str(entry))
+    return json.dumps(
+        value,
+        default=lambda entry: entry.model_dump(mode="json") if hasattr(entry, "model_dump") else str(entry),
+    )
 
 
 class FieldsDimension(NamedTuple):

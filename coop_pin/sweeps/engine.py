@@ -34,7 +34,9 @@ class SweepBar:
     def __init__(self, total: int, quiet: bool) -> None:
         self.finished, self.failed = 0, 0
         # disable=None: tqdm shows itself on terminals only. smoothing near 0: the rate of the whole session.
-        self._bar = tqdm(total=total, unit=" runs", disable=True if quiet else None, smoothing=0.05, dynamic_ncols=True)
+        self._bar = tqdm(
+            total=total, unit=" runs", disable=True if quiet else None, smoothing=0.05, dynamic_ncols=True
+        )
 
     def count(self, failed: bool, *, old: bool = False) -> None:
         """Count a run; old ones do not count as speed."""
@@ -52,7 +54,9 @@ class SweepBar:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._bar.close()
 
 
@@ -80,8 +84,8 @@ class Session:
             retry_failed: run again what failed for want of time or of a worker.
 
         Raises:
-            FieldError: it names code of the user's own that stands in no file or that workers cannot import, or the scheduler's address is
-                none.
+            FieldError: it names code of the user's own that stands in no file or that workers cannot import,
+                or the scheduler's address is none.
             CodeChangedError: code of the user's own was edited after it was loaded.
             StoreWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
@@ -106,7 +110,11 @@ def open_session(folder: str | Path, where: Where, total: int, *, quiet: bool = 
     store = SweepStore(folder)
     with store.lock as lock:
         if lock.left_by:
-            _LOG.warning("the last sweep in %s (%s) ended without leaving; its finished runs are kept", folder, lock.left_by)
+            _LOG.warning(
+                "the last sweep in %s (%s) ended without leaving; its finished runs are kept",
+                folder,
+                lock.left_by,
+            )
         aside = store.tidy()
         if aside:
             _LOG.warning("%d files in %s that no sweep wrote were moved to quarantine", aside, folder)
@@ -118,7 +126,9 @@ def open_session(folder: str | Path, where: Where, total: int, *, quiet: bool = 
                 raise SweepInterruptedError(str(folder), bar.finished, total) from None
 
 
-def run_plan(plan: SweepPlan, folder: str | Path, where: Where, *, retry_failed: bool = False, quiet: bool = False) -> None:
+def run_plan(
+    plan: SweepPlan, folder: str | Path, where: Where, *, retry_failed: bool = False, quiet: bool = False
+) -> None:
     """Compute every run of a plan that the folder does not hold yet, in a session of its own.
 
     Args:
@@ -145,7 +155,10 @@ class _Pass:
 
     def run(self, computer: SerialBackend | DaskBackend) -> None:
         """Compute, write and count."""
-        with OutcomeWriter(self._store) as writer, contextlib.closing(self._outcomes(computer, writer)) as outcomes:
+        with (
+            OutcomeWriter(self._store) as writer,
+            contextlib.closing(self._outcomes(computer, writer)) as outcomes,
+        ):
             for outcome in outcomes:
                 writer.write(outcome)
                 for _ in range(self._under_way.pop(outcome.record.key)):
@@ -174,7 +187,9 @@ class _Pass:
                 self._bar.count(record.failure is not None, old=True)
                 continue
             self._under_way[key] = 1
-            yield Job(key, scenario.model_dump_json(), self._plan.metrics, self._plan.time_limit_s, keep, code)
+            yield Job(
+                key, scenario.model_dump_json(), self._plan.metrics, self._plan.time_limit_s, keep, code
+            )
 
     def _again(self, record: Record) -> bool:
         return self._retry_failed and record.failure is not None and record.failure.kind in _OF_THE_MACHINE
@@ -191,8 +206,14 @@ def _require_in_a_file(codes: tuple[UserCode, ...], elsewhere: bool) -> None:
     """Refuse code of the user's own that only this script or notebook can see: workers, or the key that tells an edit."""
     for code in codes:
         if code.name.startswith("__main__:") and (elsewhere or not code.digests):
-            reason = "workers cannot import" if elsewhere else "stands in no file, so that a later sweep could not tell that it was edited"
-            raise FieldError(f"names {code.name!r}, which {reason}; put it into a module (a file of its own)", "the plan")
+            reason = (
+                "workers cannot import"
+                if elsewhere
+                else "stands in no file, so that a later sweep could not tell that it was edited"
+            )
+            raise FieldError(
+                f"names {code.name!r}, which {reason}; put it into a module (a file of its own)", "the plan"
+            )
 
 
 Base = str | Path | Scenario | Sequence[str | Path | Scenario] | Mapping[str, str | Path | Scenario]
@@ -211,7 +232,8 @@ def sweep(
 ) -> SweepResult:
     """Run a scenario many times and return a table of the results; finished runs are kept in a folder and never run again.
 
-    ``sweep("adept-paper", {"controller.gains.sign_gain": [0.0, 0.1, 0.2]}, out="out/sign-gain")``. Runs are keyed by what determines
+    ``sweep("adept-paper", {"controller.gains.sign_gain": [0.0, 0.1, 0.2]}, out="out/sign-gain")``. Runs are
+    keyed by what determines
     them: the same call resumes, a changed one computes what is new.
 
     Args:
@@ -222,12 +244,13 @@ def sweep(
         scheduler: address of a dask scheduler to use instead of local processes.
         retry_failed: run again what failed for want of time or of a worker.
         quiet: no progress bar.
-        plan: further fields of the SweepPlan: changes, cases, zipped, sample, repeats, metrics, time_limit_s, keep.
+        plan: further fields of the SweepPlan: changes, cases, zipped, sample, repeats, metrics, time_limit_s,
+            keep.
 
     Raises:
         ScenarioError: the plan has mistakes.
-        FieldError: it names code of the user's own that stands in no file or that workers cannot import, or the scheduler's
-            address is none.
+        FieldError: it names code of the user's own that stands in no file or that workers cannot import, or
+            the scheduler's address is none.
         CodeChangedError: code of the user's own was edited after it was loaded.
         StoreLockedError: another process works on the folder.
         StoreWriteError: the disk is full; every run written before is kept.

@@ -124,10 +124,13 @@ _SENDING_S = 0.1
 def run_jobs(jobs: list[Job]) -> list[Outcome]:
     """Run jobs one after the other in a worker's process, which is ended if one of them hangs.
 
-    The guard is a thread of the interpreter's own (faulthandler), which needs no lock that a hanging run could hold.
+    The guard is a thread of the interpreter's own (faulthandler), which needs no lock that a hanging run
+    could hold.
     """
     outcomes = []
-    with dask.config.set(scheduler="synchronous"):  # xarray would ask the cluster for a lock before it writes a result
+    with dask.config.set(
+        scheduler="synchronous"
+    ):  # xarray would ask the cluster for a lock before it writes a result
         for job in jobs:
             with _guarded(job.hard_limit_s):
                 outcomes.append(run_job(job))

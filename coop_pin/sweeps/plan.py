@@ -14,9 +14,24 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
-from coop_pin.errors import EntryNotFoundError, FieldError, FieldShapeError, ScenarioError, ScenarioFileError, UnknownFieldError, one_or_all
+from coop_pin.errors import (
+    EntryNotFoundError,
+    FieldError,
+    FieldShapeError,
+    ScenarioError,
+    ScenarioFileError,
+    UnknownFieldError,
+    one_or_all,
+)
 from coop_pin.schema.base import Description
-from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, RepeatDimension, SampleDimension, Values
+from coop_pin.sweeps.dimensions import (
+    CasesDimension,
+    Dimension,
+    FieldsDimension,
+    RepeatDimension,
+    SampleDimension,
+    Values,
+)
 from coop_pin.sweeps.sampling import Sample
 
 
@@ -31,7 +46,9 @@ def _scenarios(given: Any) -> Any:
     scenarios = [_scenario(entry) for entry in given]
     twice = [name for name, count in Counter(entry.name for entry in scenarios).items() if count > 1]
     if twice:
-        raise FieldError(f"has several scenarios named {twice[0]!r}; give them names of their own: {{first = ..., second = ...}}")
+        raise FieldError(
+            f"has several scenarios named {twice[0]!r}; give them names of their own: {{first = ..., second = ...}}"
+        )
     return {scenario.name: scenario for scenario in scenarios}
 
 
@@ -50,7 +67,9 @@ def anchored(base: Any, folder: Path) -> Any:
     if isinstance(base, str):
         return str((folder / base).resolve()) if (folder / base).is_file() else base
     if isinstance(base, Mapping):
-        return {name: anchored(entry, folder) if isinstance(entry, str) else entry for name, entry in base.items()}
+        return {
+            name: anchored(entry, folder) if isinstance(entry, str) else entry for name, entry in base.items()
+        }
     return [anchored(entry, folder) for entry in base] if isinstance(base, list) else base
 
 
@@ -61,7 +80,8 @@ class Point(NamedTuple):
         number: its place in the plan, counted from 0.
         base: name of its scenario.
         changes: what is changed in it, by dotted path.
-        parameters: what a table shows of it: the label of every dimension and the value of every varied field.
+        parameters: what a table shows of it: the label of every dimension and the value of every varied
+            field.
     """
 
     number: int
@@ -78,13 +98,15 @@ class SweepPlan(Description):
     Attributes:
         base: a scenario, its name or path, a list of them, or a table of them by name.
         changes: fields changed in every run, by dotted path.
-        cases: dimensions of named bundles of changes: {"controller": {"paper": {}, "late": {"controller.force_path.kind": "late"}}}.
-        axes: the values of single fields: a list, {linspace = [first, last, count]}, {logspace = [first, last, count]} or
-            {range = [start, stop, step]}.
+        cases: dimensions of named bundles of changes: {"controller": {"paper": {}, "late":
+            {"controller.force_path.kind": "late"}}}.
+        axes: the values of single fields: a list, {linspace = [first, last, count]}, {logspace = [first,
+            last, count]} or {range = [start, stop, step]}.
         zipped: groups of fields that move together.
         sample: points spread over ranges of fields.
         repeats: how often each point is run, with seeds counted up from the scenario's.
-        metrics: functions of the user's own, "module:function", that take a RunResult and return a table of numbers by name.
+        metrics: functions of the user's own, "module:function", that take a RunResult and return a table of
+            numbers by name.
         time_limit_s: wall time after which a run is given up, s.
         keep: which runs are kept as full results, by their place in the plan, or "all", or "none".
     """
@@ -107,7 +129,10 @@ class SweepPlan(Description):
         for index, group in enumerate(groups):
             lengths = {field: len(values) for field, values in group.items()}
             if len(set(lengths.values())) != 1:
-                raise FieldShapeError(f"has fields with {lengths} values; fields that move together need equally many", str(index))
+                raise FieldShapeError(
+                    f"has fields with {lengths} values; fields that move together need equally many",
+                    str(index),
+                )
         return groups
 
     @field_validator("cases")
@@ -116,7 +141,10 @@ class SweepPlan(Description):
         for name, entries in cases.items():
             if not entries or name in ("base", "sample", "repeat", "point"):
                 raise FieldError(
-                    "must have at least one case" if not entries else "is a name that plans use themselves; choose another", name
+                    "must have at least one case"
+                    if not entries
+                    else "is a name that plans use themselves; choose another",
+                    name,
                 )
         return cases
 
@@ -130,11 +158,17 @@ class SweepPlan(Description):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         self._dimensions = tuple(self._built())
-        fields = [*self.axes, *(f for group in self.zipped for f in group), *(self.sample.fields if self.sample else ())]
+        fields = [
+            *self.axes,
+            *(f for group in self.zipped for f in group),
+            *(self.sample.fields if self.sample else ()),
+        ]
         twice = [field for field, count in Counter([*fields, *self.cases]).items() if count > 1]
         if twice:
             raise FieldError(f"varies {twice[0]!r} twice; let every field vary in one place only")
-        beyond = [place for place in self.keep if not isinstance(place, str) and not -len(self) <= place < len(self)]
+        beyond = [
+            place for place in self.keep if not isinstance(place, str) and not -len(self) <= place < len(self)
+        ]
         if beyond:
             raise FieldError(f"names run {beyond[0]}; the plan has {len(self)} runs, counted from 0", "keep")
         self._require_known_fields()

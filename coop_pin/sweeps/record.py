@@ -28,7 +28,9 @@ def from_checksummed_json(data: bytes) -> dict[str, Any]:
         SweepStoreError: a bit of it is not as it was written, or it was not written by to_checksummed_json.
     """
     end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
-    if end < len(_HEAD) or not (data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)):
+    if end < len(_HEAD) or not (
+        data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
+    ):
         raise SweepStoreError("the file was not written by a sweep, or is cut off")
     body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
     if hashlib.sha256(body).hexdigest().encode() != digest:
@@ -87,7 +89,11 @@ class Record(NamedTuple):
 
     def to_bytes(self) -> bytes:
         """Return the content of its file."""
-        content = self._asdict() | {"format": _FORMAT, "metrics": _written(self.metrics), "times": dict(self.times)}
+        content = self._asdict() | {
+            "format": _FORMAT,
+            "metrics": _written(self.metrics),
+            "times": dict(self.times),
+        }
         if self.failure is not None:
             content["failure"] = self.failure._asdict() | {"numbers": _written(self.failure.numbers)}
         return to_checksummed_json(content)
@@ -112,7 +118,11 @@ def flat(metrics: Mapping[str, Any]) -> dict[str, float]:
     """Return metrics as plain numbers; an entry i of a list is named ``name.i``."""
     numbers: dict[str, float] = {}
     for name, value in metrics.items():
-        entries = {f"{name}.{i}": entry for i, entry in enumerate(value)} if isinstance(value, list | tuple) else {name: value}
+        entries = (
+            {f"{name}.{i}": entry for i, entry in enumerate(value)}
+            if isinstance(value, list | tuple)
+            else {name: value}
+        )
         numbers |= {key: float(entry) for key, entry in entries.items()}
     return numbers
 

@@ -95,7 +95,9 @@ class SweepResult:
     def counts(self) -> dict[str, int]:
         """Return the number of runs by status: "ok", "failed", "missing"."""
         names, counts = np.unique(self.data["status"].values, return_counts=True)
-        return {"ok": 0, "failed": 0, "missing": 0} | {str(name): int(count) for name, count in zip(names, counts, strict=True)}
+        return {"ok": 0, "failed": 0, "missing": 0} | {
+            str(name): int(count) for name, count in zip(names, counts, strict=True)
+        }
 
     def write_tables(self) -> None:
         """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
@@ -137,7 +139,9 @@ class SweepResult:
         values = self.values(metric).where(np.isfinite(self.values(metric)))
         self._require_coordinate(field)
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")  # where all runs failed
+            warnings.filterwarnings(
+                "ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN"
+            )  # where all runs failed
             if field in values.dims:
                 return values.reduce(average, [dim for dim in values.dims if dim != field])
             return values.groupby(field).reduce(average, ...)
@@ -147,7 +151,9 @@ class SweepResult:
         a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
         return [self.point(int(index)) for index in answers.pareto_front(a, b)]
 
-    def stability_boundary(self, field: str, by: Sequence[str] | None = None, stable: xr.DataArray | None = None) -> xr.Dataset:
+    def stability_boundary(
+        self, field: str, by: Sequence[str] | None = None, stable: xr.DataArray | None = None
+    ) -> xr.Dataset:
         """Return, along other dimensions, the last stable and the first unstable value of a field.
 
         Args:
@@ -178,7 +184,9 @@ class SweepResult:
         """
         sample = self.plan.sample
         if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
-            raise FieldError("must be the only dimension and have method = 'saltelli' for Sobol' indices", "sample")
+            raise FieldError(
+                "must be the only dimension and have method = 'saltelli' for Sobol' indices", "sample"
+            )
         values = self.values(metric).values
         unfinished = int(np.count_nonzero(~np.isfinite(values)))
         if unfinished:
@@ -215,13 +223,20 @@ class SweepResult:
         for name in self.metric_names:
             values = self.data[name].values[np.isfinite(self.data[name].values)]
             if values.size:
-                lines.append(f"  {name:<30} {values.min():>11.4g} .. {values.max():<11.4g} median {np.median(values):.4g}")
+                lines.append(
+                    f"  {name:<30} {values.min():>11.4g} .. {values.max():<11.4g} median {np.median(values):.4g}"
+                )
         return "\n".join(lines)
 
     def _failures(self) -> Iterator[PointFailure]:
         for row in rows(self.plan, self.store):
             if row.record is not None and row.record.failure is not None:
-                yield PointFailure(row.point.number, row.point.parameters, row.record.failure.kind, row.record.failure.message)
+                yield PointFailure(
+                    row.point.number,
+                    row.point.parameters,
+                    row.record.failure.kind,
+                    row.record.failure.message,
+                )
 
     def _failure_lines(self) -> list[str]:
         """Say how many runs failed of each kind of error, and what the first of each said."""
@@ -230,7 +245,9 @@ class SweepResult:
         for failure in self._failures():
             numbers[failure.kind] += 1
             first.setdefault(failure.kind, failure)
-        lines = (f"{numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items()))
+        lines = (
+            f"{numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items())
+        )
         return ["  " + line.replace("\n", "\n    ") for line in lines]
 
     def _require_coordinate(self, field: str) -> None:

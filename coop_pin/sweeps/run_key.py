@@ -38,14 +38,15 @@ def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 they
 def source_files(name: str) -> tuple[Path, ...]:
     """Return the file of a module, and of the modules that it imports from beside it or from its own package, at any depth.
 
-    What is installed is left out, but for the module's own package: the files are those that a user edits between two sweeps. Nothing
-    is imported, so that code which is imported by a computed name is not seen.
+    What is installed is left out, but for the module's own package: the files are those that a user edits
+    between two sweeps. Nothing is imported, so that code which is imported by a computed name is not seen.
 
     Args:
         name: "module:function" or "module".
 
     Returns:
-        The files in order of their paths, those of its packages included; none where there is no such module, or where no file holds it.
+        The files in order of their paths, those of its packages included; none where there is no such module,
+        or where no file holds it.
     """
     module = _full_name(name.partition(":")[0])
     first = _file_of(module)
@@ -86,7 +87,9 @@ def _file_of(module: str) -> Path | None:
 
 
 def _is_installed(root: Path) -> bool:
-    return bool({"site-packages", "dist-packages"} & set(root.parts)) or root == Path(sysconfig.get_path("stdlib"))
+    return bool({"site-packages", "dist-packages"} & set(root.parts)) or root == Path(
+        sysconfig.get_path("stdlib")
+    )
 
 
 def _may_change(top: str, own: str) -> bool:
@@ -96,7 +99,10 @@ def _may_change(top: str, own: str) -> bool:
 
 def _beside(root: Path, module: str) -> Path | None:
     place = root.joinpath(*module.split("."))
-    return next((file for file in (place / "__init__.py", place.with_name(place.name + ".py")) if file.is_file()), None)
+    return next(
+        (file for file in (place / "__init__.py", place.with_name(place.name + ".py")) if file.is_file()),
+        None,
+    )
 
 
 def _imported(path: Path, module: str) -> tuple[str, ...]:
@@ -157,14 +163,18 @@ def user_code(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[UserCode, .
 def require_loaded(codes: tuple[UserCode, ...]) -> None:
     """Require that this process runs code as it stood when a run's key was made.
 
-    Python loads a module once: a process that goes on after an edit, or a worker that was there before, would compute with the old code
-    what is kept as the new code's. What was loaded is taken to be what stood in the files when they were first asked for.
+    Python loads a module once: a process that goes on after an edit, or a worker that was there before, would
+    compute with the old code what is kept as the new code's. What was loaded is taken to be what stood in the
+    files when they were first asked for.
 
     Raises:
         CodeChangedError: it runs other code.
     """
     for code in codes:
-        if tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name)) != code.digests:
+        if (
+            tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name))
+            != code.digests
+        ):
             raise CodeChangedError(code.name)
 
 
@@ -176,12 +186,15 @@ _loaded: dict[Path, str] = {}
 """The digests of the files that this process has loaded."""
 
 
-def run_key(scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[UserCode, ...] | None = None) -> str:
+def run_key(
+    scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[UserCode, ...] | None = None
+) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
-    It stands for the resolved scenario with its seed, the contents of the files it names (robot descriptions, tables of poses), the
-    source of the user's own code and of what that imports from beside it, the user's own metrics, and the version of coop_pin. It does
-    not stand for the source of coop_pin, for files that a xacro or a mesh refers to, or for the versions of other packages.
+    It stands for the resolved scenario with its seed, the contents of the files it names (robot descriptions,
+    tables of poses), the source of the user's own code and of what that imports from beside it, the user's
+    own metrics, and the version of coop_pin. It does not stand for the source of coop_pin, for files that a
+    xacro or a mesh refers to, or for the versions of other packages.
 
     Args:
         scenario: the resolved scenario.

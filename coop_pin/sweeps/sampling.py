@@ -41,7 +41,9 @@ class Span(Description):
     @classmethod
     def _positive(cls, scale: str, earlier: ValidationInfo) -> str:
         if scale == "log" and earlier.data.get("low", 1.0) <= 0.0:
-            raise FieldError(f"is 'log', but low is {earlier.data['low']:g}; a logarithmic scale needs positive ends")
+            raise FieldError(
+                f"is 'log', but low is {earlier.data['low']:g}; a logarithmic scale needs positive ends"
+            )
         return scale
 
     def at(self, fraction: float) -> float:
@@ -54,14 +56,14 @@ class Span(Description):
 class Sample(Description):
     """Points spread over the ranges of several fields.
 
-    Sobol' points are computed in blocks of 1024 and a Latin hypercube as a whole (8 bytes for each point and field) when its first
-    point is asked for; neither is stored in the plan.
+    Sobol' points are computed in blocks of 1024 and a Latin hypercube as a whole (8 bytes for each point and
+    field) when its first point is asked for; neither is stored in the plan.
 
     Attributes:
         fields: the range of each field.
         count: number of points; a power of two for "sobol" and "saltelli".
-        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": the count (2 + number of fields) points that Sobol'
-            indices are computed from.
+        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": the count (2 + number of
+            fields) points that Sobol' indices are computed from.
         seed: of the sampling.
     """
 
@@ -75,7 +77,9 @@ class Sample(Description):
     def _balanced(cls, method: str, earlier: ValidationInfo) -> str:
         count = earlier.data.get("count", 1)
         if method in ("sobol", "saltelli") and count & (count - 1):
-            raise FieldError(f"is {method!r}, whose count must be a power of two; {count} is not (next: {1 << count.bit_length()})")
+            raise FieldError(
+                f"is {method!r}, whose count must be a power of two; {count} is not (next: {1 << count.bit_length()})"
+            )
         return method
 
     def __len__(self) -> int:
@@ -84,7 +88,10 @@ class Sample(Description):
 
     def point(self, index: int) -> dict[str, float]:
         """Return the value of each field at one point."""
-        return {name: span.at(float(u)) for (name, span), u in zip(self.fields.items(), self.fractions(index), strict=True)}
+        return {
+            name: span.at(float(u))
+            for (name, span), u in zip(self.fields.items(), self.fractions(index), strict=True)
+        }
 
     def fractions(self, index: int) -> Array:
         """Return one point of the unit cube, shape (number of fields,)."""
@@ -118,4 +125,8 @@ def _sobol_block(d: int, seed: int, block: int) -> Array:
 @functools.lru_cache(maxsize=2)
 def _matrix(method: str, d: int, count: int, seed: int) -> Array:
     random = np.random.default_rng(seed)
-    return np.asarray(qmc.LatinHypercube(d, rng=random).random(count)) if method == "latin-hypercube" else random.random((count, d))
+    return (
+        np.asarray(qmc.LatinHypercube(d, rng=random).random(count))
+        if method == "latin-hypercube"
+        else random.random((count, d))
+    )

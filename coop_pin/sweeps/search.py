@@ -74,14 +74,19 @@ def search_by_optuna(costs: Costs, ranges: Ranges, effort: Budget) -> None:
             study.enqueue_trial(dict(zip(ranges, map(float, point), strict=True)))
         for _ in range(effort.generations + 1):
             trials = [study.ask() for _ in range(effort.size)]
-            points = [[trial.suggest_float(field, low, high) for field, (low, high) in ranges.items()] for trial in trials]
+            points = [
+                [trial.suggest_float(field, low, high) for field, (low, high) in ranges.items()]
+                for trial in trials
+            ]
             for trial, cost in zip(trials, costs(np.array(points)), strict=True):
                 study.tell(trial, float(cost))
 
 
 def _sampler(optuna: Any, effort: Budget) -> Any:
     """Return the estimator: over all fields together, and counting points under way as bad, so that a generation spreads."""
-    return optuna.samplers.TPESampler(n_startup_trials=effort.size, multivariate=True, constant_liar=True, seed=effort.seed)
+    return optuna.samplers.TPESampler(
+        n_startup_trials=effort.size, multivariate=True, constant_liar=True, seed=effort.seed
+    )
 
 
 @contextlib.contextmanager
@@ -131,6 +136,8 @@ def search_by_evolution(costs: Costs, ranges: Ranges, effort: Budget) -> None:
             vectorized=True,
         )
     except RuntimeError as error:
-        if isinstance(error.__cause__, CoopPinError):  # scipy takes a ValueError for a mistake in its own arguments
+        if isinstance(
+            error.__cause__, CoopPinError
+        ):  # scipy takes a ValueError for a mistake in its own arguments
             raise error.__cause__ from None
         raise

@@ -58,7 +58,8 @@ def boundary(stable: xr.DataArray, field: str) -> xr.Dataset:
         field: a dimension with numbers on it.
 
     Returns:
-        ``last_stable`` (not a number if the first value is unstable already) and ``first_unstable`` (not a number if none is).
+        ``last_stable`` (not a number if the first value is unstable already) and ``first_unstable`` (not a
+        number if none is).
     """
     stable = stable.sortby(field)
     values = np.asarray(stable[field].values, dtype=float)
@@ -67,14 +68,20 @@ def boundary(stable: xr.DataArray, field: str) -> xr.Dataset:
     padded = np.concatenate(([np.nan], values, [np.nan]))
     rest = stable.isel({field: 0}, drop=True)
     rest = rest.transpose(*[dim for dim in stable.transpose(..., field).dims if dim != field])
-    return xr.Dataset({"last_stable": (rest.dims, padded[count]), "first_unstable": (rest.dims, padded[count + 1])}, coords=rest.coords)
+    return xr.Dataset(
+        {"last_stable": (rest.dims, padded[count]), "first_unstable": (rest.dims, padded[count + 1])},
+        coords=rest.coords,
+    )
 
 
-def sobol_indices(values: Array, fields: tuple[str, ...], confidence: float, resamples: int, seed: int) -> SobolIndices:
+def sobol_indices(
+    values: Array, fields: tuple[str, ...], confidence: float, resamples: int, seed: int
+) -> SobolIndices:
     """Return the Sobol' indices of a metric at Saltelli's points.
 
     Args:
-        values: the metric at the points of A, of B, and of A with one column from B for each field: shape (n (d + 2),).
+        values: the metric at the points of A, of B, and of A with one column from B for each field: shape (n
+            (d + 2),).
         fields: the d fields.
         confidence: of the intervals.
         resamples: of the bootstrap.
@@ -87,4 +94,7 @@ def sobol_indices(values: Array, fields: tuple[str, ...], confidence: float, res
     found = indices(func=given, n=blocks.shape[1], rng=np.random.default_rng(seed))
     spread = found.bootstrap(confidence_level=confidence, n_resamples=resamples)
     first, total = spread.first_order.confidence_interval, spread.total_order.confidence_interval
-    return SobolIndices(fields, *map(np.ravel, (found.first_order, first.low, first.high, found.total_order, total.low, total.high)))
+    return SobolIndices(
+        fields,
+        *map(np.ravel, (found.first_order, first.low, first.high, found.total_order, total.low, total.high)),
+    )

@@ -25,8 +25,8 @@ from coop_pin.sweeps.record import Record, from_checksummed_json, to_checksummed
 class FolderLock:
     """Holds a folder while the ``with`` block runs.
 
-    The lock is the kernel's (flock): it ends with its process however that ends. The text in the file names the owner; text in a file
-    that nobody locks was left by an owner that died.
+    The lock is the kernel's (flock): it ends with its process however that ends. The text in the file names
+    the owner; text in a file that nobody locks was left by an owner that died.
 
     Attributes:
         left_by: the owner that died without leaving, or empty.
@@ -57,7 +57,9 @@ class FolderLock:
         self._write(f"process {os.getpid()} on {socket.gethostname()}")
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._file is not None:
             self._write("")
             self._file.close()  # which unlocks it; the file stays, since removing it would let two owners lock two files
@@ -80,8 +82,8 @@ _PART = re.compile(r"\.[0-9a-f]{64}\.[0-9a-f]{32}\.(json|nc)")
 class SweepStore:
     """A folder that holds the runs of a sweep.
 
-    ``runs/ab/ab....json`` is the record of the run with that key, ``results/ab/ab....nc`` its full result if it was asked for,
-    ``quarantine/`` what was found damaged or foreign, ``plan.json`` the last plan.
+    ``runs/ab/ab....json`` is the record of the run with that key, ``results/ab/ab....nc`` its full result if
+    it was asked for, ``quarantine/`` what was found damaged or foreign, ``plan.json`` the last plan.
 
     Attributes:
         folder: the folder.
@@ -177,7 +179,9 @@ class SweepStore:
         except FileNotFoundError:
             raise SweepStoreError(f"{self.folder} holds no sweep: there is no {path.name}") from None
         except (SweepStoreError, ScenarioError) as error:
-            raise SweepStoreError(f"{path} cannot be used ({error}); run the sweep's command again: finished runs are kept") from None
+            raise SweepStoreError(
+                f"{path} cannot be used ({error}); run the sweep's command again: finished runs are kept"
+            ) from None
 
     def write_with(self, name: str, write: Callable[[Path], object]) -> None:
         """Write a file of the folder whole or not at all.
@@ -236,5 +240,9 @@ class SweepStore:
 
 
 def _reason(error: OSError) -> str:
-    texts = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the quota is used up", errno.EFBIG: "a file-size limit is reached"}
+    texts = {
+        errno.ENOSPC: "the disk is full",
+        errno.EDQUOT: "the quota is used up",
+        errno.EFBIG: "a file-size limit is reached",
+    }
     return texts.get(error.errno or 0, os.strerror(error.errno) if error.errno else str(error))

@@ -65,8 +65,8 @@ def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
 def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     """Return all runs with the plan's dimensions.
 
-    Variables: every metric (not a number where a run failed or is missing), ``status`` ("ok", "failed", "missing"), ``failure`` (name of
-    the error) and ``failed_at_s`` (simulated time of a divergence).
+    Variables: every metric (not a number where a run failed or is missing), ``status`` ("ok", "failed",
+    "missing"), ``failure`` (name of the error) and ``failed_at_s`` (simulated time of a divergence).
     """
     n = len(plan)
     metrics: dict[str, np.ndarray] = {}
@@ -106,7 +106,16 @@ def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]
             failure = row.record.failure if row.record else None
             said = (failure.kind, failure.message) if failure else ("", "")
             values = [_text(row.record.metrics.get(name)) if row.record else "" for name in metrics]
-            table.writerow([row.point.number, *map(_text, row.point.parameters.values()), row.status, *said, *values, row.key])
+            table.writerow(
+                [
+                    row.point.number,
+                    *map(_text, row.point.parameters.values()),
+                    row.status,
+                    *said,
+                    *values,
+                    row.key,
+                ]
+            )
 
 
 def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:

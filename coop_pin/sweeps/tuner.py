@@ -41,7 +41,9 @@ class Bound(NamedTuple):
         Raises:
             FieldError: the text does not say that.
         """
-        mistake = FieldError(f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER, with a finite number", "subject_to")
+        mistake = FieldError(
+            f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER, with a finite number", "subject_to"
+        )
         form = _FORM.fullmatch(text)
         if form is None:
             raise mistake
@@ -79,7 +81,8 @@ class Objective(NamedTuple):
     def costs(self, result: SweepResult) -> Array:
         """Return a number for each run, by which searches compare them: shape (n,).
 
-        It is the metric of a run within all bounds, more than any metric outside them, and the most for a run that failed.
+        It is the metric of a run within all bounds, more than any metric outside them, and the most for a run
+        that failed.
 
         Raises:
             EntryNotFoundError: runs have no such metric.
@@ -126,7 +129,9 @@ class Evaluator:
         self._session.compute(plan)
         costs = self._goal.costs(SweepResult(plan, store))
         self._lowest = min(self._lowest, float(costs.min()))
-        self._session.bar.say(f"best {self._lowest:.4g}" if self._goal.met(self._lowest) else "nothing within the bounds yet")
+        self._session.bar.say(
+            f"best {self._lowest:.4g}" if self._goal.met(self._lowest) else "nothing within the bounds yet"
+        )
         return costs
 
     def history(self) -> SweepResult:
@@ -171,9 +176,10 @@ def tune(
 ) -> TuneResult:
     """Search fields of a scenario for the smallest value of a metric.
 
-    The search is a function of its arguments: the same call finds its finished runs in the folder and goes on where it was stopped,
-    and one with more generations begins with those that are there. Runs that fail are the worst; of two runs outside the bounds the
-    one that is less outside is better. The workers serve the whole search, and nobody else may use the folder meanwhile.
+    The search is a function of its arguments: the same call finds its finished runs in the folder and goes on
+    where it was stopped, and one with more generations begins with those that are there. Runs that fail are
+    the worst; of two runs outside the bounds the one that is less outside is better. The workers serve the
+    whole search, and nobody else may use the folder meanwhile.
 
     Args:
         scenario: the scenario, its name or path.
@@ -181,7 +187,8 @@ def tune(
         minimize: name of the metric.
         subject_to: one bound on a metric, "settling_time_s<2.5", or several.
         out: the folder that keeps the runs.
-        method: "evolution" (differential evolution, scipy's) or "optuna" (its tree-structured Parzen estimator; extra "tune").
+        method: "evolution" (differential evolution, scipy's) or "optuna" (its tree-structured Parzen
+            estimator; extra "tune").
         generations: after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: of the search, not of the runs.
@@ -190,7 +197,8 @@ def tune(
         quiet: no progress bar.
 
     Raises:
-        FieldError: there is no such field or method, a range is empty, a bound cannot be read, or the scheduler's address is none.
+        FieldError: there is no such field or method, a range is empty, a bound cannot be read, or the
+            scheduler's address is none.
         EntryNotFoundError: runs have no such metric.
         MissingExtraError: the method's package is not installed.
         NothingFeasibleError: no run is within all bounds; the folder keeps what was tried.
@@ -223,12 +231,18 @@ def _check(base: Scenario, vary: Ranges, method: str, generations: int, populati
     if not vary:
         raise FieldError("names no field; say at least one, with its lowest and highest value", "vary")
     if generations < 0 or population < 1:
-        raise FieldError(f"are {generations} and {population}; they must be at least 0 and 1", "generations and population")
+        raise FieldError(
+            f"are {generations} and {population}; they must be at least 0 and 1", "generations and population"
+        )
     for field, ends in vary.items():
         try:
             low, high = map(float, ends)
         except (TypeError, ValueError):
-            raise FieldError(f"has the range {ends!r}; it must be a lowest and a highest number", field) from None
+            raise FieldError(
+                f"has the range {ends!r}; it must be a lowest and a highest number", field
+            ) from None
         if not (np.isfinite([low, high]).all() and low < high):
-            raise FieldError(f"goes from {low:g} to {high:g}; the range must have a lower and a higher end", field)
+            raise FieldError(
+                f"goes from {low:g} to {high:g}; the range must have a lower and a higher end", field
+            )
     SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that are not there

@@ -1,7 +1,8 @@
 """The process that keeps local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in a session of its own.
 
-DaskBackend are started from here and not from the user's process: they would import the user's script once more, and a script without an
-``if __name__ == "__main__"`` would start its sweep in every worker. It ends with its parent: when its standard input closes.
+DaskBackend are started from here and not from the user's process: they would import the user's script once
+more, and a script without an ``if __name__ == "__main__"`` would start its sweep in every worker. It ends
+with its parent: when its standard input closes.
 """
 
 from __future__ import annotations
@@ -25,9 +26,16 @@ _GRACE_S = 2.0
 async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) -> None:
     """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced.
 
-    One that dies while it is being started takes this process and its workers with it; the parent starts all of them again.
+    One that dies while it is being started takes this process and its workers with it; the parent starts all
+    of them again.
     """
-    options: dict[str, Any] = {"nthreads": 1, "host": "127.0.0.1", "worker_class": QuietWorker, "preload": [_PRELOAD], "death_timeout": 60}
+    options: dict[str, Any] = {
+        "nthreads": 1,
+        "host": "127.0.0.1",
+        "worker_class": QuietWorker,
+        "preload": [_PRELOAD],
+        "death_timeout": 60,
+    }
     nannies = [Nanny(address, **options) for _ in range(count)]
     try:
         await asyncio.gather(*nannies)

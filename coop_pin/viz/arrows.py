@@ -62,10 +62,13 @@ class ArrowSeries(NamedTuple):
 def arrow_items(series: ArrowSeries) -> tuple[Item, ...]:
     """Return the parts of an arrow along z: a shaft of unit length, and the points of its head."""
     paint, form = Paint(palette.rgb(series.colour), on_top=True), series.form
-    shaft = Item(f"{series.path}/shaft/body", Cylinder(form.shaft_radius, 1.0), paint, translation((0.0, 0.0, 0.5)))
+    shaft = Item(
+        f"{series.path}/shaft/body", Cylinder(form.shaft_radius, 1.0), paint, translation((0.0, 0.0, 0.5))
+    )
     cone, names = Cone(form.head_radius, HEAD_LENGTH_M / form.points), ("body", "second")[: form.points]
     tips = (
-        Item(f"{series.path}/head/{name}", cone, paint, translation((0.0, 0.0, number * cone.length))) for number, name in enumerate(names)
+        Item(f"{series.path}/head/{name}", cone, paint, translation((0.0, 0.0, number * cone.length)))
+        for number, name in enumerate(names)
     )
     return (shaft, *tips)
 
@@ -73,7 +76,8 @@ def arrow_items(series: ArrowSeries) -> tuple[Item, ...]:
 def arrow_tracks(series: ArrowSeries) -> tuple[Track, ...]:
     """Return how an arrow follows its vector.
 
-    The head takes the last 50 mm; an arrow shorter than that is a small head alone. Wrenches hold from tick to tick, and so do arrows.
+    The head takes the last 50 mm; an arrow shorter than that is a small head alone. Wrenches hold from tick
+    to tick, and so do arrows.
     """
     length = np.linalg.norm(series.vector, axis=1)
     head = np.clip(length / HEAD_LENGTH_M, _SMALLEST, 1.0)
@@ -138,7 +142,8 @@ def expected_scales(cell: Cell, first: Snapshot) -> ArrowScales:
 
     Args:
         cell: the description.
-        first: where everything stands at the start; rows of wrenches that rigid bodies do not determine are NaN.
+        first: where everything stands at the start; rows of wrenches that rigid bodies do not determine are
+            NaN.
     """
     squeeze = largest_force(first.desired_internal_wrench)
     typical = squeeze if squeeze > _NOTHING else cell.payload.mass * _GRAVITY / len(cell.arms)
@@ -161,7 +166,9 @@ def _typical_recorded(data: xr.Dataset) -> float:
 def _scales(cell: Cell, typical_force: float, has_moments: bool) -> ArrowScales:
     """Return both scales: a moment is about as long as the force that makes it with the lever from P to a grasp, or longer."""
     per_metre = _round_up(typical_force / TYPICAL_LENGTH_M)
-    lever = max(_SHORTEST_LEVER_M, *(float(np.linalg.norm(grasp.matrix[:3, 3])) for grasp in cell.grasps.values()))
+    lever = max(
+        _SHORTEST_LEVER_M, *(float(np.linalg.norm(grasp.matrix[:3, 3])) for grasp in cell.grasps.values())
+    )
     return ArrowScales(per_metre, _round_down(per_metre * lever) if has_moments else None)
 
 
@@ -207,7 +214,13 @@ def recorded_wrenches(data: xr.Dataset) -> Wrenches:
 
 def wrenches_at(moment: Snapshot) -> Wrenches:
     """Return the wrenches of a run under way, as one sample."""
-    parts = (moment.tip_position, moment.interaction_wrench, moment.internal_wrench, moment.payload_pose[:3, 3], moment.external_wrench)
+    parts = (
+        moment.tip_position,
+        moment.interaction_wrench,
+        moment.internal_wrench,
+        moment.payload_pose[:3, 3],
+        moment.external_wrench,
+    )
     return Wrenches(*(part[None] for part in parts))
 
 
@@ -222,12 +235,19 @@ def wrench_arrows(arms: Sequence[str], wrenches: Wrenches, scales: ArrowScales) 
     forces = _arrows("forces", arms, wrenches, slice(0, 3), FORCE_FORM, scales.newtons_per_metre)
     if scales.newton_metres_per_metre is None:
         return forces
-    return (*forces, *_arrows("moments", arms, wrenches, slice(3, 6), MOMENT_FORM, scales.newton_metres_per_metre))
+    return (
+        *forces,
+        *_arrows("moments", arms, wrenches, slice(3, 6), MOMENT_FORM, scales.newton_metres_per_metre),
+    )
 
 
-def _arrows(group: str, arms: Sequence[str], wrenches: Wrenches, rows: slice, form: ArrowForm, per_metre: float) -> tuple[ArrowSeries, ...]:
+def _arrows(
+    group: str, arms: Sequence[str], wrenches: Wrenches, rows: slice, form: ArrowForm, per_metre: float
+) -> tuple[ArrowSeries, ...]:
     """Return the arrows of the forces, or of the moments: rows of the wrenches, drawn at a scale in N/m, or N m/m."""
-    whole, internal = (np.nan_to_num(part)[..., rows] / per_metre for part in (wrenches.interaction, wrenches.internal))
+    whole, internal = (
+        np.nan_to_num(part)[..., rows] / per_metre for part in (wrenches.interaction, wrenches.internal)
+    )
     series: list[ArrowSeries] = []
     for index, arm in enumerate(arms):
         tip, inner = wrenches.tips[:, index], internal[:, index]

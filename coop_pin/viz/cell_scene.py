@@ -27,7 +27,8 @@ _MARGIN = 1.15
 def camera_on(cell: Cell, points: Array, tips: Array, floor: float) -> Camera:
     """Return a camera that has the whole cell in view, the first arm on the left and the last on the right.
 
-    It stands a little aside, where it sees the line between the tips more from its side. Planar cells are seen from higher up.
+    It stands a little aside, where it sees the line between the tips more from its side. Planar cells are
+    seen from higher up.
 
     Args:
         cell: the description.
@@ -42,7 +43,11 @@ def camera_on(cell: Cell, points: Array, tips: Array, floor: float) -> Camera:
     target, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
     distance = _MARGIN * max(radius, 0.3) / np.sin(np.radians(_FIELD_OF_VIEW_DEG / 2.0))
     elevation = _PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG
-    return Camera(target + distance * _direction(bases, (tips[:, -1] - tips[:, 0]).mean(axis=0), elevation), target, _FIELD_OF_VIEW_DEG)
+    return Camera(
+        target + distance * _direction(bases, (tips[:, -1] - tips[:, 0]).mean(axis=0), elevation),
+        target,
+        _FIELD_OF_VIEW_DEG,
+    )
 
 
 def _direction(bases: Array, line: Array, elevation_deg: float) -> Array:
@@ -54,7 +59,9 @@ def _direction(bases: Array, line: Array, elevation_deg: float) -> Array:
     sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
     heading = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))
     elevation = np.radians(elevation_deg)
-    return np.array((np.cos(heading) * np.cos(elevation), np.sin(heading) * np.cos(elevation), np.sin(elevation)))
+    return np.array(
+        (np.cos(heading) * np.cos(elevation), np.sin(heading) * np.cos(elevation), np.sin(elevation))
+    )
 
 
 NEAR_SINGULAR = 100.0
@@ -68,7 +75,9 @@ COLOURS = (None, palette.rgb(palette.SINGULAR), palette.rgb(palette.SATURATED))
 Codes = NDArray[np.int8]
 
 
-def body_tints(bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array) -> Codes:
+def body_tints(
+    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
+) -> Codes:
     """Return the code of every body's colour: the whole arm for a singular pose, the link that a drive moves for its saturation.
 
     Args:
@@ -99,7 +108,10 @@ def tint_changes(time: Array, codes: Codes) -> list[list[float]]:
         codes: shape (n, bodies).
     """
     before = np.concatenate((np.full((1, codes.shape[1]), IS_PLAIN, dtype=np.int8), codes[:-1]))
-    return [[float(time[sample]), int(body), int(codes[sample, body])] for sample, body in np.argwhere(codes != before)]
+    return [
+        [float(time[sample]), int(body), int(codes[sample, body])]
+        for sample, body in np.argwhere(codes != before)
+    ]
 
 
 FRAMES_PER_SECOND = 30.0
@@ -116,7 +128,9 @@ _GRID_M = 0.25
 _FLOOR_M = 3.0
 
 
-def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, arms: CellVisuals | None = None) -> Scene:
+def cell_scene(
+    result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, arms: CellVisuals | None = None
+) -> Scene:
     """Return everything there is to see of a run.
 
     The keyframes are recorded samples at their recorded times: nothing is interpolated here.
@@ -132,9 +146,18 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, 
     poses = arms.poses(data["configuration"].values)
     path = data["payload_position"].values
     scales = recorded_scales(scenario.cell, result.data)
-    arrows = [arrow for arrow in wrench_arrows(list(scenario.cell.arms), recorded_wrenches(data), scales) if arrow.vector.any()]
+    arrows = [
+        arrow
+        for arrow in wrench_arrows(list(scenario.cell.arms), recorded_wrenches(data), scales)
+        if arrow.vector.any()
+    ]
     floor = floor_height(scenario.cell, arms.bodies)
-    camera = camera_on(scenario.cell, np.concatenate((poses[..., :3].reshape(-1, 3), path)), data["tip_position"].values, floor)
+    camera = camera_on(
+        scenario.cell,
+        np.concatenate((poses[..., :3].reshape(-1, 3), path)),
+        data["tip_position"].values,
+        floor,
+    )
     items = (
         *floor_items(camera.target, floor),
         *(item for body in arms.bodies for item in body_items(body)),
@@ -143,7 +166,10 @@ def cell_scene(result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, 
         *(item for arrow in arrows for item in arrow_items(arrow)),
     )
     tracks = (
-        *(Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:]) for body, pose in zip(arms.bodies, poses.swapaxes(0, 1), strict=True)),
+        *(
+            Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:])
+            for body, pose in zip(arms.bodies, poses.swapaxes(0, 1), strict=True)
+        ),
         Track("payload", path, data["payload_quaternion"].values),
         Track("desired", data["desired_position"].values, data["desired_quaternion"].values),
         *(track for arrow in arrows for track in arrow_tracks(arrow)),
@@ -160,7 +186,9 @@ def replay_samples(time: Array, frames_per_second: float) -> Array:
     """
     wanted = np.arange(time[0], time[-1], 1.0 / frames_per_second)
     after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
-    nearest = np.where(wanted - time[after - 1] <= time[np.minimum(after, len(time) - 1)] - wanted, after - 1, after)
+    nearest = np.where(
+        wanted - time[after - 1] <= time[np.minimum(after, len(time) - 1)] - wanted, after - 1, after
+    )
     return np.unique(np.append(nearest, len(time) - 1))
 
 
@@ -180,15 +208,27 @@ def body_items(body: Body) -> tuple[Item, ...]:
     items: list[Item] = []
     for visual in body.visuals:
         shape = thinned(visual.shape, LINK_VERTICES) if isinstance(visual.shape, Mesh) else visual.shape
-        items.append(Item(f"arms/{body.name}/{visual.name}", shape, Paint(visual.colour[:3], visual.colour[3]), visual.pose))
+        items.append(
+            Item(
+                f"arms/{body.name}/{visual.name}",
+                shape,
+                Paint(visual.colour[:3], visual.colour[3]),
+                visual.pose,
+            )
+        )
     return tuple(items)
 
 
 def payload_items(cell: Cell) -> tuple[Item, ...]:
     """Return the payload with its grasp frames, and the ghost where it should be, on their nodes."""
-    shape, ghost, X_PS = payload_shape(cell.payload), payload_shape(cell.payload, _GHOST_SCALE), cell.payload.shape_pose.matrix
+    shape, ghost, X_PS = (
+        payload_shape(cell.payload),
+        payload_shape(cell.payload, _GHOST_SCALE),
+        cell.payload.shape_pose.matrix,
+    )
     grasps = (
-        Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix) for name, grasp in cell.grasps.items()
+        Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix)
+        for name, grasp in cell.grasps.items()
     )
     return (
         Item("payload/shape", shape, Paint(palette.rgb(palette.ACTUAL)), X_PS),
@@ -200,12 +240,18 @@ def payload_items(cell: Cell) -> tuple[Item, ...]:
 def _triad() -> Segments:
     ends = np.zeros((6, 3))
     ends[1::2] = _TRIAD_M * np.eye(3)
-    return Segments(ends, np.repeat(np.array(((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.25, 0.9))), 2, axis=0))
+    return Segments(
+        ends, np.repeat(np.array(((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.25, 0.9))), 2, axis=0)
+    )
 
 
 def _trail_items(actual: Array, desired: Array) -> tuple[Item, ...]:
     mesh = tube(actual, TRAIL_RADIUS_M, TRAIL_SPACING_M)
-    trail = () if mesh is None else (Item("trails/actual", mesh, Paint(palette.rgb(palette.ACTUAL), lit=False), np.eye(4)),)
+    trail = (
+        ()
+        if mesh is None
+        else (Item("trails/actual", mesh, Paint(palette.rgb(palette.ACTUAL), lit=False), np.eye(4)),)
+    )
     return (*trail, *desired_path_items(desired))
 
 

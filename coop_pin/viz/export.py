@@ -147,7 +147,14 @@ _WITHOUT_BUTTONS = "#play, #speed, .dg { display: none !important; }"
 _DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
-def save_image(result: RunResult, path: str | Path, time: float | None = None, *, width: int = WIDTH, height: int = HEIGHT) -> None:
+def save_image(
+    result: RunResult,
+    path: str | Path,
+    time: float | None = None,
+    *,
+    width: int = WIDTH,
+    height: int = HEIGHT,
+) -> None:
     """Write a picture of a run at a time, as PNG: what its replay shows then.
 
     Args:
@@ -172,7 +179,12 @@ def save_image(result: RunResult, path: str | Path, time: float | None = None, *
 
 
 def save_video(
-    result: RunResult, path: str | Path, frames_per_second: float = FRAMES_PER_SECOND, *, width: int = WIDTH, height: int = HEIGHT
+    result: RunResult,
+    path: str | Path,
+    frames_per_second: float = FRAMES_PER_SECOND,
+    *,
+    width: int = WIDTH,
+    height: int = HEIGHT,
 ) -> None:
     """Write a video of a run, as MP4 (H.264), at the pace of its clock: frame k shows t = k / frames_per_second.
 
@@ -258,13 +270,26 @@ def page_pictures(page: str, times: Iterable[float], width: int, height: int) ->
             yield browser_page.screenshot(type="png")
 
 
-def _encode(pictures: Iterable[bytes], part: Path, size: tuple[int, int], frames_per_second: float, packages: tuple[Any, Any]) -> int:
+def _encode(
+    pictures: Iterable[bytes],
+    part: Path,
+    size: tuple[int, int],
+    frames_per_second: float,
+    packages: tuple[Any, Any],
+) -> int:
     """Write pictures as a video and return how many frames it holds.
 
     They are counted: an encoder that could not write to the end, because the disk is full, tells nobody.
     """
     encoder, reader = packages
-    video = encoder.write_frames(str(part), size, fps=frames_per_second, quality=_QUALITY, macro_block_size=2, output_params=["-f", "mp4"])
+    video = encoder.write_frames(
+        str(part),
+        size,
+        fps=frames_per_second,
+        quality=_QUALITY,
+        macro_block_size=2,
+        output_params=["-f", "mp4"],
+    )
     video.send(None)  # starts it
     try:
         for picture in pictures:

@@ -61,7 +61,9 @@ def standing_scenario(scenario: Scenario) -> InitialScene:
     """
     motion = scenario.motion.build()
     path = np.array([motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, scenario.duration, _PATH_SAMPLES)])
-    moment = _at_rest(scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches)
+    moment = _at_rest(
+        scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches
+    )
     return InitialScene(scenario.cell, scenario.plant, moment, path)
 
 
@@ -76,14 +78,22 @@ def standing_cell(cell: Cell) -> InitialScene:
     else:
         name, arm = next(iter(cell.arms.items()))
         model = ArmModel(arm, cell.grasps[name].matrix)
-        X_WP = model.payload_pose(model.configuration(np.zeros(model.nv) if arm.posture is None else arm.posture))
+        X_WP = model.payload_pose(
+            model.configuration(np.zeros(model.nv) if arm.posture is None else arm.posture)
+        )
     plant = PlantOptions()
-    return InitialScene(cell, plant, _at_rest(cell, plant, X_WP, X_WP, np.zeros((len(cell.arms), 6))), X_WP[None, :3, 3])
+    return InitialScene(
+        cell, plant, _at_rest(cell, plant, X_WP, X_WP, np.zeros((len(cell.arms), 6))), X_WP[None, :3, 3]
+    )
 
 
 def _at_rest(cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeeze: Array) -> Snapshot:
     chain = CellChain(cell, plant)
-    q, arms, joints = chain.configuration(X_WP), len(cell.arms), max(len(place.drive) for place in chain.tree.arms)
+    q, arms, joints = (
+        chain.configuration(X_WP),
+        len(cell.arms),
+        max(len(place.drive) for place in chain.tree.arms),
+    )
     none = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
     return Snapshot(
         time=0.0,

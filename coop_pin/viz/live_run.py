@@ -143,8 +143,13 @@ class LiveRun:
         wrenches = self.scenario.squeeze_wrenches
         present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
         if not present > 0.0:
-            raise SqueezeError("is zero; there is no direction to squeeze in. Give the scenario a squeeze first", "squeeze")
-        table = {name: tuple(newtons / present * row) for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)}
+            raise SqueezeError(
+                "is zero; there is no direction to squeeze in. Give the scenario a squeeze first", "squeeze"
+            )
+        table = {
+            name: tuple(newtons / present * row)
+            for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)
+        }
         squeeze = SteadySqueeze(wrenches=table)
         with self._lock:
             if newtons > 0.0:  # a zero squeeze would forget its direction
@@ -159,9 +164,14 @@ class LiveRun:
             duration: s; cut at the end of the run.
         """
         with self._lock:
-            time, left = self._simulation.time, (self._simulation.scenario.duration - self._simulation.time) * _ROUNDED_DOWN
+            time, left = (
+                self._simulation.time,
+                (self._simulation.scenario.duration - self._simulation.time) * _ROUNDED_DOWN,
+            )
             if left > 0.0:
-                self._simulation.add_event(WrenchPulse(time=time, duration=min(duration, left), wrench=wrench))
+                self._simulation.add_event(
+                    WrenchPulse(time=time, duration=min(duration, left), wrench=wrench)
+                )
 
     def _run(self) -> None:
         while not self._stop.is_set() and not self.is_finished:

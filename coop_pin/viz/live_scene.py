@@ -15,7 +15,15 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import Snapshot
 from coop_pin.spatial import pose_error
-from coop_pin.viz.arrows import ArrowSeries, arrow_items, arrow_tracks, expected_scales, largest_force, wrench_arrows, wrenches_at
+from coop_pin.viz.arrows import (
+    ArrowSeries,
+    arrow_items,
+    arrow_tracks,
+    expected_scales,
+    largest_force,
+    wrench_arrows,
+    wrenches_at,
+)
 from coop_pin.viz.cell_scene import (
     TRAIL_SPACING_M,
     body_items,
@@ -67,7 +75,8 @@ class LiveFrame(NamedTuple):
         internal: largest internal force of all arms, N.
         desired_internal: what it should be, N.
         tints: code of every body's colour, in the order of the scene's bodies; see ``tints``.
-        rows: position (m), quaternion x, y, z, w and scale of every node, in the order of the scene's nodes, shape (nodes, 10).
+        rows: position (m), quaternion x, y, z, w and scale of every node, in the order of the scene's nodes,
+            shape (nodes, 10).
     """
 
     time: float
@@ -112,7 +121,13 @@ class LiveScene:
         self._arms = CellVisuals(cell, plant.payload)
         self._names = tuple(cell.arms)
         self.scales = expected_scales(cell, first)
-        points = np.concatenate((self._arms.poses(first.configuration[None])[0, :, :3], desired_path, first.payload_pose[None, :3, 3]))
+        points = np.concatenate(
+            (
+                self._arms.poses(first.configuration[None])[0, :, :3],
+                desired_path,
+                first.payload_pose[None, :3, 3],
+            )
+        )
         floor = floor_height(cell, self._arms.bodies)
         camera = camera_on(cell, points, first.tip_position[None], floor)
         items = (
@@ -145,7 +160,11 @@ class LiveScene:
         tracks = self._tracks(moment)
         rows = np.tile(_STILL, (len(tracks), 1))
         for row, track in zip(rows, tracks, strict=True):
-            for columns, values in ((slice(0, 3), track.position), (slice(3, 7), track.quaternion), (slice(7, 10), track.scale)):
+            for columns, values in (
+                (slice(0, 3), track.position),
+                (slice(3, 7), track.quaternion),
+                (slice(7, 10), track.scale),
+            ):
                 if values is not None:
                     row[columns] = values[0]
         return rows
@@ -154,7 +173,10 @@ class LiveScene:
         """Return the tracks of one sample: bodies, payload, ghost, arrows."""
         poses = self._arms.poses(moment.configuration[None]).swapaxes(0, 1)
         return (
-            *(Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:]) for body, pose in zip(self._arms.bodies, poses, strict=True)),
+            *(
+                Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:])
+                for body, pose in zip(self._arms.bodies, poses, strict=True)
+            ),
             _pose_track("payload", moment.payload_pose),
             _pose_track("desired", moment.desired_pose),
             *(track for arrow in self._arrows(moment) for track in arrow_tracks(arrow)),

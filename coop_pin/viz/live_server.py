@@ -26,9 +26,10 @@ _LAST_PORT = 65535
 class ViewServer:
     """Serves one page to browsers of this machine that know its address.
 
-    The socket is bound here, to 127.0.0.1 only, and handed to the server process: the address is known at once and nobody waits for the
-    process to start. Frames go through a pipe that never blocks: one that finds it full is dropped, and what is shown is always the
-    latest that fitted. The process ends when its end of the pipe does, so it outlives nobody, however we die.
+    The socket is bound here, to 127.0.0.1 only, and handed to the server process: the address is known at
+    once and nobody waits for the process to start. Frames go through a pipe that never blocks: one that finds
+    it full is dropped, and what is shown is always the latest that fitted. The process ends when its end of
+    the pipe does, so it outlives nobody, however we die.
 
     Attributes:
         url: the address, with a secret in it: other users of the machine do not know it.
@@ -86,7 +87,11 @@ class ViewServer:
             self._rest = message[self._write(message) :]
         except (BrokenPipeError, ConnectionResetError):
             self._is_alive = False
-            warnings.warn(f"the 3-D view is gone ({self._why()}); the simulation goes on without it", ViewWarning, stacklevel=3)
+            warnings.warn(
+                f"the 3-D view is gone ({self._why()}); the simulation goes on without it",
+                ViewWarning,
+                stacklevel=3,
+            )
             return False
         return True
 

@@ -4,9 +4,9 @@ Started by ``view_server``, never imported. It knows neither coop_pin nor meshca
 
     python -P view_server_process.py SOCKET PAGE SECRET
 
-SOCKET and PAGE are file descriptors: a bound listening socket and the page. Frames come through stdin, each after its length (four bytes,
-little-endian). The end of stdin is the end of the parent, however it died; a changed parent process says the same where somebody else
-still holds the pipe.
+SOCKET and PAGE are file descriptors: a bound listening socket and the page. Frames come through stdin, each
+after its length (four bytes, little-endian). The end of stdin is the end of the parent, however it died; a
+changed parent process says the same where somebody else still holds the pipe.
 """
 
 from __future__ import annotations
@@ -68,7 +68,9 @@ class Guarded(RequestHandler):
             HTTPError: 403 or 404.
         """
         origin = self.request.headers.get("Origin")
-        if urlsplit(f"//{self.request.host}").hostname not in _LOOPBACK or (origin and urlsplit(origin).netloc != self.request.host):
+        if urlsplit(f"//{self.request.host}").hostname not in _LOOPBACK or (
+            origin and urlsplit(origin).netloc != self.request.host
+        ):
             raise HTTPError(403)
         if not hmac.compare_digest(self.request.path.split("/")[1].encode(), self.secret.encode()):
             raise HTTPError(404)
@@ -116,7 +118,9 @@ class Stream(Guarded, WebSocketHandler):
 async def read_frames(frames: Frames) -> None:
     """Take frames from stdin until it ends."""
     reader = asyncio.StreamReader(limit=1 << 20)
-    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer
+    )
     try:
         while True:
             (length,) = struct.unpack("<I", await reader.readexactly(4))
@@ -139,7 +143,12 @@ async def serve(listening: int, page: int, secret: str) -> None:
         shared: dict[str, Any] = {"page": file.read(), "frames": frames, "secret": secret}
     routes = [(r"/[^/]*/", Page, shared), (r"/[^/]*/frames", Stream, shared)]
     server = HTTPServer(
-        Application(routes, websocket_max_message_size=_LARGEST_REQUEST, websocket_ping_interval=20, websocket_ping_timeout=20),
+        Application(
+            routes,
+            websocket_max_message_size=_LARGEST_REQUEST,
+            websocket_ping_interval=20,
+            websocket_ping_timeout=20,
+        ),
         max_body_size=_LARGEST_REQUEST,
         max_header_size=_LARGEST_REQUEST * 4,
         idle_connection_timeout=60,

@@ -28,8 +28,9 @@ FRAMES_PER_SECOND = 30.0
 class Viewer(ThrottledObserver, Protocol):
     """Shows a run while it is under way; an Observer. None of its methods waits for anything or raises because nobody looks.
 
-    What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame that says where the nodes of
-    the scene are and which colours its bodies have. A viewer adds neither physics nor geometry.
+    What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame
+    that says where the nodes of the scene are and which colours its bodies have. A viewer adds neither
+    physics nor geometry.
     """
 
     @property
@@ -80,7 +81,12 @@ def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -
         "nodes": scene.nodes,
         "bodies": scene.bodies,
         "colours": COLOURS,
-        "trail": {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M, "most": MOST_POINTS},
+        "trail": {
+            "colour": palette.ACTUAL,
+            "radius": TRAIL_RADIUS_M,
+            "spacing": TRAIL_SPACING_M,
+            "most": MOST_POINTS,
+        },
         "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
         "frame": as_text(frame.packed()),
         "still": still,
@@ -88,7 +94,13 @@ def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -
     return page_html("live", title, "", (*LEGEND, PUSH, SATURATED, SINGULAR), scene.scales, live)
 
 
-_PROXIES = ("JUPYTERHUB_SERVICE_PREFIX", "JUPYTERHUB_API_URL", "BINDER_SERVICE_HOST", "COLAB_RELEASE_TAG", "KAGGLE_KERNEL_RUN_TYPE")
+_PROXIES = (
+    "JUPYTERHUB_SERVICE_PREFIX",
+    "JUPYTERHUB_API_URL",
+    "BINDER_SERVICE_HOST",
+    "COLAB_RELEASE_TAG",
+    "KAGGLE_KERNEL_RUN_TYPE",
+)
 """Where one of these is set, the browser is on another machine, behind a proxy that does not lead to our loopback."""
 
 
@@ -100,7 +112,9 @@ class LiveView:
         dropped: frames that found the way to it full.
     """
 
-    def __init__(self, title: str, standing: InitialScene, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> None:
+    def __init__(
+        self, title: str, standing: InitialScene, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0
+    ) -> None:
         """Start to serve the page. Where that is not possible warn, and show nothing.
 
         Args:
@@ -122,7 +136,11 @@ class LiveView:
         except PortTakenError:
             raise
         except OSError as error:
-            warnings.warn(f"there is no 3-D view ({error}); the simulation goes on without it", ViewWarning, stacklevel=2)
+            warnings.warn(
+                f"there is no 3-D view ({error}); the simulation goes on without it",
+                ViewWarning,
+                stacklevel=2,
+            )
 
     @property
     def url(self) -> str:
@@ -171,9 +189,7 @@ class LiveView:
             height: pixels.
         """
         if not is_behind_proxy():
-            return (
-                f'<iframe src="{html.escape(self.url)}" style="width: 100%; height: {height}px; border: 0" title="coop_pin live"></iframe>'
-            )
+            return f'<iframe src="{html.escape(self.url)}" style="width: 100%; height: {height}px; border: 0" title="coop_pin live"></iframe>'
         why = "still picture: this notebook runs behind a proxy, through which no live view can be reached; replays work here"
         return page_frame(self.still_html(why), height, "coop_pin")
 
@@ -184,7 +200,11 @@ class LiveView:
         return live_html(self._title, self._scene, self._scene.frame(self._last), still)
 
 
-def open_view(what: Cell | Scenario | RunResult | str | Path, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0) -> LiveView:
+def open_view(
+    what: Cell | Scenario | RunResult | str | Path,
+    frames_per_second: float = FRAMES_PER_SECOND,
+    port: int = 0,
+) -> LiveView:
     """Open a live view: hand it to ``run`` or ``simulate``, let a notebook cell return it, or open its ``url`` in a browser.
 
         view = open_view("adept-paper")

@@ -1,7 +1,7 @@
 """The one door to meshcat: a scene as the commands that its viewer page understands, without a server, a process or a port.
 
-What is worked around here: meshcat 0.3.2 names objects by the machine's network address and the time (uuid1), turns property
-names to lower case, and writes every keyframe as a table of its own.
+What is worked around here: meshcat 0.3.2 names objects by the machine's network address and the time (uuid1),
+turns property names to lower case, and writes every keyframe as a table of its own.
 """
 
 from __future__ import annotations
@@ -61,7 +61,12 @@ class ObjectProperty(NamedTuple):
 
     def lower(self) -> dict[str, Any]:
         """Return the command as meshcat's viewer reads it."""
-        return {"type": "set_property", "path": f"{self.path.lower()}/<object>", "property": self.name, "value": self.value}
+        return {
+            "type": "set_property",
+            "path": f"{self.path.lower()}/<object>",
+            "property": self.name,
+            "value": self.value,
+        }
 
 
 class _Keyframes(NamedTuple):
@@ -74,7 +79,12 @@ class _Keyframes(NamedTuple):
     held: bool
 
     def lower(self) -> dict[str, Any]:
-        track = {"name": f".{self.name}", "type": self.kind, "times": _float32(self.time), "values": _float32(self.values)}
+        track = {
+            "name": f".{self.name}",
+            "type": self.kind,
+            "times": _float32(self.time),
+            "values": _float32(self.values),
+        }
         return {**track, "interpolation": _HOLD} if self.held else track
 
 
@@ -140,7 +150,9 @@ class _ConeGeometry(geometry.Cylinder):  # type: ignore[misc]
 
     def intrinsic_transform(self) -> Array:
         lifted = np.eye(4)
-        lifted[3, 1] = self.height / 2.0  # three.js reads columns first, and meshcat does not turn this matrix over
+        lifted[3, 1] = (
+            self.height / 2.0
+        )  # three.js reads columns first, and meshcat does not turn this matrix over
         return lifted
 
 
@@ -154,14 +166,22 @@ def _material(item: Item) -> Any:
     if isinstance(item.drawable, Segments):
         return geometry.LineBasicMaterial(vertexColors=True, transparent=paint.on_top, **over)
     kind = geometry.MeshPhongMaterial if paint.lit else geometry.MeshBasicMaterial
-    # Transparent things are drawn last; with their back sides left out, convex ones need no depth to look right.
-    return kind(color=colour, opacity=paint.opacity, transparent=paint.on_top or paint.opacity < 1.0, side=0 if paint.on_top else 2, **over)
+    # Transparent things are drawn last; with their back sides left out, convex ones need no depth to look
+    # right.
+    return kind(
+        color=colour,
+        opacity=paint.opacity,
+        transparent=paint.on_top or paint.opacity < 1.0,
+        side=0 if paint.on_top else 2,
+        **over,
+    )
 
 
 def _look(root: Any, camera: Camera) -> None:
     """Place the camera, in its own axes, where y is up.
 
-    meshcat's camera looks at the world's origin wherever it stands, so the whole scene is moved until its target is there.
+    meshcat's camera looks at the world's origin wherever it stands, so the whole scene is moved until its
+    target is there.
     """
     root.set_transform(translation(-camera.target))
     x, y, z = (float(part) for part in camera.eye - camera.target)
@@ -171,8 +191,16 @@ def _look(root: Any, camera: Camera) -> None:
 
 
 def _clip(track: Track, time: Array) -> Any:
-    parts = (("position", "vector3", track.position), ("quaternion", "quaternion", track.quaternion), ("scale", "vector3", track.scale))
-    tracks = {name: _Keyframes(name, kind, time, values, track.held) for name, kind, values in parts if values is not None}
+    parts = (
+        ("position", "vector3", track.position),
+        ("quaternion", "quaternion", track.quaternion),
+        ("scale", "vector3", track.scale),
+    )
+    tracks = {
+        name: _Keyframes(name, kind, time, values, track.held)
+        for name, kind, values in parts
+        if values is not None
+    }
     return animation.AnimationClip(tracks=tracks, fps=1)  # one frame a second: the times are seconds
 
 

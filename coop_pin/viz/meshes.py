@@ -31,7 +31,9 @@ def thinned(mesh: Mesh, most_vertices: int) -> Mesh:
         if len(counts) <= most_vertices:
             break
         cells = int(cells * min(0.9, np.sqrt(1.1 * most_vertices / len(counts))))
-    vertices = np.column_stack([np.bincount(merged, mesh.vertices[:, axis]) for axis in range(3)]) / counts[:, None]
+    vertices = (
+        np.column_stack([np.bincount(merged, mesh.vertices[:, axis]) for axis in range(3)]) / counts[:, None]
+    )
     faces = merged[mesh.faces]
     a, b, c = faces.T
     return Mesh(vertices, np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0))
@@ -56,7 +58,9 @@ def tube(points: Array, radius: float, spacing: float) -> Mesh | None:
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     up = np.cross(across, forward)
     angles = 2.0 * np.pi * np.arange(_TUBE_SIDES) / _TUBE_SIDES
-    rings = kept[:, None] + radius * (np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * up[:, None])
+    rings = kept[:, None] + radius * (
+        np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * up[:, None]
+    )
     ring, side = np.meshgrid(np.arange(len(kept) - 1), np.arange(_TUBE_SIDES), indexing="ij")
     here, beside = ring * _TUBE_SIDES + side, ring * _TUBE_SIDES + (side + 1) % _TUBE_SIDES
     quads = np.stack((here, beside, beside + _TUBE_SIDES, here + _TUBE_SIDES), axis=-1).reshape(-1, 4)

@@ -36,7 +36,14 @@ _ICONS = {
 }
 
 
-def page_html(kind: str, title: str, summary: str, entries: Sequence[tuple[str, str, str]], scales: ArrowScales, data: Any) -> str:
+def page_html(
+    kind: str,
+    title: str,
+    summary: str,
+    entries: Sequence[tuple[str, str, str]],
+    scales: ArrowScales,
+    data: Any,
+) -> str:
     """Return a page that needs nothing but itself.
 
     Args:
@@ -57,9 +64,12 @@ def page_html(kind: str, title: str, summary: str, entries: Sequence[tuple[str, 
         "title": html.escape(title),
         "summary": html.escape(summary),
         "legend": "\n".join(
-            f'<li><i class="{swatch}" style="background:{colour}"></i>{html.escape(text)}</li>' for colour, swatch, text in entries
+            f'<li><i class="{swatch}" style="background:{colour}"></i>{html.escape(text)}</li>'
+            for colour, swatch, text in entries
         ),
-        "arrows": "\n".join(f"<li>{_ICONS[about]}{html.escape(note)}</li>" for about, note in arrow_notes(scales).items()),
+        "arrows": "\n".join(
+            f"<li>{_ICONS[about]}{html.escape(note)}</li>" for about, note in arrow_notes(scales).items()
+        ),
         "data": json.dumps(data).replace("<", "\\u003c"),
     }
     return Template(_file("page.html")).substitute(parts)

@@ -84,7 +84,8 @@ class Panel:
         run: the run under way.
         view: its live view.
         widget: everything, as one ipywidget.
-        sliders: the sliders by the field of the scenario that they change; besides gains "mass", "squeeze" and "push".
+        sliders: the sliders by the field of the scenario that they change; besides gains "mass", "squeeze"
+            and "push".
         buttons: "start", "reset" and "push".
     """
 
@@ -92,7 +93,8 @@ class Panel:
         """Stand at the start, paused.
 
         Args:
-            scenario: a Scenario, a name in the catalogue or the path of a TOML file; its duration is how long one can play.
+            scenario: a Scenario, a name in the catalogue or the path of a TOML file; its duration is how long
+                one can play.
             realtime_rate: simulated seconds in one second of wall time.
 
         Raises:
@@ -111,9 +113,14 @@ class Panel:
             "reset": self._button("Reset", "undo", self._reset),
             "push": self._button("Shove", "hand-pointer-o", self._push),
         }
-        self._speed = self._kit.Dropdown(options=[(f"\u00d7 {speed:g}", speed) for speed in _SPEEDS], value=1.0, layout={"width": "90px"})
+        self._speed = self._kit.Dropdown(
+            options=[(f"\u00d7 {speed:g}", speed) for speed in _SPEEDS], value=1.0, layout={"width": "90px"}
+        )
         self._speed.observe(self._change_speed, "value")
-        self._status, self._frame = self._kit.HTML(), self._kit.HTML(self.view.frame_html(_HEIGHT), layout={"width": "100%"})
+        self._status, self._frame = (
+            self._kit.HTML(),
+            self._kit.HTML(self.view.frame_html(_HEIGHT), layout={"width": "100%"}),
+        )
         self.widget = self._kit.VBox([self._frame, self._controls(scenario), self._status])
         self._tell_state()
 
@@ -128,7 +135,11 @@ class Panel:
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """Return the widget, and for pages without a kernel behind them a still picture that says so."""
-        still = page_frame(self.view.still_html("still picture: buttons and sliders need a running notebook"), _HEIGHT, "coop_pin")
+        still = page_frame(
+            self.view.still_html("still picture: buttons and sliders need a running notebook"),
+            _HEIGHT,
+            "coop_pin",
+        )
         return self.widget._repr_mimebundle_(**options) | {"text/html": still}
 
     # ------------------------------------------------------------ layout
@@ -136,10 +147,19 @@ class Panel:
     def _controls(self, scenario: Scenario) -> Any:
         for knob in gain_sliders(scenario):
             self._add(knob, functools.partial(self._change_gain, knob))
-        mass, squeeze = scenario.cell.payload.mass, float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
-        self._add(Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR), self.run.change_mass)
+        mass, squeeze = (
+            scenario.cell.payload.mass,
+            float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max()),
+        )
+        self._add(
+            Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR),
+            self.run.change_mass,
+        )
         if squeeze > 0.0:
-            self._add(Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze), self.run.change_squeeze)
+            self._add(
+                Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze),
+                self.run.change_squeeze,
+            )
         self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None)
         gains = [slider for field, slider in self.sliders.items() if "." in field]
         rest = [slider for field, slider in self.sliders.items() if "." not in field]
@@ -147,13 +167,21 @@ class Panel:
         return self._kit.HBox([self._kit.VBox([buttons, *rest]), self._kit.VBox(gains)])
 
     def _add(self, knob: Slider, act: Callable[[float], None]) -> None:
-        common = {"description": knob.label, "continuous_update": False, "style": {"description_width": "110px"}}
+        common = {
+            "description": knob.label,
+            "continuous_update": False,
+            "style": {"description_width": "110px"},
+        }
         if knob.low > 0.0:
             low, high = np.log10(knob.low), np.log10(knob.high)
-            slider = self._kit.FloatLogSlider(value=knob.value, min=low, max=high, step=(high - low) / 200, readout_format=".3g", **common)
+            slider = self._kit.FloatLogSlider(
+                value=knob.value, min=low, max=high, step=(high - low) / 200, readout_format=".3g", **common
+            )
         else:
             step = knob.high / 200
-            slider = self._kit.FloatSlider(value=knob.value, min=knob.low, max=knob.high, step=step, readout_format=".3g", **common)
+            slider = self._kit.FloatSlider(
+                value=knob.value, min=knob.low, max=knob.high, step=step, readout_format=".3g", **common
+            )
         slider.layout.width = "380px"
         slider.observe(lambda change: self._try(lambda: act(change["new"])), "value")
         self.sliders[knob.field] = slider
@@ -199,11 +227,15 @@ class Panel:
 
     def _tell_state(self) -> None:
         running = self.run.is_running and not self.run.is_finished
-        self.buttons["start"].description, self.buttons["start"].icon = ("Pause", "pause") if running else ("Start", "play")
+        self.buttons["start"].description, self.buttons["start"].icon = (
+            ("Pause", "pause") if running else ("Start", "play")
+        )
         if self.run.error is not None:
             self._tell(str(self.run.error), "#b42318")
         elif self.run.is_finished:
-            self._tell(f"the run has ended at t = {self.run.scenario.duration:g} s; reset it to go on", "#52606d")
+            self._tell(
+                f"the run has ended at t = {self.run.scenario.duration:g} s; reset it to go on", "#52606d"
+            )
         else:
             self._tell("running" if running else "paused", "#52606d")
 

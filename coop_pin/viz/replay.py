@@ -20,8 +20,8 @@ from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_h
 def replay_html(result: RunResult) -> str:
     """Return a page that replays a run in 3-D: meshcat's viewer, the scene, a clock, a slider and a legend.
 
-    The page needs no network and no server, and building it starts neither a process nor a port. Its clock is the clock of the result;
-    wrenches hold from tick to tick.
+    The page needs no network and no server, and building it starts neither a process nor a port. Its clock is
+    the clock of the result; wrenches hold from tick to tick.
 
     Args:
         result: the run.
@@ -36,7 +36,9 @@ def replay_html(result: RunResult) -> str:
         "messages": [as_text(message) for message in scene_messages(scene)],
     }
     legend = _legend(result, {code for _, _, code in warned["tints"]})
-    return page_html("replay", scenario.name, scenario.summary, legend, recorded_scales(scenario.cell, result.data), run)
+    return page_html(
+        "replay", scenario.name, scenario.summary, legend, recorded_scales(scenario.cell, result.data), run
+    )
 
 
 def save_replay(result: RunResult, path: str | Path) -> None:
@@ -53,7 +55,9 @@ def save_replay(result: RunResult, path: str | Path) -> None:
 def _tints(result: RunResult, arms: CellVisuals) -> dict[str, Any]:
     """Return the bodies whose colour can change and every change of it."""
     data, names = result.data, [body.name for body in arms.bodies]
-    codes = body_tints(names, arms.joints, data["saturated"].values.astype(bool), data["jacobian_condition"].values)
+    codes = body_tints(
+        names, arms.joints, data["saturated"].values.astype(bool), data["jacobian_condition"].values
+    )
     return {"bodies": [f"arms/{name}" for name in names], "tints": tint_changes(data["time"].values, codes)}
 
 
@@ -70,10 +74,22 @@ def _legend(result: RunResult, codes: set[float]) -> tuple[tuple[str, str, str],
 def _event(scenario: Scenario, event: Event) -> dict[str, Any]:
     """Return what the page's player shows of an event."""
     if isinstance(event, PayloadChange):
-        return {"start": event.time, "end": event.time, "text": f"mass {scenario.cell.payload.mass:g} \u2192 {event.mass:g} kg"}
+        return {
+            "start": event.time,
+            "end": event.time,
+            "text": f"mass {scenario.cell.payload.mass:g} \u2192 {event.mass:g} kg",
+        }
     force, moment = event.wrench[:3], event.wrench[3:]
-    parts = [f"({', '.join(f'{part:g}' for part in vector)}) {unit}" for vector, unit in ((force, "N"), (moment, "N m")) if any(vector)]
-    return {"start": event.time, "end": event.end, "text": f"push {' and '.join(parts)} for {event.duration:g} s"}
+    parts = [
+        f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
+        for vector, unit in ((force, "N"), (moment, "N m"))
+        if any(vector)
+    ]
+    return {
+        "start": event.time,
+        "end": event.end,
+        "text": f"push {' and '.join(parts)} for {event.duration:g} s",
+    }
 
 
 class NotebookView:

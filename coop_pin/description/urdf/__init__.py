@@ -1,20 +1,26 @@
 """URDF files: finding them, and checking them before Pinocchio sees them.
 
-Pinocchio reads a mass of "abc" or "1.0 " as zero, forgets a joint where a link has two parents, takes a zero axis, and dies
-of a chain of 20 000 links. Every defect has a code here, its link or joint, and its line.
+Pinocchio reads a mass of "abc" or "1.0 " as zero, forgets a joint where a link has two parents, takes a zero
+axis, and dies of a chain of 20 000 links. Every defect has a code here, its link or joint, and its line.
 
-**Structural** findings are always errors: Pinocchio would refuse the file or read something else than it says.
+**Structural** findings are always errors: Pinocchio would refuse the file or read something else than it
+says.
 
-- document: ``size``, ``empty``, ``encoding``, ``not_xml``, ``doctype``, ``elements``, ``nesting``, ``root``, ``xacro``
-- names: ``name``, ``reserved_name``, ``duplicate_link``, ``duplicate_joint``, ``duplicate_material``, ``no_links``
-- values: ``number``, ``not_finite``, ``count``, ``negative``, ``line_break``, ``missing_attribute``, ``duplicate_element``
-- joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``, ``mimic_unknown``
-- tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``, ``no_root``, ``two_roots``,
-  ``depth``
+- document: ``size``, ``empty``, ``encoding``, ``not_xml``, ``doctype``, ``elements``, ``nesting``, ``root``,
+  ``xacro``
+- names: ``name``, ``reserved_name``, ``duplicate_link``, ``duplicate_joint``, ``duplicate_material``,
+  ``no_links``
+- values: ``number``, ``not_finite``, ``count``, ``negative``, ``line_break``, ``missing_attribute``,
+  ``duplicate_element``
+- joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``,
+  ``mimic_unknown``
+- tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``,
+  ``no_root``, ``two_roots``, ``depth``
 
 **Physical** findings are warnings, and errors when strict: no such body exists.
 
-- ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``, ``inertia_not_psd``, ``inertia_triangle``
+- ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``,
+  ``inertia_not_psd``, ``inertia_triangle``
 
 **Doubtful** findings are warnings always: they can be read, but are hardly meant.
 

@@ -24,7 +24,8 @@ def expanded(path: Path, arguments: Mapping[str, str], package_dirs: Sequence[Pa
     Args:
         path: the file, absolute.
         arguments: values of its ``<xacro:arg>`` elements.
-        package_dirs: folders that hold the packages of ``$(find ...)``; packages above the file are found without.
+        package_dirs: folders that hold the packages of ``$(find ...)``; packages above the file are found
+            without.
 
     Raises:
         MissingExtraError: xacrodoc is not installed.
@@ -35,15 +36,21 @@ def expanded(path: Path, arguments: Mapping[str, str], package_dirs: Sequence[Pa
     except ImportError:
         raise MissingExtraError("xacrodoc", "xacro", f"to read {path.name}") from None
     xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({package.name: package for folder in package_dirs for package in _packages(folder)})
+    xacrodoc.packages.update_package_cache(
+        {package.name: package for folder in package_dirs for package in _packages(folder)}
+    )
     xacrodoc.packages.walk_up_from(path)
     try:
         # As an include, because a file read as text would not find its own relative includes.
         document: Any = xacrodoc.XacroDoc.from_includes(
             [escape(str(path))], name=path.stem, subargs=dict(arguments), resolve_packages=False
         )
-    except Exception as error:  # xacro has no common base of its errors and evaluates the file's own Python expressions
-        raise UrdfError(f"{path} cannot be expanded: {error}; check its arguments (xacro_args) and packages (package_dirs)") from error
+    except (
+        Exception
+    ) as error:  # xacro has no common base of its errors and evaluates the file's own Python expressions
+        raise UrdfError(
+            f"{path} cannot be expanded: {error}; check its arguments (xacro_args) and packages (package_dirs)"
+        ) from error
     return bytes(document.dom.toxml(encoding="utf-8"))
 
 
@@ -79,13 +86,16 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
     data = _text(urdf)
     robot = read_document(data).robot
     meshes = () if robot is None else tuple(mesh_findings(robot, urdf.package_dirs))
-    return UrdfReport(str(urdf.path), tuple(sorted((*_findings(data), *meshes), key=lambda finding: finding.line)))
+    return UrdfReport(
+        str(urdf.path), tuple(sorted((*_findings(data), *meshes), key=lambda finding: finding.line))
+    )
 
 
 def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
     """Return the text of a URDF that Pinocchio reads as it is written.
 
-    Physical and doubtful findings in a user's file are warned of (UrdfWarning); bundled files and example-robot-data are known.
+    Physical and doubtful findings in a user's file are warned of (UrdfWarning); bundled files and
+    example-robot-data are known.
 
     Args:
         urdf: the file.
@@ -117,11 +127,15 @@ def _require_usable(report: UrdfReport, strict: bool, warn: bool) -> None:
     if report.errors(strict):
         raise UrdfError("\n".join(("the URDF cannot be used:", *report.lines(strict))))
     if report.warnings(strict) and warn:
-        warnings.warn("\n".join(("the URDF says what can hardly be meant:", *report.lines())), UrdfWarning, stacklevel=3)
+        warnings.warn(
+            "\n".join(("the URDF says what can hardly be meant:", *report.lines())), UrdfWarning, stacklevel=3
+        )
 
 
 def _text(urdf: UrdfFile) -> bytes:
-    return expanded(urdf.path, dict(urdf.xacro_args), urdf.package_dirs) if urdf.is_xacro else _read(urdf.path)
+    return (
+        expanded(urdf.path, dict(urdf.xacro_args), urdf.package_dirs) if urdf.is_xacro else _read(urdf.path)
+    )
 
 
 def _read(path: Path) -> bytes:

@@ -123,8 +123,8 @@ def bundled_urdf_folder() -> Path:
 def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> UrdfFile:
     """Return the URDF of a path or name.
 
-    A path is looked for beside ``relative_to``, then in the working directory; then a name among the bundled robots
-    ("adept_3dof"), then among those of example-robot-data ("panda", "ur5").
+    A path is looked for beside ``relative_to``, then in the working directory; then a name among the bundled
+    robots ("adept_3dof"), then among those of example-robot-data ("panda", "ur5").
 
     Args:
         name_or_path: path of a file, or name of a robot.
@@ -146,7 +146,9 @@ def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> Urdf
     robots = sorted({*bundled, *example_urdfs()})
     parts = Path(name).parts
     if len(parts) > 1 or Path(name).suffix in _SUFFIXES:
-        raise UrdfNotFoundError(_no_file(name, [folder / name for folder in folders], robots if len(parts) == 1 else []))
+        raise UrdfNotFoundError(
+            _no_file(name, [folder / name for folder in folders], robots if len(parts) == 1 else [])
+        )
     places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
     places.append(f"example-robot-data ({example_folder() or 'not installed'})")
     raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, robots)}")
@@ -159,8 +161,14 @@ def _no_file(name: str, paths: Iterable[Path], robots: list[str]) -> str:
         if _is(Path.is_dir, path):
             return f"{path} is a folder; name the URDF or xacro file in it"
     folders = [path.parent for path in looked if _is(Path.is_dir, path.parent)]
-    beside = sorted({file.name for folder in folders for suffix in _SUFFIXES for file in folder.glob(f"*{suffix}")})
-    hint = suggestion(Path(name).name, [*beside, *robots]) if beside or robots else "no URDF or xacro file stands there"
+    beside = sorted(
+        {file.name for folder in folders for suffix in _SUFFIXES for file in folder.glob(f"*{suffix}")}
+    )
+    hint = (
+        suggestion(Path(name).name, [*beside, *robots])
+        if beside or robots
+        else "no URDF or xacro file stands there"
+    )
     return f"there is no file {' or '.join(map(str, looked))}; {hint}"
 
 
@@ -168,7 +176,8 @@ def _described(path: Path) -> UrdfFile:
     """Return a file with what its place says about it."""
     examples = example_folder()
     if examples is not None and path.is_relative_to(examples.resolve()):
-        # Meshes are named package://example-robot-data/robots/...; a few files name their own folder as the package.
+        # Meshes are named package://example-robot-data/robots/...; a few files name their own folder as the
+        # package.
         return UrdfFile(path, (examples.parents[1], examples), example_srdf(path), "example")
     bundled = bundled_urdf_folder()
     if path.is_relative_to(bundled):

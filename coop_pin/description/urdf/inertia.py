@@ -25,7 +25,12 @@ def inertial_findings(link: Node) -> Iterator[UrdfFinding]:
     mass, inertia = inertial.child("mass"), inertial.child("inertia")
     if mass is None or "value" not in mass.attributes:
         line = (mass or inertial).line
-        yield physical("mass_missing", link.label, line, "<inertial> gives no mass, which is read as zero; add <mass value=...>, kg")
+        yield physical(
+            "mass_missing",
+            link.label,
+            line,
+            "<inertial> gives no mass, which is read as zero; add <mass value=...>, kg",
+        )
     else:
         yield from _mass_findings(link, mass)
     if inertia is None or not COUNTS["inertia"].keys() <= inertia.attributes.keys():
@@ -40,15 +45,25 @@ def _mass_findings(link: Node, mass: Node) -> Iterator[UrdfFinding]:
     value = number(mass, "value")
     if value == 0.0:
         if not _is_frame(link):
-            yield physical("mass_zero", link.label, mass.line, "the mass is zero, but not the inertia; the mass must be positive")
+            yield physical(
+                "mass_zero",
+                link.label,
+                mass.line,
+                "the mass is zero, but not the inertia; the mass must be positive",
+            )
     elif value is not None and value < 0.0:
-        yield physical("mass_negative", link.label, mass.line, f"the mass is {value:g} kg; it must be positive")
+        yield physical(
+            "mass_negative", link.label, mass.line, f"the mass is {value:g} kg; it must be positive"
+        )
 
 
 def _inertia_findings(link: Node, inertia: Node) -> Iterator[UrdfFinding]:
     """Check the principal moments I1 <= I2 <= I3: 0 <= I1 (positive semidefinite) and I3 <= I1 + I2 (triangle inequality)."""
     entries = {name: number(inertia, name) for name in COUNTS["inertia"]}
-    matrix = np.array([[entries["i" + "".join(sorted(row + column))] for column in "xyz"] for row in "xyz"], dtype=np.float64)
+    matrix = np.array(
+        [[entries["i" + "".join(sorted(row + column))] for column in "xyz"] for row in "xyz"],
+        dtype=np.float64,
+    )
     scale = np.abs(matrix).max()
     if not scale > 0.0:  # a point mass, or a number that could not be read (NaN)
         return
@@ -67,7 +82,10 @@ def _is_frame(link: Node) -> bool:
     inertial = link.child("inertial")
     if inertial is None:
         return True
-    values = [number(inertial.child("mass"), "value"), *(number(inertial.child("inertia"), name) for name in COUNTS["inertia"])]
+    values = [
+        number(inertial.child("mass"), "value"),
+        *(number(inertial.child("inertia"), name) for name in COUNTS["inertia"]),
+    ]
     return all(value == 0.0 for value in values)
 
 
@@ -77,7 +95,9 @@ def massless_findings(tree: Tree) -> Iterator[UrdfFinding]:
     A frame that is fixed to its parent is no defect.
     """
     for edge in tree.above.values():
-        if edge.joint.attributes.get("type") == "fixed" or not all(_is_frame(tree.links[name]) for name in _fixed_to(tree, edge.child)):
+        if edge.joint.attributes.get("type") == "fixed" or not all(
+            _is_frame(tree.links[name]) for name in _fixed_to(tree, edge.child)
+        ):
             continue
         link = tree.links[edge.child]
         inertial = link.child("inertial")
@@ -93,4 +113,6 @@ def _fixed_to(tree: Tree, name: str) -> Iterator[str]:
     while waiting:
         link = waiting.pop()
         yield link
-        waiting += [edge.child for edge in tree.below.get(link, ()) if edge.joint.attributes.get("type") == "fixed"]
+        waiting += [
+            edge.child for edge in tree.below.get(link, ()) if edge.joint.attributes.get("type") == "fixed"
+        ]

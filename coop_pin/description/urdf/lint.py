@@ -63,7 +63,21 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 """The joint types of URDF."""
 
 _PINOCCHIO_ROOT = "universe"
-_ONCE = frozenset({"inertial", "origin", "mass", "inertia", "geometry", "parent", "child", "axis", "limit", "mimic", "dynamics"})
+_ONCE = frozenset(
+    {
+        "inertial",
+        "origin",
+        "mass",
+        "inertia",
+        "geometry",
+        "parent",
+        "child",
+        "axis",
+        "limit",
+        "mimic",
+        "dynamics",
+    }
+)
 _REQUIRED = {
     "limit": ("effort", "velocity"),
     "safety_controller": ("k_velocity",),
@@ -100,9 +114,19 @@ def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
         if not node.name:
             yield structural("name", node.label, node.line, f"<{node.tag}> has no name; add name=...")
         elif key == ("joint", _PINOCCHIO_ROOT):
-            yield structural("reserved_name", node.label, node.line, "Pinocchio's own first joint has this name; choose another")
+            yield structural(
+                "reserved_name",
+                node.label,
+                node.line,
+                "Pinocchio's own first joint has this name; choose another",
+            )
         elif key in first:
-            yield structural(f"duplicate_{node.tag}", node.label, node.line, f"line {first[key]} has the same name; rename one")
+            yield structural(
+                f"duplicate_{node.tag}",
+                node.label,
+                node.line,
+                f"line {first[key]} has the same name; rename one",
+            )
         first.setdefault(key, node.line)
 
 
@@ -114,15 +138,32 @@ def _content_findings(owner: Node) -> Iterator[UrdfFinding]:
             yield structural("duplicate_element", owner.label, repeated.line, message)
         for attribute in _REQUIRED.get(node.tag, ()):
             if attribute not in node.attributes:
-                yield structural("missing_attribute", owner.label, node.line, f"<{node.tag}> lacks {attribute}; add it")
+                yield structural(
+                    "missing_attribute", owner.label, node.line, f"<{node.tag}> lacks {attribute}; add it"
+                )
         if node.tag == "dynamics" and not {"damping", "friction"} & node.attributes.keys():
-            yield structural("missing_attribute", owner.label, node.line, "<dynamics> lacks damping and friction; add one or remove it")
+            yield structural(
+                "missing_attribute",
+                owner.label,
+                node.line,
+                "<dynamics> lacks damping and friction; add one or remove it",
+            )
         for attribute in _NOT_NEGATIVE.get(node.tag, ()):
             value = number(node, attribute)
             if value is not None and value < 0.0:
-                yield structural("negative", owner.label, node.line, f"{attribute} of <{node.tag}> is {value:g}; it must not be negative")
+                yield structural(
+                    "negative",
+                    owner.label,
+                    node.line,
+                    f"{attribute} of <{node.tag}> is {value:g}; it must not be negative",
+                )
         if node.broken:
-            yield structural("line_break", owner.label, node.line, f"a value of <{node.tag}> holds a tab or a line break; use blanks")
+            yield structural(
+                "line_break",
+                owner.label,
+                node.line,
+                f"a value of <{node.tag}> holds a tab or a line break; use blanks",
+            )
         for text in filter(is_unexpanded, node.attributes.values()):
             message = f"{quoted(text)} in <{node.tag}> is a xacro expression that is not expanded; {EXPAND}"
             yield structural("xacro", owner.label, node.line, message)
@@ -157,7 +198,9 @@ def _axis_findings(joint: Node) -> Iterator[UrdfFinding]:
     if axis is None:  # x by the rules of URDF
         return
     if "xyz" not in axis.attributes:
-        yield structural("axis_zero", joint.label, axis.line, "<axis> has no xyz and is read as zero; give a direction")
+        yield structural(
+            "axis_zero", joint.label, axis.line, "<axis> has no xyz and is read as zero; give a direction"
+        )
     direction = numbers(axis, "xyz")
     if direction is not None and not any(direction):
         yield structural("axis_zero", joint.label, axis.line, "the axis is zero; give a direction")
@@ -178,4 +221,9 @@ def _mimic_findings(joint: Node, names: set[str]) -> Iterator[UrdfFinding]:
     if leader == joint.name:
         yield structural("mimic_self", joint.label, mimic.line, "the joint mimics itself; name another joint")
     elif leader not in names:
-        yield structural("mimic_unknown", joint.label, mimic.line, f"mimics {quoted(leader)}, which is no joint of the file")
+        yield structural(
+            "mimic_unknown",
+            joint.label,
+            mimic.line,
+            f"mimics {quoted(leader)}, which is no joint of the file",
+        )

@@ -21,8 +21,8 @@ class UrdfFinding(NamedTuple):
     """One defect of a URDF.
 
     Attributes:
-        kind: "structural" (the file does not say what Pinocchio would read), "physical" (no such body exists) or "doubtful" (it can be
-            read, but is hardly meant).
+        kind: "structural" (the file does not say what Pinocchio would read), "physical" (no such body exists)
+            or "doubtful" (it can be read, but is hardly meant).
         code: short name of the defect; the package's docstring lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
         line: line of the file, from 1; 0 where the file as a whole is meant.
@@ -54,11 +54,19 @@ class UrdfReport:
 
     def errors(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
         """Return the findings that forbid the file: the structural ones, and the physical ones when strict."""
-        return tuple(finding for finding in self.findings if finding.kind == "structural" or (strict and finding.kind == "physical"))
+        return tuple(
+            finding
+            for finding in self.findings
+            if finding.kind == "structural" or (strict and finding.kind == "physical")
+        )
 
     def warnings(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
         """Return the findings that only call for attention: the doubtful ones, and the physical ones unless strict."""
-        return tuple(finding for finding in self.findings if finding.kind == "doubtful" or (not strict and finding.kind == "physical"))
+        return tuple(
+            finding
+            for finding in self.findings
+            if finding.kind == "doubtful" or (not strict and finding.kind == "physical")
+        )
 
     def lines(self, strict: bool = False) -> tuple[str, ...]:
         """Return the report as lines of plain text: errors, warnings, and a closing count."""
@@ -97,4 +105,6 @@ def quoted(text: str) -> str:
 def listed(names: Iterable[str], most: int = 5) -> str:
     """Return the first few names of many, quoted."""
     every = tuple(names)
-    return ", ".join(map(quoted, every[:most])) + (f" and {len(every) - most} more" if len(every) > most else "")
+    return ", ".join(map(quoted, every[:most])) + (
+        f" and {len(every) - most} more" if len(every) > most else ""
+    )

@@ -37,7 +37,8 @@ class Robot:
     """The kinematics of a URDF, without Pinocchio.
 
     Attributes:
-        joints: type of every joint that is not fixed, by name, in the order of Pinocchio's q: depth first, siblings by name.
+        joints: type of every joint that is not fixed, by name, in the order of Pinocchio's q: depth first,
+            siblings by name.
         leaves: the links that carry no other.
         mimics: the joints that follow others, by name.
     """
@@ -48,10 +49,16 @@ class Robot:
         assert root is not None
         self._tree = read_tree(root)
         every = [edge.joint for edge in _depth_first(self._tree)]
-        self.joints = {joint.name: joint.attributes["type"] for joint in every if joint.attributes["type"] != "fixed"}
+        self.joints = {
+            joint.name: joint.attributes["type"] for joint in every if joint.attributes["type"] != "fixed"
+        }
         self.leaves = tuple(link for link in self._tree.links if not self._tree.below.get(link))
-        self.mimics = {joint.name: _mimic(node) for joint in every if (node := joint.child("mimic")) is not None}
-        self._ends = {edge.joint.name: edge.child for edge in _depth_first(self._tree)} | {link: link for link in self._tree.links}
+        self.mimics = {
+            joint.name: _mimic(node) for joint in every if (node := joint.child("mimic")) is not None
+        }
+        self._ends = {edge.joint.name: edge.child for edge in _depth_first(self._tree)} | {
+            link: link for link in self._tree.links
+        }
 
     def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
         """Return the angles of locked joints and of those that mimic them, directly or along a chain of others."""
@@ -102,7 +109,9 @@ def _last_name_first(tree: Tree, link: str) -> list[Edge]:
 
 def _mimic(node: Node) -> Mimic:
     multiplier, offset = number(node, "multiplier"), number(node, "offset")
-    return Mimic(node.attributes["joint"], 1.0 if multiplier is None else multiplier, 0.0 if offset is None else offset)
+    return Mimic(
+        node.attributes["joint"], 1.0 if multiplier is None else multiplier, 0.0 if offset is None else offset
+    )
 
 
 def _origin(joint: Node) -> Array:
@@ -159,7 +168,9 @@ def link_body(text: str, source: str) -> LinkBody:
     assert robot is not None
     links = [node for node in robot.children if node.tag == "link"]
     if len(links) != 1:
-        raise UrdfError(f"{source} has {len(links)} links, {listed(link.name for link in links)}; a payload is a single one")
+        raise UrdfError(
+            f"{source} has {len(links)} links, {listed(link.name for link in links)}; a payload is a single one"
+        )
     inertial = links[0].child("inertial")
     mass = None if inertial is None else number(inertial.child("mass"), "value")
     if inertial is None or not mass:
@@ -171,7 +182,9 @@ def link_body(text: str, source: str) -> LinkBody:
 def _inertia(inertial: Node, X_LI: Array) -> tuple[float, ...]:
     """Return the inertia turned into the link's axes."""
     node = inertial.child("inertia")
-    xx, yy, zz, xy, xz, yz = (number(node, name) or 0.0 for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    xx, yy, zz, xy, xz, yz = (
+        number(node, name) or 0.0 for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
     R = X_LI[:3, :3]
     M = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
     return (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2])

@@ -75,7 +75,9 @@ def _end(joint: Node, tag: str, links: dict[str, Node], findings: list[UrdfFindi
     name = None if node is None else node.attributes.get("link")
     if not name:
         line = joint.line if node is None else node.line
-        findings.append(structural(f"no_{tag}", joint.label, line, f"the joint names no {tag}; add <{tag} link=...>"))
+        findings.append(
+            structural(f"no_{tag}", joint.label, line, f"the joint names no {tag}; add <{tag} link=...>")
+        )
         return None
     if name not in links:
         line = joint.line if node is None else node.line
@@ -88,7 +90,12 @@ def _end(joint: Node, tag: str, links: dict[str, Node], findings: list[UrdfFindi
 def _root_findings(robot: Node, links: dict[str, Node], above: dict[str, Edge]) -> Iterator[UrdfFinding]:
     roots = [name for name in links if name not in above]
     if links and not roots:
-        yield structural("no_root", robot.label, robot.line, "every link is the child of a joint; one link must be the root")
+        yield structural(
+            "no_root",
+            robot.label,
+            robot.line,
+            "every link is the child of a joint; one link must be the root",
+        )
     for name in roots[1:]:
         node = links[name]
         message = f"a second root beside {quoted(roots[0])}: no joint leads to it; join it to the tree"
@@ -112,7 +119,9 @@ def _cycle_findings(links: dict[str, Node], above: dict[str, Edge]) -> Iterator[
             yield structural("cycle", joint.label, joint.line, message)
 
 
-def _depth_findings(links: dict[str, Node], above: dict[str, Edge], below: dict[str, list[Edge]]) -> Iterator[UrdfFinding]:
+def _depth_findings(
+    links: dict[str, Node], above: dict[str, Edge], below: dict[str, list[Edge]]
+) -> Iterator[UrdfFinding]:
     level = [name for name in links if name not in above]
     for _ in range(MAX_DEPTH):
         level = [edge.child for name in level for edge in below.get(name, ())]

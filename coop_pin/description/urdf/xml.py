@@ -20,11 +20,15 @@ MAX_NESTING = 100
 """Deepest nesting of XML elements; real files stay below 10."""
 
 _XML_WORDS = {
-    expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]: "the file ends before all elements are closed; is </robot> missing?",
+    expat.errors.codes[
+        expat.errors.XML_ERROR_NO_ELEMENTS
+    ]: "the file ends before all elements are closed; is </robot> missing?",
     expat.errors.codes[
         expat.errors.XML_ERROR_TAG_MISMATCH
     ]: "this end tag does not fit the element that is open; is an end tag missing above?",
-    expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]: "something follows </robot>; remove it",
+    expat.errors.codes[
+        expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT
+    ]: "something follows </robot>; remove it",
 }
 """The commonest complaints of the XML reader in plain words."""
 
@@ -114,17 +118,25 @@ def _refuse(code: str, line: int, message: str) -> _RefusedError:
 
 def _require_text(data: bytes) -> None:
     if len(data) > MAX_BYTES:
-        raise _refuse("size", 0, f"the file is larger than {MAX_BYTES} bytes; meshes and textures belong in files of their own")
+        raise _refuse(
+            "size",
+            0,
+            f"the file is larger than {MAX_BYTES} bytes; meshes and textures belong in files of their own",
+        )
     if not data.strip():
         raise _refuse("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise _refuse("encoding", line, f"byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+        raise _refuse(
+            "encoding", line, f"byte {error.start} is not UTF-8; save the file as UTF-8 text"
+        ) from None
     if b"\0" in data:
         index = data.index(b"\0")
-        raise _refuse("encoding", data.count(b"\n", 0, index) + 1, f"byte {index} is NUL; a URDF is UTF-8 text")
+        raise _refuse(
+            "encoding", data.count(b"\n", 0, index) + 1, f"byte {index} is NUL; a URDF is UTF-8 text"
+        )
 
 
 class _Reader:
@@ -150,22 +162,34 @@ class _Reader:
             self._parser.Parse(self._data, True)
         except expat.ExpatError as error:
             raise _refuse(
-                "not_xml", error.lineno, f"not well-formed XML: {_XML_WORDS.get(error.code) or expat.ErrorString(error.code)}"
+                "not_xml",
+                error.lineno,
+                f"not well-formed XML: {_XML_WORDS.get(error.code) or expat.ErrorString(error.code)}",
             ) from None
 
     def _doctype(self, *_: object) -> None:
         line = self._parser.CurrentLineNumber
-        raise _refuse("doctype", line, "a DOCTYPE and its entities are refused: they can read other files or fill the memory; remove it")
+        raise _refuse(
+            "doctype",
+            line,
+            "a DOCTYPE and its entities are refused: they can read other files or fill the memory; remove it",
+        )
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         line = self._parser.CurrentLineNumber
         self._count += 1
         if self._count > MAX_ELEMENTS:
             raise _refuse(
-                "elements", line, f"more than {MAX_ELEMENTS} XML elements; the robots of a whole scene belong in files of their own"
+                "elements",
+                line,
+                f"more than {MAX_ELEMENTS} XML elements; the robots of a whole scene belong in files of their own",
             )
         if len(self._path) >= MAX_NESTING:
-            raise _refuse("nesting", line, f"XML elements nest deeper than {MAX_NESTING}; those of a URDF nest 5 deep or so")
+            raise _refuse(
+                "nesting",
+                line,
+                f"XML elements nest deeper than {MAX_NESTING}; those of a URDF nest 5 deep or so",
+            )
         if tag.startswith("xacro:"):
             raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
         if not self._path and tag != "robot":
@@ -244,7 +268,9 @@ def number_findings(owner: Node) -> Iterator[UrdfFinding]:
                 continue
             problem = _problem(text, count)
             if problem:
-                yield structural(problem.code, owner.label, node.line, f"{attribute} of <{node.tag}> {problem.message}")
+                yield structural(
+                    problem.code, owner.label, node.line, f"{attribute} of <{node.tag}> {problem.message}"
+                )
 
 
 def is_unexpanded(text: str) -> bool:
@@ -260,12 +286,18 @@ def _pieces(text: str, count: int) -> list[str]:
 def _problem(text: str, count: int) -> _Problem | None:
     pieces = _pieces(text, count)
     if len(pieces) != count:
-        return _Problem("count", f"is {quoted(text)}: {len(pieces)} numbers; it must have {count}, separated by blanks")
+        return _Problem(
+            "count", f"is {quoted(text)}: {len(pieces)} numbers; it must have {count}, separated by blanks"
+        )
     for piece in pieces:
         if _NOT_FINITE.fullmatch(piece):
             return _Problem("not_finite", f"is {quoted(text)}; it must be finite")
         if not _NUMBER.fullmatch(piece):
-            return _Problem("number", f"is {quoted(text)}; it must be a plain decimal number without trailing blanks")
+            return _Problem(
+                "number", f"is {quoted(text)}; it must be a plain decimal number without trailing blanks"
+            )
         if not math.isfinite(float(piece)):
-            return _Problem("not_finite", f"is {quoted(text)}, beyond the range of a float; it must be finite")
+            return _Problem(
+                "not_finite", f"is {quoted(text)}, beyond the range of a float; it must be finite"
+            )
     return None
