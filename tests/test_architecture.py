@@ -1,4 +1,4 @@
-"""The plan of the house: who may import whom, and that controllers cannot see a model."""
+"""The direction of imports between packages, and that controllers cannot reach a model."""
 
 import ast
 import functools
@@ -23,67 +23,63 @@ PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 EVERYWHERE = {"errors", "lazy", "arrays", "spatial"}
-BELOW_RUNS = {"description", "model", "chain", "control", "reference", "results", "simulation"}
-BELOW_VIEWS = BELOW_RUNS | {"controllers", "runs"}
+BELOW_RUNS = {"schema", "description", "model", "chain", "control", "reference", "results", "simulation"}
+BELOW_VIEWS = BELOW_RUNS | {"controller_factory", "run_scenario"}
 
-# DESIGN.md, section 2: room -> (rooms it may import besides EVERYWHERE, third parties besides numpy). Where
-# the plan says otherwise:
-# - runs and sweeps are the plan's run and sweep (functions have those names); output writes what a run
-# leaves, for cli and notebooks;
-# - integrators need nothing above chain and stand there, so that simulation needs no Pinocchio;
-# - description (URDF origins), results and viz turn quaternions with scipy;
-# - Pinocchio's picture of an arm is read in model, so that viz needs none;
-# - viz runs: its panel holds a Simulation under the user's hand, and a view that opens before the run asks
-# chain how the cell stands;
+# Package -> (packages it may import besides EVERYWHERE, third parties besides numpy). Why:
+# - schema is the frozen pydantic base of everything that stands in a scenario file;
+# - schema (rotations), reference and results turn quaternions with scipy;
+# - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
+# - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
-# - viz draws sweeps as it draws runs; sweeps never import viz, nor do their workers;
-# - analysis walks arms with chain's tip search, which speaks Pinocchio's poses; nothing below it imports it;
+# - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
+# - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
-# - description reads meshes of payloads with trimesh, which yourdfpy brings;
-# - controllers asks an ArmModel for the number of joints that gains must fit.
-ROOMS: dict[str, tuple[set[str], set[str]]] = {
+# - controller_factory asks an ArmModel for the number of joints that gains must fit.
+PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "lazy": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
+    "schema": ({"reference"}, {"pydantic", "pydantic_core"}),
     "reference": (set(), {"scipy"}),
-    "control": ({"reference"}, {"scipy"}),
+    "control": (set(), {"scipy"}),
     "description": (
-        {"control", "reference"},
-        {"pydantic", "pydantic_core", "scipy", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
+        {"schema", "control", "reference"},
+        {"pydantic", "scipy", "tomli_w", "trimesh", "xacrodoc"},
     ),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "model_based": ({"control", "reference", "model", "chain"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"xarray", "h5netcdf", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "controllers": ({"control", "model_based", "description", "model"}, set()),
-    "runs": (BELOW_RUNS | {"controllers"}, set()),
-    "analysis": (BELOW_VIEWS, {"pinocchio", "scipy", "xarray"}),
+    "controller_factory": ({"control", "description", "model"}, set()),
+    "run_scenario": (BELOW_RUNS | {"controller_factory"}, set()),
+    "analysis": (BELOW_VIEWS, {"pinocchio", "scipy"}),
+    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "scipy", "xarray"}),
     "viz": (
-        {"description", "model", "chain", "controllers", "results", "simulation", "sweeps"},
+        {"schema", "description", "model", "chain", "controller_factory", "results", "simulation", "figures"},
         {
             "imageio",
             "imageio_ffmpeg",
             "ipywidgets",
-            "matplotlib",
             "meshcat",
             "playwright",
             "scipy",
             "tornado",
             "umsgpack",
-            "viser",
             "xarray",
-            "zmq",
         },
     ),
     "sweeps": (
-        {"description", "results", "runs"},
+        {"schema", "description", "results", "run_scenario"},
         {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
     ),
-    "output": ({"description", "results", "viz"}, set()),
-    "report": ({"results", "viz", "analysis", "output"}, {"matplotlib"}),
-    "cli": (BELOW_VIEWS | {"analysis", "viz", "sweeps", "report", "output"}, {"tyro", "tqdm", "pydantic"}),
+    "run_folder": ({"results", "figures", "viz"}, set()),
+    "report": ({"results", "figures", "viz"}, {"matplotlib"}),
+    "cli": (
+        BELOW_VIEWS | {"analysis", "figures", "viz", "sweeps", "report", "run_folder"},
+        {"tyro", "tqdm", "pydantic"},
+    ),
     "__main__": ({"cli"}, set()),
 }
 
@@ -100,13 +96,13 @@ COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "me
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
-def room_of(file: Path) -> str:
+def package_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
 def imported_name(name: str) -> str:
-    """What "from coop_pin import name" loads: a room, or the module of a public name; the version stands in the package itself."""
-    return f"coop_pin.{name}" if name in ROOMS else coop_pin._PUBLIC.get(name, "coop_pin")
+    """Module that "from coop_pin import name" loads."""
+    return f"coop_pin.{name}" if name in PACKAGES else coop_pin._PUBLIC.get(name, "coop_pin")
 
 
 def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
@@ -129,47 +125,54 @@ def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
 
 @functools.cache
 def imports() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
-    """Rooms and third parties that each room imports."""
-    rooms, third_parties = defaultdict(set), defaultdict(set)
+    """Rooms and third parties that each package imports."""
+    packages, third_parties = defaultdict(set), defaultdict(set)
     for file in FILES:
         for module in imported_modules(file):
             top, *rest = module.split(".")
             if top == "coop_pin":
-                rooms[room_of(file)].add(rest[0] if rest else "coop_pin")
+                packages[package_of(file)].add(rest[0] if rest else "coop_pin")
             elif top not in sys.stdlib_module_names:
-                third_parties[room_of(file)].add(top)
-    return {room: rooms[room] for room in {*ROOMS, *rooms}}, {
-        room: third_parties[room] for room in {*ROOMS, *rooms}
+                third_parties[package_of(file)].add(top)
+    return {package: packages[package] for package in {*PACKAGES, *packages}}, {
+        package: third_parties[package] for package in {*PACKAGES, *packages}
     }
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
-def test_every_file_stands_in_a_room_of_the_plan_and_imports_by_full_name(file):
-    assert room_of(file) in ROOMS or file == PACKAGE / "__init__.py"
-    assert "." not in imported_modules(file)
+def test_every_file_is_in_a_package_of_the_table_and_imports_by_full_name():
+    unlisted = [
+        file for file in FILES if package_of(file) not in PACKAGES and file != PACKAGE / "__init__.py"
+    ]
+    relative = [file for file in FILES if "." in imported_modules(file)]
+    assert (unlisted, relative) == ([], [])
 
 
 def test_only_the_version_is_read_from_the_package_itself():
     for file in FILES:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module == "coop_pin":
-                assert {alias.name for alias in node.names} <= {"__version__", *ROOMS, *coop_pin._PUBLIC}
+                assert {alias.name for alias in node.names} <= {"__version__", *PACKAGES, *coop_pin._PUBLIC}
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_imports_only_what_the_plan_allows(room):
-    rooms, third_parties = imports()
-    allowed_rooms, allowed_third_parties = ROOMS[room]
-    assert rooms[room] - {room, "coop_pin"} - EVERYWHERE - allowed_rooms == set()
-    assert third_parties[room] - {"numpy"} - allowed_third_parties == set()
+def test_a_package_imports_exactly_what_the_table_allows():
+    """No more, and no dead entries: what the table allows is used."""
+    packages, third_parties = imports()
+    beyond, unused = {}, {}
+    for package, (allowed_packages, allowed_third_parties) in PACKAGES.items():
+        used = (packages[package] - {package, "coop_pin"} - EVERYWHERE) | (third_parties[package] - {"numpy"})
+        beyond[package] = used - allowed_packages - allowed_third_parties
+        unused[package] = (allowed_packages | allowed_third_parties) - used - set(PACKAGES)
+        unused[package] |= {name for name in allowed_packages if name not in PACKAGES}
+    assert {package: names for package, names in beyond.items() if names} == {}
+    assert {package: names for package, names in unused.items() if names} == {}
 
 
 def test_errors_and_arrays_stand_on_nothing():
-    rooms, third_parties = imports()
-    assert rooms["errors"] <= {"errors"}
-    assert rooms["lazy"] == third_parties["errors"] == third_parties["lazy"] == set()
-    assert rooms["arrays"] == {"errors"}
-    assert rooms["spatial"] <= {"arrays", "errors", "spatial"}
+    packages, third_parties = imports()
+    assert packages["errors"] <= {"errors"}
+    assert packages["lazy"] == third_parties["errors"] == third_parties["lazy"] == set()
+    assert packages["arrays"] == {"errors"}
+    assert packages["spatial"] <= {"arrays", "errors", "spatial"}
 
 
 def circle(graph: dict[str, set[str]]) -> list[str]:
@@ -181,45 +184,49 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
     return []
 
 
-def test_there_are_no_cycles_between_rooms_in_fact_or_in_the_plan():
-    rooms, _ = imports()
-    in_fact = {room: needed - {room, "coop_pin"} for room, needed in rooms.items() if room != "__init__"}
-    in_plan = {room: needed - {"coop_pin"} for room, (needed, _) in ROOMS.items()}
+def test_there_are_no_cycles_between_packages_in_fact_or_in_the_plan():
+    packages, _ = imports()
+    in_fact = {
+        package: needed - {package, "coop_pin"}
+        for package, needed in packages.items()
+        if package != "__init__"
+    }
+    in_plan = {package: needed - {"coop_pin"} for package, (needed, _) in PACKAGES.items()}
     assert circle(in_fact) == circle(in_plan) == []
     assert circle({"control": {"model"}, "model": {"control"}})
 
 
+def modules_of(file: Path, names: dict[str, Path]) -> set[str]:
+    """Modules of coop_pin that a file imports, inside functions too; names of a package count as their module."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            package = importlib.import_module(node.module) if node.module in names else None
+            for alias in node.names:
+                if f"{node.module}.{alias.name}" in names:
+                    found.add(f"{node.module}.{alias.name}")
+                elif package is not None:
+                    found.add(getattr(getattr(package, alias.name), "__module__", node.module))
+    return found & set(names)
+
+
 def test_there_are_no_cycles_between_files():
-    """A cycle inside a room would load by luck of order."""
     names = {
         ".".join(("coop_pin", *f.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): f
         for f in FILES
     }
     graph = {
-        name: {
-            module
-            for module in imported_modules(file, inside_functions=False)
-            if module in names and module != name
-        }
+        name: modules_of(file, names) - {name}
         for name, file in names.items()
-        if file.name != "__init__.py"
+        if file.name not in ("__init__.py", "__main__.py")
     }
     assert circle(graph) == []
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
-def test_there_is_no_type_checking_escape(file):
-    names = {
-        node.id
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Name)
-    }
-    attributes = {
-        node.attr
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Attribute)
-    }
-    assert "TYPE_CHECKING" not in names | attributes
+def test_there_is_no_type_checking_escape():
+    assert [file for file in FILES if "TYPE_CHECKING" in file.read_text(encoding="utf-8")] == []
 
 
 def test_every_third_party_is_a_declared_dependency():
@@ -249,7 +256,8 @@ from coop_pin.spatial import make_pose, task_rows
 
 rows = task_rows("planar")
 law = SlidingModeController(
-    rows=rows, period=0.0125, pose_gain=2.0 * np.eye(3), sign_gain=0.2 * np.eye(3), damping_gain=np.diag([60.0, 60.0, 10.0]),
+    rows=rows, period=0.0125, pose_gain=2.0 * np.eye(3), sign_gain=0.2 * np.eye(3),
+    damping_gain=np.diag([60.0, 60.0, 10.0]),
     force_gain=0.5, transient_rate=5.0, switching=Sign(),
 )
 J = np.array([[-0.4, -0.3, 0.1], [0.5, 0.2, -0.1], [0.0, 1.0, 1.0]])
@@ -287,7 +295,8 @@ def test_every_module_of_control_is_importable_without_pinocchio():
         for file in (PACKAGE / "control").glob("*.py")
         if file.stem != "__init__"
     )
-    load = f"import sys, importlib\nsys.modules['pinocchio'] = None\nfor name in {modules}: importlib.import_module(name)\n"
+    load = "import sys, importlib\nsys.modules['pinocchio'] = None\n"
+    load += f"for name in {modules}: importlib.import_module(name)\n"
     loaded = run_python(
         load + "print(*sorted(name for name in sys.modules if name.startswith('coop_pin.control.')))"
     ).split()
@@ -295,7 +304,8 @@ def test_every_module_of_control_is_importable_without_pinocchio():
 
 
 def test_importing_the_package_loads_nothing_until_a_name_is_used():
-    code = "import sys, coop_pin; print('numpy' in sys.modules, [m for m in sys.modules if m.startswith('coop_pin.')]); coop_pin.Scenario"
+    code = "import sys, coop_pin; ours = [m for m in sys.modules if m.startswith('coop_pin.')]\n"
+    code += "print('numpy' in sys.modules, ours); coop_pin.Scenario"
     assert run_python(code + "; print('pinocchio' in sys.modules)").split("\n")[:2] == [
         "False ['coop_pin.lazy']",
         "False",
