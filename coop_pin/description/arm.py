@@ -124,12 +124,12 @@ class Arm(Description):
     @field_validator("tip")
     @classmethod
     def _tip_or_only_leaf(cls, tip: str, earlier: ValidationInfo) -> str:
-        if tip or not {"urdf", "package_dirs", "xacro_args"} <= earlier.data.keys():
+        fields = ("urdf", "package_dirs", "xacro_args")
+        if tip or not all(name in earlier.data for name in fields):
             return tip
-        urdf = earlier.data["urdf"]
-        leaves = Robot(
-            load_checked(_file(urdf, earlier.data["package_dirs"], earlier.data["xacro_args"]))
-        ).leaves
+        urdf, package_dirs, xacro_args = (earlier.data[name] for name in fields)
+        file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
+        leaves = Robot(load_checked(file)).leaves
         if len(leaves) != 1:
             raise AmbiguousTipError(urdf, leaves)
         return leaves[0]
@@ -210,7 +210,7 @@ class Arm(Description):
         Raises:
             UrdfNotFoundError: there is none.
         """
-        return _file(self.urdf, self.package_dirs, self.xacro_args)
+        return find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
 
     def drive_matrix(self, nv: int) -> Array:
         """Return T, shape (nv, nv).
@@ -223,7 +223,3 @@ class Arm(Description):
                 f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive"
             )
         return np.eye(nv) if self.drive is None else np.array(self.drive)
-
-
-def _file(urdf: str, package_dirs: tuple[str, ...], xacro_args: Mapping[str, str]) -> UrdfFile:
-    return find_urdf(urdf).given(package_dirs, xacro_args)
