@@ -1,4 +1,4 @@
-"""What the user says, as frozen values; and the URDF files that it names."""
+"""Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
 from coop_pin.description.arm import Arm, JointFriction
 from coop_pin.description.baumgarte import Stabilisation
