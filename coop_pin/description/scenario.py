@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell, check_arm_names
@@ -23,6 +23,7 @@ from coop_pin.errors import (
     EntryNotFoundError,
     EventTimeError,
     ScenarioFileError,
+    UnknownFieldError,
     one_or_all,
 )
 from coop_pin.schema.base import Description, Positive, Vector
@@ -47,7 +48,6 @@ class Scenario(Description):
         name: short name.
         summary: description in one line.
         duration: simulated time, s.
-        seed: of everything random.
         beyond_bound: accept gains outside the bounds of the theory or of the sampling.
         cell: arms, payload, grasps.
         controller: control law and gains, or a user's own controller.
@@ -67,7 +67,6 @@ class Scenario(Description):
     name: str
     summary: str = ""
     duration: Positive = 20.0
-    seed: int = Field(default=0, ge=0)
     beyond_bound: bool = False
     cell: Cell
     controller: Controller
@@ -79,6 +78,15 @@ class Scenario(Description):
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_seed(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and "seed" in given:
+            raise UnknownFieldError(
+                "is not a field of a scenario: nothing in a simulation is random; remove it", "seed"
+            )
+        return given
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
