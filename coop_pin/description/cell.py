@@ -56,7 +56,7 @@ class Cell(Description):
 
     Attributes:
         arms: the arms by name; arrays over arms have their order.
-        payload: the held object; a table with a ``kind`` is made into one (payload_source.py).
+        payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
         grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" computes them from
             ``payload_pose`` and the postures, and the cell stores the result.
