@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,8 @@ from coop_pin.description import switching
 from coop_pin.description.gains import PostureGains, gain_matrix
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.switching import Switching as SwitchingChoice
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.description.user_code import load_class
+from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel
 
 
@@ -110,7 +110,7 @@ def _switching(chosen: SwitchingChoice) -> Switching:
 
 def _users_controller(scenario: Scenario, chosen: choice.UserController) -> CellController:
     """Call ``Class(scenario, arm, **options)`` for an ArmController, ``Class(scenario, **options)`` for a CellController."""
-    kind = _users_class(chosen.target)
+    kind: Any = load_class(chosen.target)
     if issubclass(kind, CellController):
         return kind(scenario, **chosen.options)
     if issubclass(kind, ArmController):
@@ -120,20 +120,3 @@ def _users_controller(scenario: Scenario, chosen: choice.UserController) -> Cell
     raise FieldError(
         f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target"
     )
-
-
-def _users_class(target: str) -> Any:
-    module_name, _, class_name = target.partition(":")
-    try:
-        module = importlib.import_module(module_name)
-    except ImportError as error:
-        raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
-    kind = getattr(module, class_name, None)
-    if not isinstance(kind, type):
-        raise EntryNotFoundError(
-            "class",
-            class_name,
-            [name for name in dir(module) if name[0].isupper()],
-            f"module {module_name!r}",
-        )
-    return kind

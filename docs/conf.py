@@ -1,4 +1,4 @@
-"""Sphinx builds the site from here: ``bash tools/docs.sh``. Nothing in it is loaded from elsewhere."""
+"""Sphinx configuration of the site (``bash tools/docs.sh``). Its pages load nothing from other servers."""
 
 import hashlib
 import shutil
@@ -13,7 +13,7 @@ sys.path.insert(0, str(HERE))
 
 
 def package_digest() -> str:
-    """Return a digest of everything that the package consists of."""
+    """Return a digest of all files of the package."""
     digest = hashlib.sha256()
     for file in sorted(
         path for folder in ("coop_pin", "urdf") for path in (REPOSITORY / folder).rglob("*") if path.is_file()
@@ -23,7 +23,7 @@ def package_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-# Sphinx reads notebooks below its own folder only; the copies are not kept in the repository.
+# Sphinx reads notebooks only below its own folder; the copies are not committed.
 shutil.rmtree(HERE / "notebooks", ignore_errors=True)
 (HERE / "notebooks").mkdir()
 for notebook in sorted((REPOSITORY / "notebooks").glob("*.ipynb")):
@@ -51,13 +51,13 @@ language = "en"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 nb_execution_mode = "cache"
-# The cache knows the text of a notebook, not the package that it shows: each state of the package has a cache
-# of its own.
+# The cache compares the text of a notebook, not the package that it uses: each state of the package has a
+# cache of its own.
 nb_execution_cache_path = str(REPOSITORY / "out" / "docs-cache" / package_digest())
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
-nb_ipywidgets_js = {}  # else every notebook asks a server elsewhere for require.js
+nb_ipywidgets_js = {}  # otherwise every notebook loads require.js from another server
 nb_mime_priority_overrides = [
     ("html", "application/vnd.jupyter.widget-view+json", None)
 ]  # a panel's still picture, not its widget
@@ -69,7 +69,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {
     name: name for name in ("Array", "ArrayLike", "NDArray")
-}  # else each shows all that numpy takes for an array
+}  # otherwise each is expanded to all types that numpy accepts as an array
 autodoc_class_signature = "mixed"
 autodoc_default_options = {"show-inheritance": True}
 add_module_names = False
@@ -80,8 +80,8 @@ nitpick_ignore_regex = [
     (
         "py:.*",
         r"(?!coop_pin).*",
-    ),  # numpy, Pinocchio and type aliases stand in other sites, which an offline page cannot ask
-    ("py:.*", r"coop_pin\.\w+\.\w+\..*"),  # parts of rooms that are handed back but not public
+    ),  # numpy, Pinocchio and type aliases are documented on other sites, which an offline page cannot load
+    ("py:.*", r"coop_pin\.\w+\.\w+\..*"),  # parts of packages that are returned but not public
 ]
 
 # ---------------------------------------------------------------- looks

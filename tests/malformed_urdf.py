@@ -1,11 +1,11 @@
-"""Malformed URDFs by name: each is a sound two-joint arm with one defect, and what the check must say of it."""
+"""Malformed URDFs by name: a sound two-joint arm with one defect each, and the expected finding."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 HERE = "<!--here-->"
-"""Stands on the line that the finding must name."""
+"""Marks the line that the finding must name."""
 
 
 class Malformed(NamedTuple):
@@ -39,7 +39,8 @@ PARTS = {
     "inertial_end": "</inertial>",
     "visual": '<visual><origin xyz="0 0 0"/><geometry><sphere radius="0.1"/></geometry></visual>',
     "link_end": "</link>",
-    "link_c": '<link name="c"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>',
+    "link_c": '<link name="c"><inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>',
     "joint_1": '<joint name="one" type="revolute">',
     "ends_1": '<parent link="a"/><child link="b"/>',
     "origin_1": '<origin xyz="0 0 0.5" rpy="0 0 1.5"/>',
@@ -48,7 +49,8 @@ PARTS = {
     "more_1": '<dynamics damping="0.1" friction="0.2"/>',
     "joint_1_end": "</joint>",
     "joint_2": '<joint name="two" type="prismatic">',
-    "rest_2": '<parent link="b"/><child link="c"/><axis xyz="0 1 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>',
+    "rest_2": '<parent link="b"/><child link="c"/><axis xyz="0 1 0"/>'
+    '<limit lower="0" upper="1" effort="1" velocity="1"/>',
     "joint_2_end": "</joint>",
     "more": "",
     "robot_end": "</robot>",
@@ -68,7 +70,7 @@ def _line(text: str) -> int:
 
 
 def _bad(code: str, element: str, *besides: str, physical: bool = False, **parts: str) -> Malformed:
-    """Return the arm with a defect in one or more of its parts; the first one given is the one to be named."""
+    """Return the arm with a defect in one or more of its parts; the finding must name the first one given."""
     first = next(iter(parts))
     parts[first] += HERE
     text = arm(**parts)

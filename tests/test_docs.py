@@ -227,12 +227,16 @@ def test_every_room_with_public_names_is_in_the_reference():
         assert importlib.import_module(module).__doc__, module
 
 
-def test_every_public_name_is_in_the_reference():
-    """Each stands in the table of names, and in the module that its link leads to."""
+def site_module():
     spec = importlib.util.spec_from_file_location("_site", DOCS / "_site.py")
     site = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(site)
-    table = site.public_names()
+    return site
+
+
+def test_every_public_name_is_in_the_reference():
+    """Each stands in the table of names, and in the module that its link leads to."""
+    table = site_module().public_names()
     for name in coop_pin.__all__:
         room = coop_pin._PUBLIC[name]
         module = importlib.import_module(room)
@@ -242,6 +246,25 @@ def test_every_public_name_is_in_the_reference():
         assert len(row.split(" | ")[1]) > 10
         assert room in documented_modules()
         assert name in getattr(module, "__all__", vars(module))
+
+
+def test_the_page_of_fields_lists_kinds_and_fields():
+    listed = site_module().scenario_fields()
+    for kind in (
+        "line",
+        "csv",
+        "ramp",
+        "payload-space",
+        "low-pass",
+        "tanh",
+        "box",
+        "urdf",
+        "wrench-pulse",
+        "user",
+    ):
+        assert f'kind = "{kind}"' in listed
+    for model in (coop_pin.Scenario, coop_pin.Arm, coop_pin.PlantOptions):
+        assert [name for name in model.model_fields if f"| `{name}` |" not in listed] == []
 
 
 def test_every_page_of_the_reference_is_in_its_table_of_contents():

@@ -195,7 +195,7 @@ def test_a_users_function_that_does_not_exist_is_named():
         UserMotion(target="no_such_module:f").build()
     with pytest.raises(errors.EntryNotFoundError, match="did you mean 'users_pose'"):
         UserMotion(target=f"{__name__}:user_pose").build()
-    with pytest.raises(errors.EntryNotFoundError, match="cannot be called"):
+    with pytest.raises(errors.EntryNotFoundError, match="not a function"):
         UserMotion(target=f"{__name__}:START").build()
 
 

@@ -18,7 +18,7 @@ from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import ProximalSolver
 from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
-from coop_pin.description.plant import Stabilisation
+from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.pinocchio_model import configuration_at, frame_id, mechanism_model, velocity_at
 

@@ -1,4 +1,4 @@
-"""The fields of a scenario as options of the command line, with values and meanings."""
+"""Fields of a scenario with values and meanings, for the command line and for the documentation."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from coop_pin.description import Pose
 
 _VALUE_WIDTH = 28
 _POSE = {"xyz": "x, y, z, m", "rpy": "roll, pitch, yaw about fixed axes, rad"}
-"""What the fields of a pose mean, after the words for the pose itself."""
+"""Meanings of the fields of a pose, after the meaning of the pose itself."""
 
 
 def field_list(description: BaseModel) -> list[str]:
-    """Return one line for each field: ``--a.b.c VALUE  meaning``; the meanings are those of the docstrings."""
+    """Return one line for each field: ``--a.b.c VALUE  meaning``, with meanings from the docstrings."""
     fields = list(_fields(description, "", "", None))
     width = max(len(option) for option, _, _ in fields)
     return [
@@ -25,27 +25,53 @@ def field_list(description: BaseModel) -> list[str]:
     ]
 
 
+def described(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the configuration classes that a type contains, in its order."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from described(inner)
+
+
+def meanings(model: type[BaseModel]) -> dict[str, str]:
+    """Return the meanings of a configuration class's fields, from its docstring and those of its bases."""
+    documented = [base.__doc__ or "" for base in reversed(model.__mro__) if base is not BaseModel]
+    return {name: meaning for text in documented for name, meaning in section(text, "Attributes").items()}
+
+
+def section(docstring: str, name: str) -> dict[str, str]:
+    """Return the entries of a section of a docstring, such as "Attributes" or "Args", by their names."""
+    _, _, text = inspect.cleandoc(docstring).partition(f"{name}:\n")
+    text = re.split(r"^\S", text, maxsplit=1, flags=re.MULTILINE)[0]
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
+    return {entry: " ".join(meaning.split()) for entry, meaning in found}
+
+
 def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield option, value and meaning of everything below a path.
+    """Yield option, value and meaning of all fields below a path.
 
     Args:
-        value: what stands at the path.
-        path: its dotted path.
-        meaning: what the docstring says of it.
-        annotation: the type that its description declares, which lists the kinds there are.
+        value: the value at the path.
+        path: dotted path.
+        meaning: meaning of the value, from the docstring of its class.
+        annotation: type of the field, which lists the kinds there are.
     """
     entries: dict[str, tuple[Any, str, Any]] = {}
+    brief = meaning.split(";")[0].rstrip(".")
     if isinstance(value, Pose):
-        pose = meaning.split(";")[0].rstrip(".")
-        entries = {name: (getattr(value, name), f"{pose}: {part}.", None) for name, part in _POSE.items()}
+        entries = {name: (getattr(value, name), f"{brief}: {part}.", None) for name, part in _POSE.items()}
     elif isinstance(value, BaseModel):
-        meanings = _meanings(type(value)) | _kind_meaning(meaning, annotation)
+        told = meanings(type(value))
+        kinds = [
+            str(one.model_fields["kind"].default)
+            for one in described(annotation)
+            if "kind" in one.model_fields
+        ]
+        if len(kinds) > 1:
+            told["kind"] = f"{brief}; one of {', '.join(dict.fromkeys(kinds))}."
         for name, field in type(value).model_fields.items():
-            entries[name.replace("_", "-")] = (
-                getattr(value, name),
-                meanings.get(name, meaning),
-                field.annotation,
-            )
+            entry = getattr(value, name), told.get(name, meaning), field.annotation
+            entries[name.replace("_", "-")] = entry
     elif isinstance(value, dict):
         entries = {name: (entry, meaning, annotation) for name, entry in value.items()}
     elif isinstance(value, tuple) and any(isinstance(entry, BaseModel) for entry in value):
@@ -56,41 +82,8 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
         yield from _fields(entry, f"{path}.{name}" if path else name, entry_meaning, entry_annotation)
 
 
-def _kind_meaning(meaning: str, annotation: Any) -> dict[str, str]:
-    """Return what a ``kind`` means: the words for the whole, and the kinds to choose from."""
-    kinds = list(dict.fromkeys(_kinds(annotation)))
-    return (
-        {"kind": f"{meaning.split(';')[0].rstrip('.')}; one of {', '.join(kinds)}."} if len(kinds) > 1 else {}
-    )
-
-
-def _kinds(annotation: Any) -> Iterator[str]:
-    """Yield the kinds of all descriptions that a type allows."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        field = annotation.model_fields.get("kind")
-        if field is not None:
-            yield str(field.default)
-    for inner in get_args(annotation):
-        yield from _kinds(inner)
-
-
-def _meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return what the docstrings of a description and of its bases say of each field."""
-    documented = [
-        kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel
-    ]
-    return {name: meaning for kind in documented for name, meaning in _attributes(kind.__doc__ or "")}
-
-
-def _attributes(docstring: str) -> list[tuple[str, str]]:
-    """Return names and texts below ``Attributes:``."""
-    _, _, attributes = inspect.cleandoc(docstring).partition("Attributes:\n")
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", attributes, re.MULTILINE)
-    return [(name, " ".join(text.split())) for name, text in found]
-
-
 def _written(value: Any) -> str:
-    """Return a value as it can be typed; one with brackets needs quotes in a shell."""
+    """Return a value as it can be typed on the command line; one with brackets needs quotes in a shell."""
     match value:
         case None:
             return "(omitted)"

@@ -112,5 +112,5 @@ class CheckUrdf:
         from coop_pin.description.urdf import check_file, find_urdf
 
         report = check_file(find_urdf(self.urdf))
-        print("\n".join(report.lines(self.strict)))
-        return FAILED if report.errors(self.strict) else OK
+        print(report.summary(strict=self.strict))
+        return FAILED if report.errors(strict=self.strict) else OK

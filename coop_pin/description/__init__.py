@@ -1,6 +1,7 @@
-"""What the user says, as frozen values; and the URDF files that it names."""
+"""Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
 from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import (
     LateForcePath,
@@ -26,7 +27,7 @@ from coop_pin.description.motion import (
     WaypointsMotion,
 )
 from coop_pin.description.payload import Payload
-from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
+from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.description.switching import Saturation, Sign, Tanh

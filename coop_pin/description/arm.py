@@ -1,4 +1,4 @@
-"""An arm as a user says it: its URDF, where it stands, where it grips, and what its motors turn."""
+"""Arm of a cell: URDF, base pose, tip, transmission, friction, torque limits, locked joints."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from coop_pin.schema.pose import Pose
 
 
 class JointFriction(Description):
-    """Friction at the drives of an arm, in drive coordinates.
+    """Viscous and smoothed Coulomb friction at the drives of an arm, in drive coordinates.
 
     ``tau_friction = -(viscous * v + coulomb * tanh(v / coulomb_velocity))``
 
     Attributes:
         viscous: N m s/rad, one value for all joints or one for each.
-        coulomb: N m, likewise.
-        coulomb_velocity: the speed over which Coulomb friction changes sign, rad/s. A step would cost RK4 its
-            order.
+        coulomb: N m, one value for all joints or one for each.
+        coulomb_velocity: speed within which Coulomb friction changes sign, rad/s. A discontinuity would
+            reduce the order of RK4.
     """
 
     viscous: NumberOrVector = 0.0
@@ -50,20 +50,16 @@ class JointFriction(Description):
         return value
 
 
-def _kind(value: Any) -> str:
-    return "source" if isinstance(value, str) else "coefficients"
-
-
-# The tags keep the checks apart: a plain union would report one mistake once for each member.
+# The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
 Friction = Annotated[
     Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
-    Discriminator(_kind),
+    Discriminator(lambda value: "source" if isinstance(value, str) else "coefficients"),
 ]
-"""Coefficients, "urdf" for those of the URDF's <dynamics>, or "none"."""
+"""Friction coefficients, "urdf" for those of the URDF's <dynamics>, or "none"."""
 
 
 def _source_or_numbers(value: Any) -> Any:
-    """Read "urdf", "none", a number or a row of numbers; all numbers positive."""
+    """Return "urdf", "none", a positive number or a row of positive numbers."""
     if isinstance(value, str):
         if value not in ("urdf", "none"):
             raise FieldError(
@@ -79,33 +75,34 @@ def _source_or_numbers(value: Any) -> Any:
 TorqueLimits = Annotated[
     Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)
 ]
-"""Drive torques, N m: "urdf", "none", one for all joints, or one for each."""
+"""Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
 
 
 class Arm(Description):
-    """One arm of a cell. Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
+    """One arm of a cell.
+
+    Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
 
     Attributes:
         urdf: path of its URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data
             arm ("panda", "ur5").
-        package_dirs: folders in which the packages of package:// and $(find ...) are looked for first.
-        xacro_args: values of a xacro file's arguments.
-        tip: frame of the URDF that is fixed to the payload, E; the only link at an end of the URDF when
-            omitted.
+        package_dirs: folders that are searched first for the packages of package:// and $(find ...).
+        xacro_args: values of the arguments of a xacro file.
+        tip: frame E of the URDF that is fixed to the payload; when omitted, the only link without child
+            joints.
         base: pose X_WB of the URDF's root link in the world.
-        drive: drive matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
-        friction: at the drives; "urdf": at the joints, as its <dynamics> says, with Coulomb friction smoothed
-            over JointFriction's default speed; or "none".
-        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the joints'
-            efforts. Efforts that are zero set no limit (many files leave them so), nor do any where ``drive``
-            is given: they are not drive torques.
-        posture: joint angles near which the arm starts (a continuous joint has one angle, too); they choose
-            its elbow. Zeros when omitted.
-        locked: joints that do not move, such as grippers', and their angles, rad or m; joints that mimic them
-            are locked along.
-        mimic: what to do about joints that mimic others and are not locked: "refuse" the arm, or "ignore" the
-            coupling.
-        calibration_error: pose of the tip that the arm's own kinematics believe in, seen from the true tip.
+        drive: transmission matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
+        friction: coefficients at the drives; or "urdf": at the joints, from <dynamics>, with Coulomb friction
+            smoothed over JointFriction's default speed; or "none".
+        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the effort
+            limits of the joints. Zero efforts set no limit (the default of many files), nor do any if
+            ``drive`` is given: they are not drive torques.
+        posture: joint angles near which the arm starts (one angle for a continuous joint, too); they select
+            the branch of the inverse kinematics. Zeros when omitted.
+        locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
+            mimic joints are fixed too.
+        mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
+        calibration_error: pose of the tip in the arm's own kinematic model, seen from the true tip.
     """
 
     urdf: str
@@ -124,12 +121,12 @@ class Arm(Description):
     @field_validator("tip")
     @classmethod
     def _tip_or_only_leaf(cls, tip: str, earlier: ValidationInfo) -> str:
-        if tip or not {"urdf", "package_dirs", "xacro_args"} <= earlier.data.keys():
+        fields = ("urdf", "package_dirs", "xacro_args")
+        if tip or not all(name in earlier.data for name in fields):
             return tip
-        urdf = earlier.data["urdf"]
-        leaves = Robot(
-            load_checked(_file(urdf, earlier.data["package_dirs"], earlier.data["xacro_args"]))
-        ).leaves
+        urdf, package_dirs, xacro_args = (earlier.data[name] for name in fields)
+        file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
+        leaves = Robot(load_checked(file)).leaves
         if len(leaves) != 1:
             raise AmbiguousTipError(urdf, leaves)
         return leaves[0]
@@ -141,12 +138,13 @@ class Arm(Description):
             return drive
         if any(len(row) != len(drive) for row in drive):
             raise FieldShapeError(
-                f"has rows of {[len(row) for row in drive]} entries; a drive matrix is square ({len(drive)} rows)"
+                f"has rows of {[len(row) for row in drive]} entries; a transmission matrix is square"
+                f" ({len(drive)} rows)"
             )
         condition = float(np.linalg.cond(np.array(drive)))
         if condition > 1e6:
             raise FieldError(
-                f"has condition number {condition:.3g}; a drive matrix must be invertible (at most 1e6)"
+                f"has condition number {condition:.3g} (at most 1e6); a transmission is invertible"
             )
         return drive
 
@@ -170,17 +168,18 @@ class Arm(Description):
     def from_urdf(
         cls,
         path_or_name: str | Path,
-        tip: str | None = None,
+        tip: str = "",
+        *,
         base: Pose | ArrayLike = (0.0, 0.0, 0.0),
         posture: ArrayLike | None = None,
         locked: Mapping[str, float] | None = None,
         **fields: Any,
     ) -> Self:
-        """Return an arm out of a file or of example-robot-data.
+        """Return the arm of a file, or of a bundled or example-robot-data robot.
 
         Args:
             path_or_name: path of a URDF or xacro file, or a name such as "panda".
-            tip: frame that is fixed to the payload; the only link at an end of the URDF when omitted.
+            tip: frame that is fixed to the payload; when omitted, the only link without child joints.
             base: X_WB, as a Pose, a matrix of shape (4, 4) or a position of shape (3,).
             posture: joint angles near which the arm starts.
             locked: joints that do not move, and their angles.
@@ -188,19 +187,14 @@ class Arm(Description):
 
         Raises:
             UrdfNotFoundError: no such file or name.
-            UrdfError: the file has defects; AmbiguousTipError: it has several ends and no tip is given.
+            UrdfError: the file has defects; AmbiguousTipError: it has several end links and no tip is given.
             MissingExtraError: it is a xacro file and xacrodoc is not installed.
             ScenarioError: another field has mistakes.
         """
         file = find_urdf(path_or_name)
         urdf = str(file.path) if file.origin == "user" else str(path_or_name)
         return cls(
-            urdf=urdf,
-            tip=tip or "",
-            base=base,
-            posture=posture,
-            locked={} if locked is None else locked,
-            **fields,
+            urdf=urdf, tip=tip, base=base, posture=posture, locked={} if locked is None else locked, **fields
         )
 
     @property
@@ -210,20 +204,16 @@ class Arm(Description):
         Raises:
             UrdfNotFoundError: there is none.
         """
-        return _file(self.urdf, self.package_dirs, self.xacro_args)
+        return find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
 
     def drive_matrix(self, nv: int) -> Array:
-        """Return T, shape (nv, nv).
+        """Return the transmission matrix T, shape (nv, nv).
 
         Raises:
-            FieldShapeError: the drive matrix is of another size.
+            FieldShapeError: ``drive`` has another size.
         """
         if self.drive is not None and len(self.drive) != nv:
             raise FieldShapeError(
                 f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive"
             )
         return np.eye(nv) if self.drive is None else np.array(self.drive)
-
-
-def _file(urdf: str, package_dirs: tuple[str, ...], xacro_args: Mapping[str, str]) -> UrdfFile:
-    return find_urdf(urdf).given(package_dirs, xacro_args)

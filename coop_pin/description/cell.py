@@ -1,4 +1,4 @@
-"""A cell as a user says it: arms, one payload, where each arm grips it, and how the load is shared."""
+"""Cell: arms, payload, grasps, task rows, gravity and load shares; grasps from a configuration."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 def grasps_from_configuration(
     arms: Mapping[str, Arm], joint_angles: Mapping[str, ArrayLike], payload_pose: Pose | ArrayLike
 ) -> dict[str, Pose]:
-    """Return the grasps X_PE that hold where arms and payload stand now: X_PE = X_WP^-1 X_WB X_BE(q).
+    """Return the grasps X_PE of arms at given joint angles: X_PE = X_WP^-1 X_WB X_BE(q).
 
     Args:
-        arms: by name.
-        joint_angles: of every arm: one for each joint that is neither fixed nor locked, rad or m, in
+        arms: the arms by name.
+        joint_angles: for every arm, one value for each joint that is neither fixed nor locked, rad or m, in
             Pinocchio's order.
         payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
 
     Raises:
         ArmNotFoundError: an arm has no joint angles.
-        ShapeError: there are not as many angles as joints.
-        UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm's URDF or tip.
+        ShapeError: the number of angles is not that of the joints.
+        UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm's URDF or tip is missing or has defects.
     """
     X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
     grasps = {}
@@ -52,19 +52,18 @@ def grasps_from_configuration(
 
 
 class Cell(Description):
-    """Arms that rigidly hold one payload; a single one is an ordinary arm with a load.
+    """Arms that rigidly grasp one payload; a single arm is an arm with a load.
 
     Attributes:
-        arms: the arms by name; their order is the order of arrays.
-        payload: the held object; a table with a ``kind`` is made into one (payload_source.py).
-        payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for
-            "as-posed" grasps only.
-        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from
-            ``payload_pose`` and the postures, once: the cell then holds the poses themselves.
-        rows: the task rows: "full" (6), "planar" (x, y and the turn about z, for arms that move in the
+        arms: the arms by name; arrays over arms have their order.
+        payload: the held object.
+        payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
+        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" computes them from
+            ``payload_pose`` and the postures, and the cell stores the result.
+        rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
-        gravity: m/s^2, in world axes.
-        load_shares: c_i, the share of the load that each arm carries, summing to one; equal when omitted.
+        gravity: gravitational acceleration in world axes, m/s^2.
+        load_shares: load share c_i of each arm, summing to one; equal when omitted.
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
@@ -80,7 +79,7 @@ class Cell(Description):
     def _named(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
         for name in arms:
             if "/" in name or "." in name or name in ("", "payload"):
-                raise FieldError(f"arm name {name!r} must not be empty or 'payload', nor hold '/' or '.'")
+                raise FieldError(f"arm name {name!r} must not be empty or 'payload', nor contain '/' or '.'")
         return arms
 
     @field_validator("grasps", mode="before")
@@ -96,7 +95,7 @@ class Cell(Description):
         unposed = [name for name, arm in arms.items() if arm.posture is None]
         if pose is None or unposed:
             missing = "payload_pose is" if pose is None else f"the postures of {unposed} are"
-            raise FieldError(f'is "as-posed", but {missing} missing; they say where the arms grip')
+            raise FieldError(f'is "as-posed", but {missing} missing; the grasps are computed from them')
         return grasps_from_configuration(arms, {name: arm.posture for name, arm in arms.items()}, pose)
 
     @field_validator("grasps")
@@ -122,7 +121,7 @@ class Cell(Description):
 
     @property
     def task_rows(self) -> TaskRows:
-        """The k_0 rows the cell works on."""
+        """Task rows of the cell, k_0 of them."""
         return task_rows(self.rows)
 
     @property
@@ -136,7 +135,13 @@ class Cell(Description):
 def check_arm_names(
     given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError
 ) -> None:
-    """Refuse a table by arm that misses an arm or names one that does not exist; without arms (they have mistakes) say nothing."""
+    """Refuse a table by arm that misses an arm or names an unknown one.
+
+    Args:
+        given: the names in the table.
+        arms: the names in the cell; None, because the arms themselves have mistakes, accepts any table.
+        error: type of the error to raise.
+    """
     if arms is None:
         return
     given, arms = list(given), list(arms)

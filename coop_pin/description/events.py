@@ -1,4 +1,4 @@
-"""Things that happen to the payload during a run."""
+"""Events during a run: a change of the payload's mass, and a wrench pulse on the payload."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
 
 
 class PayloadChange(Description):
-    """The payload's mass changes at once; its shape and centre of mass stay, its inertia scales with the mass.
+    """Sudden change of the payload's mass.
+
+    Shape and centre of mass stay as they are; the inertia scales with the mass.
 
     Attributes:
-        time: s.
+        time: time of the change, s.
         mass: the new mass, kg.
     """
 
@@ -28,11 +30,11 @@ class PayloadChange(Description):
 
 
 class WrenchPulse(Description):
-    """A constant wrench pushes the payload for a while.
+    """Constant wrench on the payload for a limited time.
 
     Attributes:
-        time: when it starts, s.
-        duration: how long it lasts, s.
+        time: start, s.
+        duration: s.
         wrench: force and moment on the payload about P in world axes, N and N m.
     """
 
@@ -43,7 +45,7 @@ class WrenchPulse(Description):
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """End of the pulse, s."""
         return self.time + self.duration
 
 

@@ -1,4 +1,4 @@
-"""How time runs: the control rate, the plant's steps, and how the plant is solved."""
+"""Plant options: control rate, integration steps, formulation of the constrained dynamics."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from typing import Literal
 
 from pydantic import Field
 
-from coop_pin.schema.base import Description, NotNegative, Positive
+from coop_pin.description.baumgarte import Stabilisation
+from coop_pin.schema.base import Description, Positive
 
 
 class Clock(Description):
-    """Control rate and plant steps.
+    """Control rate and integration steps of the plant.
 
     Attributes:
-        rate_hz: control rate, Hz; torques are held over a tick of T = 1 / rate_hz.
-        steps_per_tick: plant steps in a tick.
+        rate_hz: control rate, Hz; torques are held over a period T = 1 / rate_hz (zero-order hold).
+        steps_per_tick: integration steps of the plant in one control period.
     """
 
     rate_hz: Positive = 80.0
@@ -22,44 +23,22 @@ class Clock(Description):
 
     @property
     def period(self) -> float:
-        """T, s."""
+        """Control period T, s."""
         return 1.0 / self.rate_hz
 
 
-class Stabilisation(Description):
-    """Baumgarte stabilisation: a closure error e obeys e'' + 2 zeta omega e' + omega^2 e = 0.
-
-    Attributes:
-        frequency: omega, how fast a gap between tip and grasp is closed again, rad/s.
-        damping_ratio: zeta; 1 closes it fastest without overshoot.
-    """
-
-    frequency: NotNegative = 10.0
-    damping_ratio: NotNegative = 1.0
-
-    @property
-    def position_gain(self) -> float:
-        """omega^2, 1/s^2."""
-        return self.frequency**2
-
-    @property
-    def velocity_gain(self) -> float:
-        """2 zeta omega, 1/s."""
-        return 2.0 * self.damping_ratio * self.frequency
-
-
 class PlantOptions(Description):
-    """How the plant is formulated and integrated.
+    """Formulation and integration of the plant.
 
     Attributes:
-        payload: "welded" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m
-            closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver, slower, to
-            check the other by).
+        payload: "welded" to the first arm's tip (m - 1 loop closures for m arms, faster) or "free" (a
+            floating body, m loop closures).
+        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver of the KKT
+            system, slower, for verification).
         integrator: "rk4" or "semi-implicit-euler".
-        stabilisation: of the closures.
-        project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after
-            every "step".
+        stabilisation: Baumgarte stabilisation of the loop closures.
+        project: when positions and velocities are projected onto the closed chain: at the "start" only, or
+            after every integration "step".
     """
 
     payload: Literal["welded", "free"] = "welded"

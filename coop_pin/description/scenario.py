@@ -1,4 +1,4 @@
-"""A scenario: everything that determines a run, in one value and one TOML file."""
+"""Scenario: everything that determines a run, as one value and one TOML file; the catalogue of scenarios."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell, check_arm_names
@@ -19,7 +19,13 @@ from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.motion import Motion
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
-from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, one_or_all
+from coop_pin.errors import (
+    EntryNotFoundError,
+    EventTimeError,
+    ScenarioFileError,
+    UnknownFieldError,
+    one_or_all,
+)
 from coop_pin.schema.base import Description, Positive, Vector
 from coop_pin.schema.pose import Pose
 
@@ -27,23 +33,11 @@ _FOLDER = Path(__file__).parent / "scenarios"
 
 
 def scenario_names() -> list[str]:
-    """Return the names of the shipped scenarios."""
+    """Return the names of the scenarios in the catalogue."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def scenario_path(name: str) -> Path:
-    """Return the file of a shipped scenario.
-
-    Raises:
-        EntryNotFoundError: there is none of that name.
-    """
-    path = _FOLDER / f"{name}.toml"
-    if name not in scenario_names():
-        raise EntryNotFoundError("scenario", name, scenario_names(), "the catalogue")
-    return path
-
-
-# tomli_w writes one number to a line. No string can match: it writes those on one line.
+# tomli_w writes one number per line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 
 
@@ -52,29 +46,27 @@ class Scenario(Description):
 
     Attributes:
         name: short name.
-        summary: one line for people.
-        duration: s.
-        seed: of everything random.
-        beyond_bound: insist on gains outside what the theory or the sampling allows.
+        summary: description in one line.
+        duration: simulated time, s.
+        beyond_bound: accept gains outside the bounds of the theory or of the sampling.
         cell: arms, payload, grasps.
-        controller: the law and its gains.
+        controller: control law and gains, or a user's own controller.
         motion: desired motion of the payload.
         squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm,
             a ramp, or a function; zero when omitted.
         start: payload pose at t = 0, at rest.
-        start_angles: joint angles of every arm at t = 0, in place of those that are found for ``start``; they
-            must hold the payload there.
-        project_start: move open starting angles onto the grasps instead of refusing them; the payload then
-            stands where they meet.
-        events: what happens to the payload.
-        clock: control rate and plant steps.
-        plant: how the plant is solved.
+        start_angles: joint angles of every arm at t = 0, instead of the inverse kinematics of ``start``; they
+            must close the chain at ``start``.
+        project_start: project open starting angles onto the closed chain instead of refusing them; the
+            payload then starts at the projected pose.
+        events: changes of the payload and wrenches on it during the run.
+        clock: control rate and integration steps.
+        plant: formulation and integration of the plant.
     """
 
     name: str
     summary: str = ""
     duration: Positive = 20.0
-    seed: int = Field(default=0, ge=0)
     beyond_bound: bool = False
     cell: Cell
     controller: Controller
@@ -87,7 +79,16 @@ class Scenario(Description):
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
 
-    # Each check asks only for the fields that it needs, so that a mistake elsewhere hides none here.
+    @model_validator(mode="before")
+    @classmethod
+    def _without_seed(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and "seed" in given:
+            raise UnknownFieldError(
+                "is not a field of a scenario: nothing in a simulation is random; remove it", "seed"
+            )
+        return given
+
+    # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
     @field_validator("start_angles")
     @classmethod
@@ -118,16 +119,13 @@ class Scenario(Description):
     @classmethod
     def _within_the_run(cls, events: tuple[Event, ...], earlier: ValidationInfo) -> tuple[Event, ...]:
         duration = earlier.data.get("duration", np.inf)
-        late: list[FieldError] = []
-        for index, event in enumerate(events):
-            end = event.end if isinstance(event, WrenchPulse) else event.time
-            if end > duration:
-                late.append(
-                    EventTimeError(
-                        f"ends at t = {end:g} s; the run ends at {duration:g} s: lengthen it or move the event",
-                        f"{index}.time",
-                    )
-                )
+        ends = [event.end if isinstance(event, WrenchPulse) else event.time for event in events]
+        wanted = f"the run ends at {duration:g} s: lengthen it or move the event"
+        late = [
+            EventTimeError(f"ends at t = {end:g} s; {wanted}", f"{index}.time")
+            for index, end in enumerate(ends)
+            if end > duration
+        ]
         if late:
             raise one_or_all(late, "the events")
         return events
@@ -139,109 +137,98 @@ class Scenario(Description):
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
-        """Read a scenario from the catalogue or from a TOML file.
+        """Return a scenario of the catalogue or of a TOML file.
 
         Args:
-            name_or_path: name in the catalogue ("adept-paper") or path of a file. URDF paths in a file are
-                relative to it.
+            name_or_path: name in the catalogue ("adept-paper") or path of a file. Paths of URDF, mesh and CSV
+                files in it are relative to its folder.
             overrides: fields to change, by dotted path.
 
         Raises:
-            EntryNotFoundError: no such name or file.
+            EntryNotFoundError: there is no such name or file.
             ScenarioFileError: the file is not TOML.
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
-        path = Path(name_or_path)
-        if str(name_or_path) in scenario_names():
-            path = scenario_path(str(name_or_path))
-        elif not path.is_file():
+        in_catalogue = str(name_or_path) in scenario_names()
+        path = _FOLDER / f"{name_or_path}.toml" if in_catalogue else Path(name_or_path)
+        if not path.is_file():
             raise _missing(path)
-        try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ScenarioFileError(f"{path} is not a TOML file, as a scenario is: {error}") from None
+        data = _parsed(path.read_bytes(), str(path))
         _anchor_files(data, path.parent)
-        return cls.from_dict(data, overrides)
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any], overrides: Mapping[str, Any] | None = None) -> Self:
-        """Build a scenario from nested dictionaries, with some fields overridden by dotted path."""
         scenario = cls(**data)
         return scenario.override(overrides) if overrides else scenario
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """Read a scenario as written by to_toml.
+        """Return the scenario of a text as to_toml writes it.
 
         Raises:
             ScenarioFileError: the text is not TOML.
             ScenarioError: the scenario has mistakes.
         """
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ScenarioFileError(f"the text is not TOML: {error}") from None
-        return cls(**data)
+        return cls(**_parsed(text.encode("utf-8", "surrogatepass"), "the text"))
 
     def to_toml(self) -> str:
-        """Return the scenario as resolved: every field with its value."""
+        """Return the resolved scenario as TOML: every field with its value."""
         text = tomli_w.dumps(_without_none(self.model_dump(mode="json")))
         return _NUMBERS_IN_LINES.sub(
             lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as resolved."""
+        """Write the resolved scenario to a TOML file."""
         Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 
+def _parsed(data: bytes, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioFileError(f"{source} is not a scenario in TOML: {error}") from None
+
+
 def _missing(path: Path) -> EntryNotFoundError:
-    """Return the error of a name or path that leads to no scenario; TOML files where it leads are suggested."""
-    beside = path if path.is_dir() else path.parent
-    files = sorted(map(str, beside.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
+    """Return the error for a name or path without a scenario; TOML files in its folder are suggested."""
+    folder = path if path.is_dir() else path.parent
+    files = sorted(map(str, folder.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
     return EntryNotFoundError(
         "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
     )
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
-    """Make paths of URDF, mesh and CSV files and of package folders that exist beside the scenario's file absolute.
+    """Make the paths of URDF, mesh and CSV files and of package folders in the scenario's folder absolute."""
+    cell = _table(data.get("cell"))
+    arms = [_table(arm) for arm in _table(cell.get("arms")).values()]
+    payload, motion = _table(cell.get("payload")), _table(data.get("motion"))
+    paths = [(arm, "urdf") for arm in arms] + [(payload, "path"), (payload, "mesh_file"), (motion, "path")]
+    for table, field in paths:
+        if table.get(field):
+            table[field] = _anchored(folder, table[field])
+    for arm in arms:
+        if isinstance(arm.get("package_dirs"), list):
+            arm["package_dirs"] = [_anchored(folder, entry) for entry in arm["package_dirs"]]
 
-    A URDF that exists nowhere is taken for one beside the file as well: the error then names the folder that
-    was meant.
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _anchored(folder: Path, path: Any) -> Any:
+    """Return a path that exists in a folder as absolute, any other as it is.
+
+    A URDF that exists nowhere becomes absolute as well, so that the error names the intended folder.
     """
-    cell = data["cell"] if isinstance(data.get("cell"), dict) else {}
-    arms = cell.get("arms", {})
-    for arm in arms.values() if isinstance(arms, dict) else ():
-        _anchor(arm, "urdf", folder)
-        if (
-            isinstance(arm, dict)
-            and isinstance(arm.get("urdf"), str)
-            and _is_missing_robot(Path(arm["urdf"]))
-        ):
-            arm["urdf"] = str((folder / arm["urdf"]).absolute())
-        if isinstance(arm, dict) and isinstance(arm.get("package_dirs"), list):
-            arm["package_dirs"] = [_beside(folder, entry) for entry in arm["package_dirs"]]
-    for field in ("path", "mesh_file"):
-        _anchor(cell.get("payload"), field, folder)
-    _anchor(data.get("motion"), "path", folder)
-
-
-def _is_missing_robot(path: Path) -> bool:
-    return path.suffix in (".urdf", ".xacro") and not path.exists()
-
-
-def _anchor(table: Any, field: str, folder: Path) -> None:
-    if isinstance(table, dict) and isinstance(table.get(field), str) and table[field]:
-        table[field] = _beside(folder, table[field])
-
-
-def _beside(folder: Path, path: Any) -> Any:
-    return str((folder / path).resolve()) if isinstance(path, str) and (folder / path).exists() else path
+    if not isinstance(path, str):
+        return path
+    if (folder / path).exists():
+        return str((folder / path).resolve())
+    is_missing_robot = path.endswith((".urdf", ".xacro")) and not Path(path).exists()
+    return str((folder / path).absolute()) if is_missing_robot else path
 
 
 def _without_none(value: Any) -> Any:
-    """Drop absent optional fields: TOML has no null."""
+    """Return a value without omitted optional fields: TOML has no null."""
     if isinstance(value, dict):
         return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
     return [_without_none(entry) for entry in value] if isinstance(value, list) else value

@@ -55,7 +55,7 @@ def _scenarios(given: Any) -> Any:
 def _scenario(given: Any) -> Scenario:
     if isinstance(given, Scenario):
         return given
-    return Scenario.from_dict(dict(given)) if isinstance(given, Mapping) else Scenario.load(given)
+    return Scenario(**given) if isinstance(given, Mapping) else Scenario.load(given)
 
 
 Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]

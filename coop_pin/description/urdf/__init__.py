@@ -1,9 +1,10 @@
-"""URDF files: finding them, and checking them before Pinocchio sees them.
+"""URDF files: search, and check before Pinocchio reads them.
 
-Pinocchio reads a mass of "abc" or "1.0 " as zero, forgets a joint where a link has two parents, takes a zero
-axis, and dies of a chain of 20 000 links. Every defect has a code here, its link or joint, and its line.
+Pinocchio reads a mass of "abc" or "1.0 " as zero, drops a joint if a link has two parents, accepts a zero
+axis, and crashes on a chain of 20 000 links. The check reports every defect with a code, its link or joint,
+and its line.
 
-**Structural** findings are always errors: Pinocchio would refuse the file or read something else than it
+**Structural** findings are always errors: Pinocchio would refuse the file or read something other than it
 says.
 
 - document: ``size``, ``empty``, ``encoding``, ``not_xml``, ``doctype``, ``elements``, ``nesting``, ``root``,
@@ -17,14 +18,14 @@ says.
 - tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``,
   ``no_root``, ``two_roots``, ``depth``
 
-**Physical** findings are warnings, and errors when strict: no such body exists.
+**Physical** findings are warnings, and errors if strict: no body has such a mass or inertia.
 
 - ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``,
   ``inertia_not_psd``, ``inertia_triangle``
 
-**Doubtful** findings are warnings always: they can be read, but are hardly meant.
+**Doubtful** findings are always warnings: readable, but probably not intended.
 
-- ``limit_degrees``, ``origin_far``, and of a file ``mesh_missing``
+- ``limit_degrees``, ``origin_far``, and for files ``mesh_missing``
 """
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked

@@ -1,4 +1,4 @@
-"""Finding a URDF: a path, a robot that comes with coop_pin, or one of example-robot-data."""
+"""Search for URDF files: by path, among the bundled robots, and in example-robot-data."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import functools
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -38,17 +38,22 @@ _KNOWN_NAMES = {
     "ur10": "ur_description/urdf/ur10_robot.urdf",
     "ur10_limited": "ur_description/urdf/ur10_joint_limited_robot.urdf",
 }
-"""Names that the loaders of earlier versions made known, where the file is called otherwise."""
+"""Names used by the loaders of earlier versions whose files have another name."""
+
+_PACKAGE_LEVELS = 4
+"""Parent folders of a user's file that are searched for package://; ROS packages nest URDFs 1 or 2 deep."""
+
+_SUFFIXES = (".urdf", ".xacro")
 
 
 @functools.cache
 def example_folder() -> Path | None:
-    """Return the folder of the robots, or None where example-robot-data is not installed; Pinocchio is not imported."""
+    """Return the folder of example-robot-data, or None if not installed; Pinocchio is not imported."""
     return next((folder for folder in _candidates() if folder.is_dir()), None)
 
 
 def _candidates() -> Iterator[Path]:
-    """Yield where the folder may be: under a prefix that holds pinocchio (pip's cmeel, conda, apt), or on the path by itself."""
+    """Yield possible folders: below pinocchio's prefixes (pip, conda, apt), then on the Python path."""
     spec = importlib.util.find_spec("pinocchio")
     if spec is not None and spec.origin is not None:
         yield from (prefix / _SHARE for prefix in Path(spec.origin).resolve().parents)
@@ -57,132 +62,92 @@ def _candidates() -> Iterator[Path]:
 
 @functools.cache
 def example_urdfs() -> MappingProxyType[str, Path]:
-    """Return the path of every robot of example-robot-data by name: its known name and the name of its file."""
+    """Return the path of every robot of example-robot-data, by known name and by name of its file."""
     folder = example_folder()
     if folder is None:
         return MappingProxyType({})
-    # Sorted, so that of two files with one name the same one wins everywhere.
+    # Sorted, so that of two files with one name the same one is chosen on every machine.
     by_file = {path.stem: path for path in sorted(folder.glob("*/*/*.urdf"), reverse=True)}
     known = {name: folder / path for name, path in _KNOWN_NAMES.items() if (folder / path).is_file()}
     return MappingProxyType(by_file | known)
 
 
-def example_srdf(urdf: Path) -> Path | None:
-    """Return the SRDF (postures) that belongs to an example robot, or None: the one of its name, else its folder's only one."""
-    files = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
-    names = (urdf.stem, urdf.stem.removesuffix("_robot"))
-    named = [path for path in files if path.stem in names]
-    if named:
-        return named[0]
-    return files[0] if len(files) == 1 else None
-
-
-_PACKAGE_LEVELS = 4
-"""Folders above a user's file in which package:// is looked for: a ROS package keeps its URDF one or two levels down."""
-
-
-_SUFFIXES = (".urdf", ".xacro")
-
-
 @dataclass(frozen=True)
 class UrdfFile:
-    """A URDF that exists.
+    """A URDF or xacro file that exists.
 
     Attributes:
         path: the file, absolute.
-        package_dirs: folders in which the packages of its package:// meshes are looked for, in this order.
-        srdf: its SRDF (postures), where one is known.
-        origin: "user" (found as a path), "bundled" (comes with coop_pin) or "example" (example-robot-data).
-        xacro_args: name and value of the arguments that a xacro file is expanded with.
+        package_dirs: folders that are searched for the packages of package:// and $(find ...), in this order.
+        origin: "user" (found by path), "bundled" (part of coop_pin) or "example" (example-robot-data).
+        xacro_args: name and value of the arguments with which a xacro file is expanded.
     """
 
     path: Path
     package_dirs: tuple[Path, ...]
-    srdf: Path | None = None
     origin: Literal["user", "bundled", "example"] = "user"
     xacro_args: tuple[tuple[str, str], ...] = ()
 
-    @property
-    def is_xacro(self) -> bool:
-        """Whether the file must be expanded before it is a URDF."""
-        return self.path.suffix == ".xacro"
-
-    def given(self, package_dirs: Iterable[str], xacro_args: Mapping[str, str]) -> UrdfFile:
-        """Return the same file with folders to look in first, and with xacro arguments."""
-        folders = (*(Path(folder).absolute() for folder in package_dirs), *self.package_dirs)
-        return replace(self, package_dirs=folders, xacro_args=tuple(sorted(xacro_args.items())))
-
 
 def bundled_urdf_folder() -> Path:
-    """Return the folder of the robots that come with coop_pin: in the package of a wheel, at the top of a checkout."""
+    """Return the folder of the bundled robots: inside the package of a wheel, at the top of a checkout."""
     package = Path(__file__).resolve().parents[2]
     installed = package / "urdf"
     return installed if installed.is_dir() else package.parent / "urdf"
 
 
-def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> UrdfFile:
-    """Return the URDF of a path or name.
+def find_urdf(
+    name_or_path: str | Path,
+    *,
+    package_dirs: Iterable[str] = (),
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
+) -> UrdfFile:
+    """Return the URDF with a path or name.
 
-    A path is looked for beside ``relative_to``, then in the working directory; then a name among the bundled
-    robots ("adept_3dof"), then among those of example-robot-data ("panda", "ur5").
+    A path relative to the working directory comes first, then a name among the bundled robots
+    ("adept_3dof"), then a name among those of example-robot-data ("panda", "ur5").
 
     Args:
         name_or_path: path of a file, or name of a robot.
-        relative_to: folder to which a path is relative, for example that of the scenario's file.
+        package_dirs: folders that are searched first for packages.
+        xacro_args: arguments of a xacro file.
 
     Raises:
-        UrdfNotFoundError: there is none; the message says where it was looked for and which names are close.
+        UrdfNotFoundError: there is none; the message lists the places searched and the closest names.
     """
-    folders = tuple(dict.fromkeys((relative_to or Path.cwd(), Path.cwd())))
-    for folder in folders:
-        path = folder / name_or_path  # an absolute path stays itself
-        if _is(Path.is_file, path):
-            return _described(path.resolve())
-    name = str(name_or_path)
-    bundled = {path.stem: path for path in sorted(bundled_urdf_folder().glob("*.urdf"))}
-    found = bundled.get(name) or example_urdfs().get(name)
-    if found is not None:
-        return _described(found.resolve())
-    robots = sorted({*bundled, *example_urdfs()})
-    parts = Path(name).parts
-    if len(parts) > 1 or Path(name).suffix in _SUFFIXES:
-        raise UrdfNotFoundError(
-            _no_file(name, [folder / name for folder in folders], robots if len(parts) == 1 else [])
-        )
-    places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
-    places.append(f"example-robot-data ({example_folder() or 'not installed'})")
-    raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, robots)}")
-
-
-def _no_file(name: str, paths: Iterable[Path], robots: list[str]) -> str:
-    """Say that a path leads to no file, and which robot files stand where it leads."""
-    looked = list(dict.fromkeys(Path(os.path.normpath(path)) for path in paths))
-    for path in looked:
-        if _is(Path.is_dir, path):
-            return f"{path} is a folder; name the URDF or xacro file in it"
-    folders = [path.parent for path in looked if _is(Path.is_dir, path.parent)]
-    beside = sorted(
-        {file.name for folder in folders for suffix in _SUFFIXES for file in folder.glob(f"*{suffix}")}
-    )
-    hint = (
-        suggestion(Path(name).name, [*beside, *robots])
-        if beside or robots
-        else "no URDF or xacro file stands there"
-    )
-    return f"there is no file {' or '.join(map(str, looked))}; {hint}"
-
-
-def _described(path: Path) -> UrdfFile:
-    """Return a file with what its place says about it."""
-    examples = example_folder()
+    given = Path.cwd() / name_or_path
+    robots = example_urdfs() | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    path = given if _is(Path.is_file, given) else robots.get(str(name_or_path))
+    if path is None:
+        raise UrdfNotFoundError(_not_found(str(name_or_path), given, sorted(robots)))
+    path, folders = path.resolve(), [Path(folder).absolute() for folder in package_dirs]
+    origin: Literal["user", "bundled", "example"] = "user"
+    examples, bundled = example_folder(), bundled_urdf_folder()
     if examples is not None and path.is_relative_to(examples.resolve()):
-        # Meshes are named package://example-robot-data/robots/...; a few files name their own folder as the
+        # Meshes are named package://example-robot-data/robots/...; a few files use their own folder as the
         # package.
-        return UrdfFile(path, (examples.parents[1], examples), example_srdf(path), "example")
-    bundled = bundled_urdf_folder()
-    if path.is_relative_to(bundled):
-        return UrdfFile(path, (bundled,), origin="bundled")
-    return UrdfFile(path, tuple(path.parents[:_PACKAGE_LEVELS]))
+        origin, folders = "example", [*folders, examples.parents[1], examples]
+    elif path.is_relative_to(bundled):
+        origin, folders = "bundled", [*folders, bundled]
+    else:
+        folders += path.parents[:_PACKAGE_LEVELS]
+    return UrdfFile(path, tuple(folders), origin, tuple(sorted(xacro_args.items())))
+
+
+def _not_found(name: str, given: Path, robots: Sequence[str]) -> str:
+    """Return the message for a path or name without a URDF."""
+    is_name = len(Path(name).parts) <= 1
+    if is_name and Path(name).suffix not in _SUFFIXES:
+        places = f"{Path.cwd()}, the robots of coop_pin ({bundled_urdf_folder()}) or example-robot-data"
+        found = example_folder() or "not installed"
+        return f"no URDF {name!r} in {places} ({found}); {suggestion(name, robots)}"
+    path = Path(os.path.normpath(given))
+    if _is(Path.is_dir, path):
+        return f"{path} is a folder; name the URDF or xacro file in it"
+    files = path.parent.iterdir() if _is(Path.is_dir, path.parent) else ()
+    known = [*sorted(file.name for file in files if file.suffix in _SUFFIXES), *(robots if is_name else ())]
+    hint = suggestion(path.name, known) if known else "its folder has no URDF or xacro file"
+    return f"there is no file {path}; {hint}"
 
 
 def _is(kind: Callable[[Path], bool], path: Path) -> bool:

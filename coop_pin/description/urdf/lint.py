@@ -1,70 +1,27 @@
-"""Links and joints one by one: names, types, axes, limits, and elements that are missing or given twice."""
+"""Checks of single links and joints: names, types, axes, limits, units, missing and repeated elements."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from coop_pin.description.urdf.report import EXPAND, UrdfFinding, doubtful, listed, quoted, structural
-from coop_pin.description.urdf.xml import Node, is_unexpanded, number, number_findings, numbers
-
-_DEGREES = (45.0, 720.0)
-"""Size of a revolute joint's limit that is likely in degrees; larger ones stand for "no limit" in many files."""
-
-_FAR_M = 10.0
-"""Distance from one joint to the next beyond which no arm reaches."""
-
-_PACKAGES = ("package://", "model://")
-
-
-def unit_findings(joint: Node) -> Iterator[UrdfFinding]:
-    """Yield the numbers of a joint that look like another unit's."""
-    limit = joint.child("limit")
-    if joint.attributes.get("type") == "revolute" and limit is not None:
-        ends = [value for value in (number(limit, "lower"), number(limit, "upper")) if value is not None]
-        largest = max(map(abs, ends), default=0.0)
-        if _DEGREES[0] <= largest <= _DEGREES[1]:
-            message = f"a limit of {largest:g} rad is {largest / 6.283185307:.0f} turns; URDF counts in radians: are these degrees?"
-            yield doubtful("limit_degrees", joint.label, limit.line, message)
-    origin = joint.child("origin")
-    far = max(map(abs, numbers(origin, "xyz") or (0.0,)))
-    if origin is not None and far > _FAR_M:
-        message = f"its origin is {far:g} m off its parent's; URDF counts in metres: are these millimetres?"
-        yield doubtful("origin_far", joint.label, origin.line, message)
-
-
-def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFinding]:
-    """Yield the meshes of visuals that are not there; pictures leave their links out.
-
-    Args:
-        robot: the <robot> element.
-        package_dirs: folders in which the packages of package:// are looked for.
-    """
-    folders = tuple(package_dirs)
-    for link in robot.children:
-        for visual in link.children if link.tag == "link" else ():
-            geometry = visual.child("geometry") if visual.tag == "visual" else None
-            mesh = geometry.child("mesh") if geometry is not None else None
-            name = mesh.attributes.get("filename", "") if mesh is not None else ""
-            if mesh is not None and not any(path.is_file() for path in _candidates(name, folders)):
-                looked = f" in {listed(map(str, folders))}" if name.startswith(_PACKAGES) else ""
-                message = f"there is no mesh {quoted(name)}{looked}; pictures leave the link out, the physics does not need it"
-                yield doubtful("mesh_missing", link.label, mesh.line, message)
-
-
-def _candidates(name: str, folders: tuple[Path, ...]) -> list[Path]:
-    """Return where Pinocchio looks for a mesh."""
-    if name.startswith(_PACKAGES):
-        return [folder / name.partition("://")[2] for folder in folders]
-    return [Path(name.removeprefix("file://"))]
-
+from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
+from coop_pin.description.urdf.xml import EXPAND, Node, is_unexpanded, number, number_findings, numbers
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
 
+_DEGREES = (45.0, 720.0)
+"""Revolute joint limits in this range are probably degrees; larger ones often mean "no limit"."""
+
+_FAR_M = 10.0
+"""Distance between two joints beyond any arm, m."""
+
+_PACKAGES = ("package://", "model://")
 _PINOCCHIO_ROOT = "universe"
 _ONCE = frozenset(
-    {
+    (
         "inertial",
         "origin",
         "mass",
@@ -76,7 +33,7 @@ _ONCE = frozenset(
         "limit",
         "mimic",
         "dynamics",
-    }
+    )
 )
 _REQUIRED = {
     "limit": ("effort", "velocity"),
@@ -91,20 +48,43 @@ _NOT_NEGATIVE = {"limit": ("effort", "velocity"), "dynamics": ("damping", "frict
 
 
 def element_findings(robot: Node) -> Iterator[UrdfFinding]:
-    """Yield what is wrong within the single links and joints of a robot."""
+    """Yield the defects of single links and joints of a robot."""
     if not robot.name:
-        yield structural("name", robot.label, robot.line, "<robot> has no name; add name=...")
+        yield robot.finding("name", "<robot> has no name; add name=...")
     if robot.child("link") is None:
-        yield structural("no_links", robot.label, robot.line, "the robot has no links")
+        yield robot.finding("no_links", "the robot has no links")
     yield from _name_findings(robot)
     joint_names = {node.name for node in robot.children if node.tag == "joint"}
     for node in robot.children:
         yield from _content_findings(node)
         yield from number_findings(node)
         if node.tag == "joint":
-            yield from _joint_findings(node)
-            yield from _mimic_findings(node, joint_names)
-            yield from unit_findings(node)
+            yield from _joint_findings(node, joint_names)
+            yield from _unit_findings(node)
+
+
+def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFinding]:
+    """Yield the visuals whose mesh file does not exist; drawings omit them.
+
+    Args:
+        robot: the <robot> element.
+        package_dirs: folders that are searched for the packages of package://.
+    """
+    folders = tuple(package_dirs)
+    for link in robot.children:
+        for visual in link.children if link.tag == "link" else ():
+            geometry = visual.child("geometry") if visual.tag == "visual" else None
+            mesh = None if geometry is None else geometry.child("mesh")
+            if mesh is None:
+                continue
+            name = mesh.attributes.get("filename", "")
+            paths, searched = [Path(name.removeprefix("file://"))], ""
+            if name.startswith(_PACKAGES):
+                paths = [folder / name.partition("://")[2] for folder in folders]
+                searched = f" in {listed(map(str, folders))}"
+            if not any(path.is_file() for path in paths):
+                message = f"there is no mesh {quoted(name)}{searched}; only drawings need it, and omit it"
+                yield link.finding("mesh_missing", message, at=mesh, kind="doubtful")
 
 
 def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
@@ -112,118 +92,82 @@ def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
     for node in robot.children:
         key = node.tag, node.name
         if not node.name:
-            yield structural("name", node.label, node.line, f"<{node.tag}> has no name; add name=...")
+            yield node.finding("name", f"<{node.tag}> has no name; add name=...")
         elif key == ("joint", _PINOCCHIO_ROOT):
-            yield structural(
-                "reserved_name",
-                node.label,
-                node.line,
-                "Pinocchio's own first joint has this name; choose another",
-            )
+            yield node.finding("reserved_name", "Pinocchio's own root joint has this name; choose another")
         elif key in first:
-            yield structural(
-                f"duplicate_{node.tag}",
-                node.label,
-                node.line,
-                f"line {first[key]} has the same name; rename one",
-            )
+            message = f"the same name is used on line {first[key]}; rename one of them"
+            yield node.finding(f"duplicate_{node.tag}", message)
         first.setdefault(key, node.line)
 
 
 def _content_findings(owner: Node) -> Iterator[UrdfFinding]:
-    """Yield elements given twice, attributes left out, and values that Pinocchio reads otherwise than XML does."""
+    """Yield repeated elements, missing attributes, and values that Pinocchio reads differently from XML."""
     for node in owner.family():
-        for repeated in _repeated(node):
-            message = f"<{node.tag}> holds a second <{repeated.tag}>, which Pinocchio passes over; keep one"
-            yield structural("duplicate_element", owner.label, repeated.line, message)
+        seen: set[str] = set()
+        for child in node.children:
+            if child.tag in seen:
+                message = f"<{node.tag}> contains a second <{child.tag}>, which Pinocchio ignores; keep one"
+                yield owner.finding("duplicate_element", message, at=child)
+            seen |= {child.tag} & _ONCE
         for attribute in _REQUIRED.get(node.tag, ()):
             if attribute not in node.attributes:
-                yield structural(
-                    "missing_attribute", owner.label, node.line, f"<{node.tag}> lacks {attribute}; add it"
-                )
+                yield owner.finding("missing_attribute", f"<{node.tag}> lacks {attribute}; add it", at=node)
         if node.tag == "dynamics" and not {"damping", "friction"} & node.attributes.keys():
-            yield structural(
-                "missing_attribute",
-                owner.label,
-                node.line,
-                "<dynamics> lacks damping and friction; add one or remove it",
-            )
+            message = "<dynamics> lacks damping and friction; add one or remove it"
+            yield owner.finding("missing_attribute", message, at=node)
         for attribute in _NOT_NEGATIVE.get(node.tag, ()):
             value = number(node, attribute)
             if value is not None and value < 0.0:
-                yield structural(
-                    "negative",
-                    owner.label,
-                    node.line,
-                    f"{attribute} of <{node.tag}> is {value:g}; it must not be negative",
-                )
+                message = f"{attribute} of <{node.tag}> is {value:g}; it must not be negative"
+                yield owner.finding("negative", message, at=node)
         if node.broken:
-            yield structural(
-                "line_break",
-                owner.label,
-                node.line,
-                f"a value of <{node.tag}> holds a tab or a line break; use blanks",
-            )
+            message = f"a value of <{node.tag}> contains a tab or a line break; use blanks"
+            yield owner.finding("line_break", message, at=node)
         for text in filter(is_unexpanded, node.attributes.values()):
             message = f"{quoted(text)} in <{node.tag}> is a xacro expression that is not expanded; {EXPAND}"
-            yield structural("xacro", owner.label, node.line, message)
+            yield owner.finding("xacro", message, at=node)
 
 
-def _repeated(node: Node) -> Iterator[Node]:
-    seen = set()
-    for child in node.children:
-        if child.tag in seen:
-            yield child
-        if child.tag in _ONCE:
-            seen.add(child.tag)
-
-
-def _joint_findings(joint: Node) -> Iterator[UrdfFinding]:
+def _joint_findings(joint: Node, joint_names: set[str]) -> Iterator[UrdfFinding]:
+    """Yield defects of a joint's type, axis, limits and mimic."""
     kind = joint.attributes.get("type", "")
     if kind not in JOINT_TYPES:
         message = f"type is {quoted(kind)}; it must be one of {', '.join(JOINT_TYPES)}"
-        yield structural("joint_type", joint.label, joint.line, message)
-    if kind in ("revolute", "continuous", "prismatic", "planar"):
-        yield from _axis_findings(joint)
-    limit = joint.child("limit")
-    if limit is not None:
-        yield from _limit_findings(joint, limit)
-    elif kind in ("revolute", "prismatic"):
-        message = f"a {kind} joint must have <limit lower= upper= effort= velocity=>; a joint without stops is of type continuous"
-        yield structural("limit_missing", joint.label, joint.line, message)
-
-
-def _axis_findings(joint: Node) -> Iterator[UrdfFinding]:
-    axis = joint.child("axis")
-    if axis is None:  # x by the rules of URDF
-        return
-    if "xyz" not in axis.attributes:
-        yield structural(
-            "axis_zero", joint.label, axis.line, "<axis> has no xyz and is read as zero; give a direction"
-        )
-    direction = numbers(axis, "xyz")
-    if direction is not None and not any(direction):
-        yield structural("axis_zero", joint.label, axis.line, "the axis is zero; give a direction")
-
-
-def _limit_findings(joint: Node, limit: Node) -> Iterator[UrdfFinding]:
+        yield joint.finding("joint_type", message)
+    axis, limit, mimic = map(joint.child, ("axis", "limit", "mimic"))
+    if kind in ("revolute", "continuous", "prismatic", "planar") and axis is not None:  # default: the x axis
+        if "xyz" not in axis.attributes:
+            yield joint.finding(
+                "axis_zero", "<axis> has no xyz and is read as zero; add a direction", at=axis
+            )
+        elif numbers(axis, "xyz") == (0.0, 0.0, 0.0):
+            yield joint.finding("axis_zero", "the axis is zero; give a direction", at=axis)
+    if limit is None and kind in ("revolute", "prismatic"):
+        message = "must have <limit lower= upper= effort= velocity=>; the type without limits is continuous"
+        yield joint.finding("limit_missing", f"a {kind} joint {message}")
     lower, upper = number(limit, "lower"), number(limit, "upper")
     if lower is not None and upper is not None and lower > upper:
-        message = f"lower {lower:g} is above upper {upper:g}; exchange them"
-        yield structural("limit_inverted", joint.label, limit.line, message)
-
-
-def _mimic_findings(joint: Node, names: set[str]) -> Iterator[UrdfFinding]:
-    mimic = joint.child("mimic")
-    if mimic is None or "joint" not in mimic.attributes:
-        return
-    leader = mimic.attributes["joint"]
+        message = f"lower {lower:g} is greater than upper {upper:g}; exchange them"
+        yield joint.finding("limit_inverted", message, at=limit)
+    leader = None if mimic is None else mimic.attributes.get("joint")
     if leader == joint.name:
-        yield structural("mimic_self", joint.label, mimic.line, "the joint mimics itself; name another joint")
-    elif leader not in names:
-        yield structural(
-            "mimic_unknown",
-            joint.label,
-            mimic.line,
-            f"mimics {quoted(leader)}, which is no joint of the file",
-        )
+        yield joint.finding("mimic_self", "the joint mimics itself; name another joint", at=mimic)
+    elif leader is not None and leader not in joint_names:
+        message = f"mimics {quoted(leader)}, which is not a joint of the file"
+        yield joint.finding("mimic_unknown", message, at=mimic)
+
+
+def _unit_findings(joint: Node) -> Iterator[UrdfFinding]:
+    """Yield the numbers of a joint that are probably in another unit."""
+    limit, origin = joint.child("limit"), joint.child("origin")
+    if joint.attributes.get("type") == "revolute":
+        largest = max(abs(number(limit, end) or 0.0) for end in ("lower", "upper"))
+        if _DEGREES[0] <= largest <= _DEGREES[1]:
+            turns = f"{largest / (2.0 * math.pi):.0f} turns"
+            message = f"a limit of {largest:g} rad is {turns}; URDF uses radians: is this in degrees?"
+            yield joint.finding("limit_degrees", message, at=limit, kind="doubtful")
+    far = max(map(abs, numbers(origin, "xyz") or (0.0,)))
+    if far > _FAR_M:
+        message = f"its origin is {far:g} m from its parent's; URDF uses metres: is this in millimetres?"
+        yield joint.finding("origin_far", message, at=origin, kind="doubtful")

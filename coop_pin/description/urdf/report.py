@@ -1,35 +1,34 @@
-"""What a check of a URDF found: findings, and the report that holds them."""
+"""Findings of a URDF check and the report that collects them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 SHOWN_CHARACTERS = 60
-"""Longest piece of a file that a message quotes."""
+"""Most characters of a file that a message quotes."""
 
 SHOWN_FINDINGS = 100
-"""Most findings that a report writes out; the rest are counted."""
+"""Most findings that a report prints; the rest are counted."""
 
-
-EXPAND = "give the file a name that ends in .xacro, or run xacro on it and use its output"
-"""What to do about a xacro that stands where a URDF should."""
+Kind: TypeAlias = Literal["structural", "physical", "doubtful"]
+"""Severity class of a finding; see UrdfFinding."""
 
 
 class UrdfFinding(NamedTuple):
     """One defect of a URDF.
 
     Attributes:
-        kind: "structural" (the file does not say what Pinocchio would read), "physical" (no such body exists)
-            or "doubtful" (it can be read, but is hardly meant).
-        code: short name of the defect; the package's docstring lists them.
+        kind: "structural" (Pinocchio would not read what the file says), "physical" (no body has such a mass
+            or inertia) or "doubtful" (readable, but probably not intended).
+        code: short name of the defect; the docstring of the package lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
-        line: line of the file, from 1; 0 where the file as a whole is meant.
-        message: what is wrong, with value, allowed and what to do.
+        line: line of the file, from 1; 0 for the file as a whole.
+        message: what is wrong, with the value, the allowed values and what to do.
     """
 
-    kind: Literal["structural", "physical", "doubtful"]
+    kind: Kind
     code: str
     element: str
     line: int
@@ -42,69 +41,47 @@ class UrdfFinding(NamedTuple):
 
 @dataclass(frozen=True)
 class UrdfReport:
-    """Everything that a check found in one file.
+    """All findings of a check of one file.
 
     Attributes:
-        source: the file's name, for messages.
-        findings: the findings by line.
+        source: name of the file, for messages.
+        findings: the findings, sorted by line.
     """
 
     source: str
     findings: tuple[UrdfFinding, ...]
 
-    def errors(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
-        """Return the findings that forbid the file: the structural ones, and the physical ones when strict."""
-        return tuple(
-            finding
-            for finding in self.findings
-            if finding.kind == "structural" or (strict and finding.kind == "physical")
-        )
+    def errors(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:
+        """Return the findings that make the file unusable: structural ones and, if strict, physical ones."""
+        kinds = ("structural", "physical") if strict else ("structural",)
+        return tuple(finding for finding in self.findings if finding.kind in kinds)
 
-    def warnings(self, strict: bool = False) -> tuple[UrdfFinding, ...]:
-        """Return the findings that only call for attention: the doubtful ones, and the physical ones unless strict."""
-        return tuple(
-            finding
-            for finding in self.findings
-            if finding.kind == "doubtful" or (not strict and finding.kind == "physical")
-        )
+    def warnings(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:
+        """Return the other findings: doubtful ones and, unless strict, physical ones."""
+        kinds = ("doubtful",) if strict else ("doubtful", "physical")
+        return tuple(finding for finding in self.findings if finding.kind in kinds)
 
-    def lines(self, strict: bool = False) -> tuple[str, ...]:
-        """Return the report as lines of plain text: errors, warnings, and a closing count."""
-        errors, warnings = self.errors(strict), self.warnings(strict)
+    def summary(self, *, strict: bool = False) -> str:
+        """Return the report as lines of text: errors, warnings, and their numbers."""
+        errors, warnings = self.errors(strict=strict), self.warnings(strict=strict)
         shown = [f"error: {finding}" for finding in errors] + [f"warning: {finding}" for finding in warnings]
         if len(shown) > SHOWN_FINDINGS:
             shown[SHOWN_FINDINGS:] = [f"... and {len(shown) - SHOWN_FINDINGS} more"]
-        return (*shown, f"{self.source}: {_count(len(errors), 'error')}, {_count(len(warnings), 'warning')}")
+        numbers = f"{_count(len(errors), 'error')}, {_count(len(warnings), 'warning')}"
+        return "\n".join((*shown, f"{self.source}: {numbers}"))
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
-def structural(code: str, element: str, line: int, message: str) -> UrdfFinding:
-    """Return a structural finding."""
-    return UrdfFinding("structural", code, element, line, message)
-
-
-def physical(code: str, element: str, line: int, message: str) -> UrdfFinding:
-    """Return a physical finding."""
-    return UrdfFinding("physical", code, element, line, message)
-
-
-def doubtful(code: str, element: str, line: int, message: str) -> UrdfFinding:
-    """Return a doubtful finding."""
-    return UrdfFinding("doubtful", code, element, line, message)
-
-
 def quoted(text: str) -> str:
     """Return a piece of a file for a message: in quotes, printable and short."""
-    short = text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."
-    return repr(short)
+    return repr(text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "...")
 
 
 def listed(names: Iterable[str], most: int = 5) -> str:
-    """Return the first few names of many, quoted."""
+    """Return the first few of many names, in quotes."""
     every = tuple(names)
-    return ", ".join(map(quoted, every[:most])) + (
-        f" and {len(every) - most} more" if len(every) > most else ""
-    )
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(map(quoted, every[:most])) + more

@@ -1,4 +1,7 @@
-"""The XML of a URDF, read with limits: hostile text ends in a finding, never in a crash or a full memory."""
+"""XML elements and numbers of a URDF, read with limits.
+
+Malformed or hostile text gives a finding, never a crash or exhausted memory.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +11,34 @@ from collections.abc import Iterator
 from typing import NamedTuple
 from xml.parsers import expat
 
-from coop_pin.description.urdf.report import EXPAND, UrdfFinding, quoted, structural
+from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
 
 MAX_BYTES = 5_000_000
-"""Largest file that is read; the largest of example-robot-data has 0.2 MB."""
+"""Size limit of a file; the largest of example-robot-data has 0.2 MB."""
 
 MAX_ELEMENTS = 100_000
-"""Most XML elements that are read; the largest file of example-robot-data has 4 000."""
+"""Limit of the number of XML elements; the largest file of example-robot-data has 4 000."""
 
 MAX_NESTING = 100
-"""Deepest nesting of XML elements; real files stay below 10."""
+"""Limit of the nesting depth of XML elements; real files stay below 10."""
 
-_XML_WORDS = {
-    expat.errors.codes[
-        expat.errors.XML_ERROR_NO_ELEMENTS
-    ]: "the file ends before all elements are closed; is </robot> missing?",
-    expat.errors.codes[
-        expat.errors.XML_ERROR_TAG_MISMATCH
-    ]: "this end tag does not fit the element that is open; is an end tag missing above?",
-    expat.errors.codes[
-        expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT
-    ]: "something follows </robot>; remove it",
+_XML_ERRORS = {
+    expat.errors.XML_ERROR_NO_ELEMENTS: "the file ends before all elements are closed; is </robot> missing?",
+    expat.errors.XML_ERROR_TAG_MISMATCH: (
+        "this end tag does not match the open element; is an end tag missing above?"
+    ),
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "there is text after </robot>; remove it",
 }
-"""The commonest complaints of the XML reader in plain words."""
+"""Explanations of the most common messages of expat."""
 
 _READ = frozenset({"link", "joint", "material"})
-"""Children of <robot> that Pinocchio reads; gazebo, transmission and the like are passed over."""
+"""Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
 
 _BROKEN_VALUE = re.compile(rb"""=\s*(?:"[^"]*?[\t\r\n]|'[^']*?[\t\r\n])""")
-"""An attribute whose value holds a tab or a line break: XML makes it a blank, Pinocchio's reader does not."""
+"""An attribute value with a tab or line break: XML reads it as a blank, Pinocchio's parser does not."""
+
+EXPAND = "rename the file so that it ends in .xacro, or run xacro on it and use its output"
+"""Advice for a xacro file that is used as a URDF."""
 
 
 class Node(NamedTuple):
@@ -46,8 +48,8 @@ class Node(NamedTuple):
         tag: its name.
         attributes: its attributes.
         line: line of the file, from 1.
-        broken: an attribute's value holds a tab or a line break.
-        children: the elements in it.
+        broken: whether the value of an attribute contains a tab or a line break.
+        children: the elements inside it.
     """
 
     tag: str
@@ -58,161 +60,133 @@ class Node(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name attribute, empty where there is none."""
+        """Name attribute, empty if there is none."""
         return self.attributes.get("name", "")
 
     @property
     def label(self) -> str:
-        """The element as findings call it: "link 'x'", or only "robot"."""
+        """Element name in findings: "link 'x'", or "robot" alone."""
         if self.tag == "robot":
             return "robot"
         return f"{self.tag} {quoted(self.name)}" if self.name else f"{self.tag} (unnamed)"
 
     def child(self, tag: str) -> Node | None:
-        """Return the first child of a tag, as Pinocchio does."""
+        """Return the first child with a tag, as Pinocchio does."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def family(self) -> Iterator[Node]:
-        """Yield the node and everything in it."""
-        waiting = [self]
-        while waiting:
-            node = waiting.pop()
-            yield node
-            waiting.extend(reversed(node.children))
+        """Yield the node and all its descendants, in the order of the file."""
+        yield self
+        for child in self.children:
+            yield from child.family()
 
+    def finding(
+        self, code: str, message: str, *, at: Node | None = None, kind: Kind = "structural"
+    ) -> UrdfFinding:
+        """Return a finding about this element.
 
-class Document(NamedTuple):
-    """What was read.
-
-    Attributes:
-        robot: the <robot> element, or None where the document has none that can be used.
-        findings: what is wrong; they say why there is none.
-    """
-
-    robot: Node | None
-    findings: tuple[UrdfFinding, ...]
+        Args:
+            code: short name of the defect.
+            message: what is wrong.
+            at: the element inside it whose line is named; the element itself when omitted.
+            kind: severity class.
+        """
+        return UrdfFinding(kind, code, self.label, (at or self).line, message)
 
 
 class _RefusedError(Exception):
-    """Ends the reading of a document; never leaves this file."""
+    """Stops the reading of a document; never leaves this file."""
 
-    def __init__(self, finding: UrdfFinding) -> None:
-        self.finding = finding
-        super().__init__(finding)
+    def __init__(self, code: str, line: int, message: str) -> None:
+        self.finding = UrdfFinding("structural", code, "document", line, message)
+        super().__init__(message)
 
 
-def read_document(data: bytes) -> Document:
-    """Return the links, joints and materials of a URDF, or the finding that says why it is not one."""
+def read_document(data: bytes) -> Node | UrdfFinding:
+    """Return the <robot> element of a URDF, or the finding that says why there is none.
+
+    Of its children only links, joints and materials are kept.
+    """
     try:
         _require_text(data)
-        reader = _Reader(data)
-        reader.read()
+        return _Reader(data).robot
     except _RefusedError as refused:
-        return Document(None, (refused.finding,))
-    return Document(reader.robot, ())
-
-
-def _refuse(code: str, line: int, message: str) -> _RefusedError:
-    return _RefusedError(structural(code, "document", line, message))
+        return refused.finding
 
 
 def _require_text(data: bytes) -> None:
     if len(data) > MAX_BYTES:
-        raise _refuse(
-            "size",
-            0,
-            f"the file is larger than {MAX_BYTES} bytes; meshes and textures belong in files of their own",
-        )
+        advice = "put meshes and textures into files of their own"
+        raise _RefusedError("size", 0, f"the file is larger than {MAX_BYTES} bytes; {advice}")
     if not data.strip():
-        raise _refuse("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
+        raise _RefusedError("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise _refuse(
-            "encoding", line, f"byte {error.start} is not UTF-8; save the file as UTF-8 text"
-        ) from None
-    if b"\0" in data:
-        index = data.index(b"\0")
-        raise _refuse(
-            "encoding", data.count(b"\n", 0, index) + 1, f"byte {index} is NUL; a URDF is UTF-8 text"
-        )
+        message = f"byte {error.start} is not UTF-8; save the file as UTF-8 text"
+        raise _RefusedError("encoding", line, message) from None
+    if (index := data.find(b"\0")) >= 0:
+        line = data.count(b"\n", 0, index) + 1
+        raise _RefusedError("encoding", line, f"byte {index} is NUL; a URDF is UTF-8 text")
 
 
 class _Reader:
-    """An expat parser that keeps what Pinocchio reads and stops at the first sign of harm."""
+    """Parser that keeps the elements that Pinocchio reads and stops at the first violated limit."""
 
     def __init__(self, data: bytes) -> None:
-        self.robot: Node | None = None
+        """Parse the document.
+
+        Raises:
+            _RefusedError: it is not a URDF.
+        """
+        self.robot: Node
         self._data = data
         self._count = 0
         self._path: list[Node | None] = []
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartDoctypeDeclHandler = self._doctype
         self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-
-    def read(self) -> None:
-        """Read the document.
-
-        Raises:
-            _RefusedError: it is not a URDF.
-        """
+        self._parser.EndElementHandler = lambda _: self._path.pop()
         try:
-            self._parser.Parse(self._data, True)
+            self._parser.Parse(data, True)
         except expat.ExpatError as error:
-            raise _refuse(
-                "not_xml",
-                error.lineno,
-                f"not well-formed XML: {_XML_WORDS.get(error.code) or expat.ErrorString(error.code)}",
-            ) from None
+            text = expat.ErrorString(error.code)
+            message = f"not well-formed XML: {_XML_ERRORS.get(text, text)}"
+            raise _RefusedError("not_xml", error.lineno, message) from None
 
     def _doctype(self, *_: object) -> None:
-        line = self._parser.CurrentLineNumber
-        raise _refuse(
-            "doctype",
-            line,
-            "a DOCTYPE and its entities are refused: they can read other files or fill the memory; remove it",
-        )
+        message = "a DOCTYPE is not allowed: its entities can read other files or fill the memory; remove it"
+        raise _RefusedError("doctype", self._parser.CurrentLineNumber, message)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         line = self._parser.CurrentLineNumber
         self._count += 1
         if self._count > MAX_ELEMENTS:
-            raise _refuse(
-                "elements",
-                line,
-                f"more than {MAX_ELEMENTS} XML elements; the robots of a whole scene belong in files of their own",
-            )
+            advice = "put each robot of a scene into a file of its own"
+            raise _RefusedError("elements", line, f"more than {MAX_ELEMENTS} XML elements; {advice}")
         if len(self._path) >= MAX_NESTING:
-            raise _refuse(
-                "nesting",
-                line,
-                f"XML elements nest deeper than {MAX_NESTING}; those of a URDF nest 5 deep or so",
-            )
+            message = f"XML elements are nested more than {MAX_NESTING} deep; a URDF needs about 5 levels"
+            raise _RefusedError("nesting", line, message)
         if tag.startswith("xacro:"):
-            raise _refuse("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
+            raise _RefusedError("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
         if not self._path and tag != "robot":
-            raise _refuse("root", line, f"the root element is {quoted(tag)}; that of a URDF is 'robot'")
-        self._path.append(self._keep(tag, attributes, line))
+            message = f"the root element is {quoted(tag)}; the root element of a URDF is 'robot'"
+            raise _RefusedError("root", line, message)
+        self._path.append(self._kept(tag, attributes, line))
 
-    def _keep(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
+    def _kept(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
         parent = self._path[-1] if self._path else None
         if self._path and (parent is None or (len(self._path) == 1 and tag not in _READ)):
             return None
-        node = Node(tag, attributes, line, self._has_broken_value(), [])
+        start = self._parser.CurrentByteIndex
+        broken = _BROKEN_VALUE.search(self._data, start, self._data.index(b">", start)) is not None
+        node = Node(tag, attributes, line, broken, [])
         if parent is None:
             self.robot = node
         else:
             parent.children.append(node)
         return node
-
-    def _has_broken_value(self) -> bool:
-        start = self._parser.CurrentByteIndex
-        return _BROKEN_VALUE.search(self._data, start, self._data.index(b">", start)) is not None
-
-    def _end(self, _: str) -> None:
-        self._path.pop()
 
 
 COUNTS: dict[str, dict[str, int]] = {
@@ -231,73 +205,60 @@ COUNTS: dict[str, dict[str, int]] = {
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
-"""How many numbers each attribute of each element holds."""
+"""Number of values of each numeric attribute, by element."""
 
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
-
-
-class _Problem(NamedTuple):
-    code: str
-    message: str
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|nan|inf|infinity)",
+    re.IGNORECASE | re.ASCII,
+)
 
 
 def numbers(node: Node | None, attribute: str) -> tuple[float, ...] | None:
-    """Return the numbers of an attribute, or None where they are absent or wrong (number_findings says how)."""
+    """Return the numbers of an attribute, or None if they are absent or malformed (see number_findings)."""
     if node is None or attribute not in node.attributes:
         return None
-    text = node.attributes[attribute]
-    count = COUNTS[node.tag][attribute]
+    text, count = node.attributes[attribute], COUNTS[node.tag][attribute]
     return None if _problem(text, count) else tuple(map(float, _pieces(text, count)))
 
 
 def number(node: Node | None, attribute: str) -> float | None:
-    """Return the one number of an attribute, or None where it is absent or wrong."""
+    """Return the single number of an attribute, or None if it is absent or malformed."""
     values = numbers(node, attribute)
     return values[0] if values else None
 
 
 def number_findings(owner: Node) -> Iterator[UrdfFinding]:
-    """Yield what is wrong with the numbers of a link or joint: Pinocchio takes many of them for zero in silence."""
-    # Pinocchio never reads the axis of a joint that has none, and files are full of "0 0 0" there.
+    """Yield malformed numbers of a link or joint; Pinocchio silently reads many of them as zero."""
+    # Pinocchio never reads the axis of a joint that has none, and many files have "0 0 0" there.
     unread = owner.child("axis") if owner.attributes.get("type") in ("fixed", "floating") else None
     for node in owner.family():
         for attribute, count in COUNTS.get(node.tag, {}).items():
             text = node.attributes.get(attribute)
             if text is None or node is unread or is_unexpanded(text):
                 continue
-            problem = _problem(text, count)
-            if problem:
-                yield structural(
-                    problem.code, owner.label, node.line, f"{attribute} of <{node.tag}> {problem.message}"
-                )
+            if problem := _problem(text, count):
+                code, message = problem
+                yield owner.finding(code, f"{attribute} of <{node.tag}> is {quoted(text)}{message}", at=node)
 
 
 def is_unexpanded(text: str) -> bool:
-    """Return whether an attribute's value is an expression of xacro."""
+    """Return whether the value of an attribute is a xacro expression."""
     return "${" in text or "$(" in text
 
 
 def _pieces(text: str, count: int) -> list[str]:
-    # A trailing blank is harmless in a vector; in a scalar Pinocchio's reader takes the value for no number.
+    # A trailing blank is harmless in a vector; Pinocchio's parser does not read a scalar that has one.
     return [text.lstrip(" ")] if count == 1 else [piece for piece in text.split(" ") if piece]
 
 
-def _problem(text: str, count: int) -> _Problem | None:
+def _problem(text: str, count: int) -> tuple[str, str] | None:
+    """Return code and message of the first malformed number, or None."""
     pieces = _pieces(text, count)
     if len(pieces) != count:
-        return _Problem(
-            "count", f"is {quoted(text)}: {len(pieces)} numbers; it must have {count}, separated by blanks"
-        )
+        return "count", f": {len(pieces)} numbers; it must have {count}, separated by blanks"
     for piece in pieces:
-        if _NOT_FINITE.fullmatch(piece):
-            return _Problem("not_finite", f"is {quoted(text)}; it must be finite")
         if not _NUMBER.fullmatch(piece):
-            return _Problem(
-                "number", f"is {quoted(text)}; it must be a plain decimal number without trailing blanks"
-            )
+            return "number", "; it must be a plain decimal number without trailing blanks"
         if not math.isfinite(float(piece)):
-            return _Problem(
-                "not_finite", f"is {quoted(text)}, beyond the range of a float; it must be finite"
-            )
+            return "not_finite", "; it must be finite and within the range of a float"
     return None
