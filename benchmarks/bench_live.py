@@ -1,11 +1,10 @@
-"""What a live view costs a run, and how many frames a second come through.
+"""Cost of a live view for a run, and frame rate of the view.
 
     python benchmarks/bench_live.py [--duration 5] [--blocks 5]
 
-The slowdown is processor time of a run as fast as possible with a view against the same run alone,
-interleaved. Frames a second are counted at wall-clock pace: those handed to the server process, those that
-reached a reader, and, where playwright and a Chromium are there, those that a browser drew. Printed, never
-asserted.
+The slowdown is the processor time of a run as fast as possible with a view, against the same run alone,
+interleaved. Frames per second are counted at real time: those sent to the server process, those that reached
+a client, and, if playwright and a Chromium are installed, those that a browser drew. Printed, never asserted.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ CHROMIUM_ARGUMENTS = [
 
 
 def slowdown(scenario: cp.Scenario, blocks: int) -> None:
-    """Print what a view costs a run."""
+    """Print the cost of a view for a run."""
     view, every = open_view(scenario), open_view(scenario)
     tasks = {
         "alone": lambda: cp.run(scenario),
-        "with a view, 30 frames in a second of wall time": lambda: cp.run(
+        "with a view, 30 frames per second of wall time": lambda: cp.run(
             scenario, view=view, realtime_rate=math.inf
         ),
         "with a view that is sent every tick": lambda: cp.run(
@@ -51,43 +50,45 @@ def slowdown(scenario: cp.Scenario, blocks: int) -> None:
     every.close()
     ticks = scenario.duration * scenario.clock.rate_hz
     print(
-        f"processor time of {scenario.duration:g} s of {scenario.name} as fast as possible; median (min .. max) of alone"
+        f"processor time of {scenario.duration:g} s of {scenario.name} as fast as possible;"
+        " median (min .. max) of alone"
     )
     for name, values in seconds.items():
-        print(
-            f"  {name:50s} {common.ratio(values, seconds['alone'])}   {1e6 * np.median(values) / ticks:6.0f} us a tick"
-        )
+        tick = 1e6 * np.median(values) / ticks
+        print(f"  {name:50s} {common.ratio(values, seconds['alone'])}   {tick:6.0f} us per tick")
     share = (np.median(seconds["with a view that is sent every tick"]) - np.median(seconds["alone"])) / ticks
     print(
-        f"  a frame costs the run {1e6 * share:.0f} us; thirty a second take {100 * 30 * share:.1f} % of one core"
+        f"  a frame costs the run {1e6 * share:.0f} us;"
+        f" 30 per second take {100 * 30 * share:.1f} % of one core"
     )
 
 
 def frames(scenario: cp.Scenario) -> None:
-    """Print how many frames a second come through at wall-clock pace."""
+    """Print the frame rates of sender, client and browser at real time."""
     view = open_view(scenario)
     counted, ready = [0], threading.Event()
-    reader = threading.Thread(target=lambda: asyncio.run(count(view, counted, ready)), daemon=True)
-    reader.start()
+    client = threading.Thread(target=lambda: asyncio.run(count(view, counted, ready)), daemon=True)
+    client.start()
     ready.wait(10.0)
     start = time.monotonic()
     result = cp.run(scenario, view=view)
     wall = time.monotonic() - start
     print(
-        f"{result.end:g} s at wall-clock pace took {wall:.2f} s: {view.sent / wall:.1f} frames a second sent, {view.dropped} dropped,"
+        f"{result.end:g} s at real time took {wall:.2f} s: {view.sent / wall:.1f} frames per second sent,"
+        f" {view.dropped} dropped,"
     )
-    print(f"  {counted[0] / wall:.1f} reached a reader", end="")
+    print(f"  {counted[0] / wall:.1f} reached a client", end="")
     view.close()
     drawn = in_browser(scenario)
     print(
-        f", {drawn:.1f} a second were drawn by Chromium without a graphics card"
+        f", {drawn:.1f} per second were drawn by Chromium without a graphics card"
         if drawn
         else "; no browser here"
     )
 
 
 async def count(view: LiveView, counted: list[int], ready: threading.Event) -> None:
-    """Count the frames that reach a reader."""
+    """Count the frames that reach a client."""
     connection = await websocket_connect(view.url.replace("http", "ws") + "frames")
     ready.set()
     while await connection.read_message() is not None:
@@ -95,7 +96,7 @@ async def count(view: LiveView, counted: list[int], ready: threading.Event) -> N
 
 
 def in_browser(scenario: cp.Scenario) -> float:
-    """Return the frames a second that a browser shows; 0 where there is none."""
+    """Return the frames per second that a browser draws; 0 if there is none."""
     chromium = shutil.which("chromium")
     if chromium is None or importlib.util.find_spec("playwright") is None:
         return 0.0

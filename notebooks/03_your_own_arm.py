@@ -25,6 +25,8 @@
 
 # %%
 # %matplotlib inline
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 
@@ -127,11 +129,13 @@ for name, run in (("no force feedback", result), ("K_f = 9", measured)):
 
 # %% [markdown]
 # ## Keep it
-# The scenario is one file, which the command line runs as well: `coop-pin run two-ur5.toml --report`.
+# The scenario is one file, which the command line runs as well: `coop-pin run out/two-ur5.toml --report`.
 
 # %%
-scenario.save("two-ur5.toml")
-assert cp.Scenario.load("two-ur5.toml") == scenario
+file = Path("out", "two-ur5.toml")
+file.parent.mkdir(exist_ok=True)
+scenario.save(file)
+assert cp.Scenario.load(file) == scenario
 
 # %% [markdown]
 # ## Try

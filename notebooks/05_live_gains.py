@@ -19,7 +19,7 @@
 #
 # 1. Let the next cells run; a 3-D view with strip charts appears, with buttons and sliders below it.
 # 2. Press **Start**. Move a slider: it acts on the running loop at its next tick, 12.5 ms later at most.
-# 3. Press **Shove**.
+# 3. Press **Push**.
 #
 # Behind a JupyterHub or another proxy your browser cannot reach the view of this machine; you get a still picture there, which says so,
 # and the replay at the end works everywhere.

@@ -1,4 +1,4 @@
-"""What a real browser shows: the live page, the replay with the network off, and the live notebook in JupyterLab."""
+"""Tests in a headless browser: live page, replay, report, site and notebooks; all but JupyterLab offline."""
 
 import io
 import json
@@ -23,14 +23,14 @@ import coop_pin as cp
 from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
 from coop_pin.viz.arrows import HEAD_LENGTH_M, recorded_scales
-from coop_pin.viz.initial_scene import standing_scenario
-from coop_pin.viz.live_scene import LiveScene
+from coop_pin.viz.live_scene import LiveScene, initial_scene
 
 REPOSITORY = Path(__file__).parents[1]
 NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"
 NOTEBOOKS = sorted(path.stem for path in NOTEBOOK.parent.glob("*.ipynb"))
 
-MESHES = """() => { let meshes = 0; coopPin.viewer.scene_tree.find(["meshcat"]).object.traverse(part => { meshes += part.isMesh ? 1 : 0; });
+MESHES = """() => { let meshes = 0;
+    coopPin.viewer.scene_tree.find(["meshcat"]).object.traverse(part => { meshes += part.isMesh ? 1 : 0; });
     return meshes; }"""
 SHOWN = "coopPin.shown.time"
 WRONG = '[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="application/vnd.jupyter.error"]'
@@ -38,20 +38,19 @@ AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
 
 def arrow(page, path: str, scale: float) -> np.ndarray:
-    """The force or moment that an arrow of the browser's scene stands for."""
-    read = "path => { const {quaternion: q, position: p, scale: s} = NODE(path); return [q.x, q.y, q.z, q.w, p.z, s.z]; }"
-    read = read.replace(
-        "NODE(path)", "coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object"
-    )
+    """Force or moment of an arrow in the browser's scene."""
+    read = """path => {
+        const node = coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object;
+        return [...node.quaternion.toArray(), node.position.z, node.scale.z]; }"""
     along = Rotation.from_quat(page.evaluate(read, path)[:4]).apply((0.0, 0.0, 1.0))
     *_, position, stretch = page.evaluate(read, f"{path}/head")
     return scale * (position + HEAD_LENGTH_M * stretch) * along
 
 
-def assert_not_blank(picture: bytes) -> None:
-    """The middle of the picture has many colours: a blank page has one, a background alone a few dozen."""
+def assert_not_blank(image: bytes) -> None:
+    """The middle of an image has many colours: a blank page has one, a background alone a few dozen."""
     pixels = (
-        np.round(255 * matplotlib.image.imread(io.BytesIO(picture))[150:600, 330:870, :3])
+        np.round(255 * matplotlib.image.imread(io.BytesIO(image))[150:600, 330:870, :3])
         .astype(int)
         .reshape(-1, 3)
     )
@@ -60,7 +59,7 @@ def assert_not_blank(picture: bytes) -> None:
 
 
 def drawn(page) -> bytes:
-    """A picture of the page after it has drawn what it was told."""
+    """Screenshot of the page after its next frame."""
     page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     return page.screenshot()
 
@@ -68,7 +67,7 @@ def drawn(page) -> bytes:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_live_page_draws_the_cell_and_follows_the_run(name):
     scenario = SCENARIOS[name]().replace(duration=1.0, events=())
-    scene = LiveScene(*standing_scenario(scenario))
+    scene = LiveScene(initial_scene(scenario))
     meshes = sum(1 for item in scene.scene.items if type(item.drawable).__name__ != "Segments")
     view = open_view(scenario)
     with browser_page() as page:
@@ -78,9 +77,9 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
         assert_not_blank(drawn(page))
         seen = []
 
-        def watch(moment) -> None:
-            seen.append(moment)
-            view.show(moment)
+        def watch(snapshot) -> None:
+            seen.append(snapshot)
+            view.show(snapshot)
 
         run = threading.Thread(target=cp.run, args=(scenario,), kwargs={"view": watch, "realtime_rate": 0.5})
         run.start()
@@ -95,8 +94,8 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
             ):
                 assert_allclose(arrow(page, f"{group}/{arm}/internal", per_metre), internal[rows], atol=2e-3)
                 assert_allclose(arrow(page, f"{group}/{arm}/load", per_metre), load[rows], atol=2e-3)
-        place = page.evaluate("coopPin.node('payload').position.toArray()")
-        assert_allclose(place, seen[-1].payload_pose[:3, 3], atol=1e-6)
+        position = page.evaluate("coopPin.node('payload').position.toArray()")
+        assert_allclose(position, seen[-1].payload_pose[:3, 3], atol=1e-6)
         assert page.evaluate("coopPin.count") > 10
         assert page.evaluate("coopPin.samples.length") > 10  # the charts have something to draw
         assert_not_blank(drawn(page))
@@ -107,10 +106,10 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
 def test_saturated_links_change_their_colour_and_get_it_back():
     scenario = planar_scenario().replace(duration=0.5, events=())
     view = open_view(scenario)
-    moment = standing_scenario(scenario).moment
+    snapshot = initial_scene(scenario).snapshot
     colour = """() => { let found = []; coopPin.node("arms/left/joint_1").traverse(part => {
         if (part.material) { found.push(part.material.color.getHexString()); } }); return found; }"""
-    saturated, singular = moment.saturated.copy(), moment.jacobian_condition.copy()
+    saturated, singular = snapshot.saturated.copy(), snapshot.jacobian_condition.copy()
     saturated[0, 0], singular[0] = True, 1e4
     with browser_page() as page:
         page.goto(view.url)
@@ -118,9 +117,9 @@ def test_saturated_links_change_their_colour_and_get_it_back():
         own = page.evaluate(colour)
         for number, (shown, wanted) in enumerate(
             (
-                (moment._replace(saturated=saturated), ["f0e442"] * len(own)),
-                (moment._replace(jacobian_condition=singular), ["56b4e9"] * len(own)),
-                (moment, own),
+                (snapshot._replace(saturated=saturated), ["f0e442"] * len(own)),
+                (snapshot._replace(jacobian_condition=singular), ["56b4e9"] * len(own)),
+                (snapshot, own),
             ),
             start=1,
         ):
@@ -172,15 +171,16 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
 
 
 def shown_widths(page, images: str) -> list[float]:
-    """The widths at which images are shown, pixels; each of them must have been read."""
-    read = "all => all.filter(image => image.offsetWidth).map(image => [image.naturalWidth, image.naturalHeight, image.offsetWidth])"
+    """Widths at which images are shown, pixels; each of them must have been loaded."""
+    sizes = "[image.naturalWidth, image.naturalHeight, image.offsetWidth]"
+    read = f"all => all.filter(image => image.offsetWidth).map(image => {sizes})"
     found = page.eval_on_selector_all(images, read)
     assert all(min(sizes) > 0 for sizes in found)
     return [width for _, _, width in found]
 
 
 def assert_plays(element) -> None:
-    """The replay in a frame draws the arms and lets its time go by."""
+    """The replay in an iframe draws the arms and plays."""
     element.scroll_into_view_if_needed()
     frame = element.element_handle().content_frame()
     frame.wait_for_function(
@@ -190,7 +190,7 @@ def assert_plays(element) -> None:
 
 
 def assert_fits(page) -> None:
-    """Nothing makes the page wider than its window."""
+    """The page is not wider than its window."""
     assert page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth") == 0
 
 
@@ -199,7 +199,7 @@ def assert_fits(page) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built from copies so that nobody else is in the way, with its notebooks executed."""
+    """The site, built from copies, with its notebooks executed."""
     pytest.importorskip("sphinx", reason="sphinx is not installed: pip install 'coop-pin[docs]'")
     copy = tmp_path_factory.mktemp("site")
     for folder in ("docs", "notebooks"):
@@ -217,7 +217,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [420, 1400])
-def test_the_pages_of_the_site_show_their_equations_and_pictures_with_the_network_off(site, width):
+def test_the_pages_of_the_site_show_their_equations_and_images_with_the_network_off(site, width):
     pages = [
         site / "index.html",
         site / "quickstart.html",
@@ -254,7 +254,7 @@ def test_a_notebook_of_the_site_shows_what_it_computed_with_the_network_off(site
 
 @pytest.fixture
 def lab(tmp_path):
-    """The address of a JupyterLab of its own, which has the notebooks."""
+    """Address of a new JupyterLab that serves copies of the notebooks."""
     pytest.importorskip("jupyterlab", reason="jupyterlab is not installed: pip install 'coop-pin[test]'")
     for name in NOTEBOOKS:
         shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), tmp_path)
@@ -295,8 +295,8 @@ def lab(tmp_path):
 def wait_for_the_notebook(page) -> None:
     """Wait for a kernel, and for the last cell of a notebook.
 
-    JupyterLab draws its cells bit by bit, code before words, and its indicator says "idle" before there is a
-    kernel. Who runs "the first four cells" too early runs others, or none.
+    JupyterLab renders its cells one by one, code before text, and shows "idle" before there is a kernel; a
+    command to run "the first four cells" that comes too early runs others, or none.
     """
     page.get_by_text(re.compile(r"\(ipykernel\) \| Idle")).wait_for()
     page.locator(
@@ -305,7 +305,7 @@ def wait_for_the_notebook(page) -> None:
 
 
 def run_cells(page, *words: str) -> None:
-    """Run the code cells in which these words stand, one after the other, and see each through to its end."""
+    """Run the code cells that contain these words, one after the other, each to its end."""
     wait_for_the_notebook(page)
     page.evaluate(
         "jupyterapp.commands.execute('notebook:clear-all-cell-outputs')"
@@ -319,14 +319,14 @@ def run_cells(page, *words: str) -> None:
 
 
 def live_frame(page):
-    """The frame of the live view inside the notebook."""
+    """Iframe of the live view inside the notebook."""
     element = page.wait_for_selector('iframe[title="coop_pin live"]')
     frame = element.content_frame()
     frame.wait_for_function("window.coopPin !== undefined")
     return frame
 
 
-def test_the_live_notebook_answers_to_its_sliders(lab):
+def test_the_sliders_of_the_live_notebook_change_the_run(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
         run_cells(page, *AS_FAR_AS_THE_PANEL)
@@ -355,7 +355,7 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
             round(samples[-1]["desired_internal"], 6),
         }
         page.locator(".jupyter-button", has_text="Pause").click()
-        if folder := os.environ.get("COOP_PIN_PICTURES"):  # for people who want to look
+        if folder := os.environ.get("COOP_PIN_PICTURES"):  # to keep a screenshot
             page.screenshot(path=Path(folder) / "lab.png")
 
         old = frame.url
@@ -363,7 +363,8 @@ def test_the_live_notebook_answers_to_its_sliders(lab):
         page.locator(".jp-Dialog .jp-mod-accept").click()
         frame.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
         run_cells(page, *AS_FAR_AS_THE_PANEL)
-        page.wait_for_function(f"""() => {{ const frame = document.querySelector('iframe[title="coop_pin live"]');
+        page.wait_for_function(f"""() => {{
+            const frame = document.querySelector('iframe[title="coop_pin live"]');
             return frame && frame.src !== {old!r}; }}""")
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
@@ -377,7 +378,8 @@ def test_a_notebook_runs_and_is_shown_in_jupyterlab(lab, name):
         page.goto(lab.replace("/lab?", f"/lab/tree/{name}.ipynb?"))
         wait_for_the_notebook(page)
         page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
-        done = "[...document.querySelectorAll('.jp-CodeCell .jp-InputArea-prompt')].every(one => /\\[\\d+\\]/.test(one.textContent))"
+        prompts = "[...document.querySelectorAll('.jp-CodeCell .jp-InputArea-prompt')]"
+        done = prompts + ".every(one => /\\[\\d+\\]/.test(one.textContent))"
         page.wait_for_function(done, timeout=4 * PATIENCE_MS)
         assert page.locator(WRONG).all_inner_texts() == []
         assert len(shown_widths(page, ".jp-OutputArea-output img")) > 0

@@ -1,4 +1,4 @@
-"""A simulation can be stepped and changed on the way: from the next tick on, and as if it had been planned."""
+"""Interactive runs: a change acts from the next tick on, as if it had been planned; and the Jupyter panel."""
 
 import re
 import threading
@@ -77,7 +77,7 @@ def test_an_event_added_on_the_way_acts_as_if_it_had_been_planned(event):
 
 def test_events_must_lie_ahead_and_within_the_run():
     simulation = advanced(quiet_paper(), 20)
-    with pytest.raises(EventTimeError, match=r"0\.2 s, but the run has reached 0\.25 s"):
+    with pytest.raises(EventTimeError, match=r"0\.2 s.* 0\.25 s"):
         simulation.add_event(cp.PayloadChange(time=0.2, mass=5.0))
     with pytest.raises(CoopPinError, match=r"ends at t = 1\.1 s"):
         simulation.add_event(cp.WrenchPulse(time=1.0, duration=0.1, wrench=(1.0, 0, 0, 0, 0, 0)))
@@ -123,7 +123,7 @@ def test_a_finished_run_has_no_more_ticks():
         simulation.tick()
 
 
-# ---------------------------------------------------------------- under the hand
+# ---------------------------------------------------------------- LiveRun
 
 
 def test_a_live_run_starts_pauses_goes_on_and_is_the_run():
@@ -161,14 +161,14 @@ def test_a_squeeze_of_zero_keeps_its_direction_and_none_has_none():
     run.change_squeeze(0.0)
     run.change_squeeze(10.0)
     assert_allclose(run.scenario.squeeze_wrenches, quiet_paper().squeeze_wrenches)
-    with pytest.raises(SqueezeError, match="no direction"):
+    with pytest.raises(SqueezeError):
         LiveRun(quiet_paper().replace(squeeze=SteadySqueeze())).change_squeeze(1.0)
 
 
 def test_a_value_that_is_not_allowed_changes_nothing():
     run = LiveRun(quiet_paper())
     before = run.scenario
-    with pytest.raises(CoopPinError, match="must be positive"):
+    with pytest.raises(CoopPinError, match="pose_gain"):
         run.change({"controller.gains.pose_gain": -1.0})
     assert run.scenario == before
 
@@ -187,10 +187,10 @@ def test_a_push_at_the_end_is_cut_and_after_it_ignored():
     assert_allclose(pulse.end, 0.1, rtol=1e-9)
 
 
-def test_a_run_that_diverges_says_so_and_stops():
+def test_a_run_that_diverges_keeps_its_error_and_ends():
     gains = {"controller.gains.damping_gain": (6000.0, 6000.0, 1000.0)}
     run, ended = LiveRun(quiet_paper(5.0).override(gains), realtime_rate=float("inf")), threading.Event()
-    run.when_it_ends(ended.set)
+    run.on_end = ended.set
     run.start()
     assert ended.wait(PATIENCE_S)
     assert isinstance(run.error, DivergedError)
@@ -200,7 +200,7 @@ def test_a_run_that_diverges_says_so_and_stops():
 
 
 class Raises:
-    """A controller of a user's own that breaks down."""
+    """User controller that raises."""
 
     def init(self, measurements, references):
         return None
@@ -211,7 +211,7 @@ class Raises:
 
 def test_a_users_controller_that_raises_ends_the_run_and_not_the_panel():
     run, ended = LiveRun(quiet_paper(), realtime_rate=float("inf")), threading.Event()
-    run.when_it_ends(ended.set)
+    run.on_end = ended.set
     run._simulation.replace_controller(Raises())
     run.start()
     assert ended.wait(PATIENCE_S)
@@ -219,7 +219,7 @@ def test_a_users_controller_that_raises_ends_the_run_and_not_the_panel():
     assert "ZeroDivisionError: oh" in str(run.error)
 
 
-# ---------------------------------------------------------------- the panel
+# ---------------------------------------------------------------- Panel
 
 
 @pytest.fixture
@@ -253,32 +253,30 @@ def test_every_slider_of_the_panel_acts_on_the_running_loop(panel):
     assert events["payload-change"].mass == pytest.approx(5.0)
     assert events["wrench-pulse"].wrench[1] == panel.sliders["push"].value
     panel.buttons["reset"].click()
-    assert panel.run.time == pytest.approx(0.0125)  # one tick, so that the picture is that of the start
+    assert panel.run.time == pytest.approx(0.0125)  # one tick, so that the view shows the start
 
 
-def test_a_panel_that_is_asked_for_nonsense_says_so_below(panel):
+def test_a_panel_shows_the_error_of_a_refused_change(panel):
     panel.run.change = lambda _: (_ for _ in ()).throw(SqueezeError("is <nonsense>", "squeeze"))
     panel.sliders["controller.gains.pose_gain"].value = 3.0
     assert "is &lt;nonsense&gt;" in panel.widget.children[-1].value
 
 
-def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_picture_that_says_so(panel, monkeypatch):
+def test_a_panel_shows_its_view_and_behind_a_proxy_a_still_image(panel, monkeypatch):
     frame = panel.widget.children[0].value
     assert f'src="{panel.view.url}"' in frame
     shown = panel._repr_mimebundle_()
     assert "application/vnd.jupyter.widget-view+json" in shown
-    assert (
-        "still picture: buttons and sliders need a running notebook" in shown["text/html"]
-    )  # where no kernel stands behind the page
+    assert "still image: " in shown["text/html"]  # for pages without a kernel
     assert panel.view.url not in shown["text/html"]
     monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/somebody/")
     still = panel.view._repr_html_()
     assert panel.view.url not in still
-    assert re.search("still picture: this notebook runs behind a proxy", still)
+    assert re.search("still image: .*proxy", still)
 
 
-def test_knobs_are_the_gains_that_the_law_feels():
-    names = [knob.field.rpartition(".")[2] for knob in gain_sliders(quiet_paper())]
+def test_sliders_are_the_gains_that_have_an_effect():
+    names = [slider.field.rpartition(".")[2] for slider in gain_sliders(quiet_paper())]
     assert names == [
         "pose_gain",
         "sign_gain",
@@ -286,13 +284,13 @@ def test_knobs_are_the_gains_that_the_law_feels():
         "damping_gain",
     ]  # without a force path no force gain
     with_path = quiet_paper().override({"controller.force_path": {"kind": "late"}})
-    assert "controller.gains.force_gain" in [knob.field for knob in gain_sliders(with_path)]
-    for knob in gain_sliders(quiet_paper()):
-        assert knob.low <= knob.value <= knob.high
-        quiet_paper().override({knob.field: knob.field_value(knob.high)})
+    assert "controller.gains.force_gain" in [slider.field for slider in gain_sliders(with_path)]
+    for slider in gain_sliders(quiet_paper()):
+        assert slider.low <= slider.value <= slider.high
+        quiet_paper().override({slider.field: slider.field_value(slider.high)})
 
 
-def test_without_ipywidgets_a_panel_says_what_to_install(monkeypatch):
+def test_a_panel_without_ipywidgets_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ipywidgets", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'coop-pin\[notebook\]'"):
         Panel(quiet_paper())

@@ -1,4 +1,4 @@
-"""The replay shows what the result holds: its clock, its poses, its wrenches; and the page needs nothing but itself."""
+"""Replay page: its clock, poses, wrenches and legend against the result; and that it needs no other file."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from coop_pin.results import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
 from coop_pin.viz.arrows import HEAD_LENGTH_M, ArrowScales, quaternions_from_z, recorded_scales
 from coop_pin.viz.cell_scene import LINK_VERTICES, cell_scene, replay_samples
-from coop_pin.viz.meshes import thinned, tube
+from coop_pin.viz.scene import decimated, tube
 
 FLOAT32 = 3e-7
 """Keyframes are single precision: relative error of a number."""
 
 
 class Replay:
-    """A page read back: what its commands say, by node."""
+    """Replay page read back: its meshcat commands, by node."""
 
     def __init__(self, result: RunResult) -> None:
         self.result, self.page = result, replay_html(result)
@@ -100,7 +100,7 @@ def replay(request: pytest.FixtureRequest) -> Replay:
 # ---------------------------------------------------------------- clock
 
 
-def test_every_keyframe_stands_at_a_recorded_time_and_the_last_at_the_end(replay: Replay) -> None:
+def test_every_keyframe_is_at_a_recorded_time_and_the_last_at_the_end(replay: Replay) -> None:
     recorded = replay.result.data["time"].values
     assert replay.run["duration"] == recorded[-1] == replay.result.end
     for animation in replay.animations:
@@ -122,7 +122,7 @@ def test_a_recording_slower_than_the_frame_rate_is_kept_whole(count: int) -> Non
     assert_array_equal(replay_samples(np.arange(count) * 0.1, 30.0), np.arange(count))
 
 
-def test_events_stand_on_the_clock_of_the_run(planar: Replay) -> None:
+def test_events_are_on_the_clock_of_the_run(planar: Replay) -> None:
     change, push = planar.run["events"]
     assert (change["start"], change["text"]) == (10.0, "mass 11.2 → 5.6 kg")
     assert (push["start"], push["end"]) == (10.0, 10.2)
@@ -140,7 +140,7 @@ def test_every_visual_of_both_urdfs_is_drawn(planar: Replay) -> None:
     assert kinds == {"BoxGeometry", "CylinderGeometry"}
 
 
-def test_quill_of_a_planar_arm_stands_on_its_recorded_tip(planar: Replay) -> None:
+def test_quill_of_a_planar_arm_is_at_its_recorded_tip(planar: Replay) -> None:
     data = planar.result.data.isel(time=planar.samples())
     for index, arm in enumerate(("left", "right")):
         quill = planar.values(f"arms/{arm}/joint_3", "position")
@@ -178,13 +178,13 @@ def test_rooted_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
     assert_allclose(free, CellVisuals(cell, "welded").poses(q), atol=1e-12)
 
 
-def test_thinned_links_are_light_and_keep_their_place(spatial: Replay) -> None:
+def test_decimated_links_are_light_and_keep_their_extent(spatial: Replay) -> None:
     bodies = CellVisuals(spatial.result.scenario.cell, "welded").bodies
     meshes = [visual.shape for body in bodies for visual in body.visuals]
     assert len(meshes) == 14
     for mesh in meshes:
         assert isinstance(mesh, Mesh)
-        thin = thinned(mesh, LINK_VERTICES)
+        thin = decimated(mesh, LINK_VERTICES)
         assert 300 < len(thin.vertices) <= LINK_VERTICES
         assert_allclose(thin.vertices.min(axis=0), mesh.vertices.min(axis=0), atol=0.012)
         assert_allclose(thin.vertices.max(axis=0), mesh.vertices.max(axis=0), atol=0.012)
@@ -219,7 +219,7 @@ def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -
 
 
 def drawn_vector(replay: Replay, path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where an arrow starts and where its point is from there, m, as three.js would draw it."""
+    """Start and vector of an arrow, m, as three.js draws it."""
     along = Rotation.from_quat(replay.values(path, "quaternion")).apply((0.0, 0.0, 1.0))
     head = (
         replay.values(f"{path}/head", "position")[:, 2]
@@ -249,19 +249,19 @@ def test_arrows_are_the_wrenches_of_the_result(
     assert np.linalg.norm(wanted_internal, axis=1).max() > least  # there was something to draw
 
 
-def test_the_legend_says_what_the_lengths_of_arrows_mean(replay: Replay) -> None:
+def test_the_legend_has_the_scales_of_the_arrows(replay: Replay) -> None:
     assert f"force: 0.1 m is {0.1 * replay.scales.newtons_per_metre:g} N<" in replay.page
     assert f"moment: 0.1 m is {0.1 * replay.scales.newton_metres_per_metre:g} N m<" in replay.page
 
 
-def test_moments_of_planar_arms_stand_upright(planar: Replay) -> None:
+def test_moments_of_planar_arms_are_vertical(planar: Replay) -> None:
     for arm in ("left", "right"):
         _, moment = drawn_vector(planar, f"moments/{arm}/internal")
         assert_allclose(moment[:, :2], 0.0, atol=1e-6)
         assert np.abs(moment[:, 2]).max() > 0.2
 
 
-def test_forces_and_moments_are_told_apart_by_their_heads(replay: Replay) -> None:
+def test_forces_and_moments_have_different_heads(replay: Replay) -> None:
     for group, points in (("forces", 1), ("moments", 2)):
         heads = replay.objects(f"{group}/left/internal/head/")
         assert len(heads) == points
@@ -278,7 +278,7 @@ def test_forces_and_moments_are_told_apart_by_their_heads(replay: Replay) -> Non
     assert moment["geometries"][0]["radiusTop"] < force["geometries"][0]["radiusTop"]
 
 
-def test_moments_that_are_not_there_have_neither_arrow_nor_legend(spatial: Replay) -> None:
+def test_undetermined_moments_have_neither_arrow_nor_legend(spatial: Replay) -> None:
     data = spatial.result.data.copy(deep=True)
     for name, value in (
         ("interaction_wrench", np.nan),
@@ -321,13 +321,13 @@ def test_the_push_is_drawn_on_the_payload_while_it_lasts(
     assert_allclose(drawn[~during], 0.0, atol=1e-6)
 
 
-def test_nothing_pushes_where_there_is_no_push(spatial: Replay) -> None:
+def test_a_run_without_a_push_has_no_arrow_for_it(spatial: Replay) -> None:
     assert not spatial.objects("forces/external")
     assert not spatial.objects("moments/external")
     assert "push on the payload" not in spatial.page
 
 
-def test_forces_hold_from_tick_to_tick_and_bodies_move_in_between(replay: Replay) -> None:
+def test_forces_are_held_between_ticks_and_bodies_are_interpolated(replay: Replay) -> None:
     hold = 2300  # three.js: InterpolateDiscrete
     for arrow in ("forces/left/internal", "forces/right/load", "moments/left/internal", "moments/right/load"):
         for path in (arrow, f"{arrow}/shaft", f"{arrow}/head"):
@@ -335,7 +335,7 @@ def test_forces_hold_from_tick_to_tick_and_bodies_move_in_between(replay: Replay
     assert {track.get("interpolation") for track in replay.tracks("payload").values()} == {None}
 
 
-def test_quaternions_bring_z_onto_any_vector() -> None:
+def test_quaternions_rotate_z_to_any_vector() -> None:
     vectors = np.concatenate(
         (np.random.default_rng(1).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1e-7, 0.0, -1.0]])
     )
@@ -363,7 +363,7 @@ def test_the_scales_of_arrows_are_round_and_fit_the_run(spatial: Replay, factor:
 
 
 class _References(HTMLParser):
-    """Collects everything by which a page could ask for something else."""
+    """Collects everything by which a page could request another file."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -382,7 +382,7 @@ class _References(HTMLParser):
 def test_the_page_refers_to_nothing_outside_itself(replay: Replay) -> None:
     references = _References()
     references.feed(replay.page)
-    assert references.found == ["link href=data:,", "link"]  # the empty icon, so that nobody asks for one
+    assert references.found == ["link href=data:,", "link"]  # an empty icon, so that browsers request none
     style = re.search(r"<style>(.*?)</style>", replay.page, re.DOTALL)[1]
     assert "url(" not in style
     assert "@import" not in style
@@ -425,8 +425,9 @@ def test_a_notebook_gets_the_same_page_in_a_frame(spatial: Replay) -> None:
     assert "height: 321px" in shown
 
 
-def test_importing_the_room_loads_no_viewer() -> None:
-    code = "import sys, coop_pin.viz; print([name for name in ('IPython', 'meshcat', 'matplotlib', 'zmq') if name in sys.modules])"
+def test_importing_the_package_loads_no_viewer() -> None:
+    viewers = ("IPython", "meshcat", "matplotlib", "zmq")
+    code = f"import sys, coop_pin.viz; print([name for name in {viewers} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -434,7 +435,7 @@ def test_importing_the_room_loads_no_viewer() -> None:
 # ---------------------------------------------------------------- locked joints
 
 
-def test_what_hangs_on_a_locked_joint_is_drawn_where_the_joint_is_held() -> None:
+def test_links_beyond_a_locked_joint_are_drawn_at_the_locked_position() -> None:
     locked = {"panda_finger_joint1": 0.03}  # the other finger mimics it
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()})
@@ -457,7 +458,7 @@ def test_what_hangs_on_a_locked_joint_is_drawn_where_the_joint_is_held() -> None
         assert_allclose(X_WJ @ pose, wanted, atol=1e-6)
 
 
-# ---------------------------------------------------------------- meshes that cannot be read
+# ---------------------------------------------------------------- unreadable meshes
 
 
 def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None:

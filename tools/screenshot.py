@@ -1,9 +1,8 @@
-"""Take a picture of a replay page at a given time, in a headless browser with the network off.
+"""Save an image of a replay page at a options time, drawn by a headless browser with the network off.
 
-    python tools/screenshot.py out/replay.html picture.png --time 6
+    python tools/screenshot.py out/replay.html image.png --time 6
 
-Of a result, ``coop-pin view RESULT --image FILE.png --time T`` does the same. The README's picture is made
-so:
+``coop-pin view RESULT --image FILE.png --time T`` does the same from a result. The README's image:
 
     coop-pin run adept-paper --out out
     coop-pin view out --image docs/images/adept-paper.png --time 0.1
@@ -14,25 +13,25 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from coop_pin.viz.export import HEIGHT, WIDTH, page_pictures
+from coop_pin.viz.export import HEIGHT, WIDTH, page_images
 
 
 def main() -> None:
-    """Read the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("replay", type=Path)
-    parser.add_argument("picture", type=Path)
+    parser.add_argument("image", type=Path)
     parser.add_argument("--time", type=float, default=6.0)
     parser.add_argument("--width", type=int, default=WIDTH)
     parser.add_argument("--height", type=int, default=HEIGHT)
-    given = parser.parse_args()
-    (picture,) = page_pictures(
-        given.replay.read_text(encoding="utf-8"), [given.time], given.width, given.height
+    options = parser.parse_args()
+    (image,) = page_images(
+        options.replay.read_text(encoding="utf-8"), [options.time], options.width, options.height
     )
-    given.picture.parent.mkdir(parents=True, exist_ok=True)
-    given.picture.write_bytes(picture)
+    options.image.parent.mkdir(parents=True, exist_ok=True)
+    options.image.write_bytes(image)
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ def write_pictures(run: Path, image: Path | None, time: float | None, video: Pat
 
     result = RunResult.load(run / RunFolder.RESULT if run.is_dir() else run)
     if image is not None:
-        save_image(result, image, time)
+        save_image(result, image, time=time)
         print(image.resolve(), flush=True)
     if video is not None:
         save_video(result, video)

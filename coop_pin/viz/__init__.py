@@ -1,6 +1,6 @@
-"""Showing runs: a 3-D replay or live view with the forces drawn, and figures. Shows what was recorded, computes no physics.
+"""3-D views of runs, with the forces drawn: live view, replay, images and videos, and a Jupyter panel.
 
-Everything is loaded on first use: meshcat and matplotlib take their time.
+Public names are loaded on first use: meshcat takes its time.
 """
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ _PUBLIC = {
     "LiveRun": "coop_pin.viz.live_run",
     "NotebookView": "coop_pin.viz.replay",
     "Panel": "coop_pin.viz.panel",
-    "Viewer": "coop_pin.viz.live_view",
-    "ViserView": "coop_pin.viz.viser_view",
     "notebook_view": "coop_pin.viz.replay",
-    "open_viser": "coop_pin.viz.viser_view",
     "open_view": "coop_pin.viz.live_view",
     "replay_html": "coop_pin.viz.replay",
     "save_image": "coop_pin.viz.export",

@@ -1,4 +1,8 @@
-"""Arrows: a shaft that stretches and a head that keeps its form, so that length is force, or moment, at every moment of time."""
+"""Arrows of forces and moments: shape, scales (N and N m per metre), and the arrows of wrenches over time.
+
+An arrow is a shaft that is stretched and a head that keeps its shape, so its length is proportional to the
+force or moment.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +20,28 @@ from coop_pin.results import Snapshot
 from coop_pin.viz.scene import Cone, Item, Paint, Track, translation
 
 HEAD_LENGTH_M = 0.05
-"""Of a whole head, however many points it has."""
+"""Length of a whole head, whether it has one point or two."""
 
-_SMALLEST = 1e-6
-"""Scales stay above this: a viewer must be able to invert them."""
+TYPICAL_LENGTH_M = 0.2
+"""Approximate length of the arrow of a typical force."""
+
+_SMALLEST_SCALE = 1e-6
+"""Lower bound of node scales: the viewer inverts them."""
+
+_GRAVITY = 9.81
+_NEGLIGIBLE = 1e-6
+"""N or N m; anything below is rounding error."""
+
+_SHORTEST_LEVER_M = 0.05
 
 
 class ArrowForm(NamedTuple):
-    """What an arrow looks like.
+    """Shape of an arrow.
 
     Attributes:
         shaft_radius: m.
         head_radius: m.
-        points: of the head, one behind the other.
+        points: number of points of the head, one behind the other.
     """
 
     shaft_radius: float
@@ -38,18 +51,18 @@ class ArrowForm(NamedTuple):
 
 FORCE_FORM = ArrowForm(0.007, 0.018, 1)
 MOMENT_FORM = ArrowForm(0.0045, 0.015, 2)
-"""Two points, as moments are drawn in mechanics: the axis of the turn, by the right hand."""
+"""Moments have two points, as is usual in mechanics; they lie along the axis, by the right-hand rule."""
 
 
 class ArrowSeries(NamedTuple):
-    """An arrow over time.
+    """Arrow over time.
 
     Attributes:
-        path: its node.
+        path: path of its node.
         colour: "#rrggbb".
-        form: what it looks like.
-        origin: where it starts, m, shape (n, 3).
-        vector: from there to its point, m, shape (n, 3).
+        form: its shape.
+        origin: its start, m, shape (n, 3).
+        vector: from its start to its point, m, shape (n, 3).
     """
 
     path: str
@@ -60,28 +73,28 @@ class ArrowSeries(NamedTuple):
 
 
 def arrow_items(series: ArrowSeries) -> tuple[Item, ...]:
-    """Return the parts of an arrow along z: a shaft of unit length, and the points of its head."""
+    """Return the drawables of an arrow along z: a shaft of unit length, and the points of its head."""
     paint, form = Paint(palette.rgb(series.colour), on_top=True), series.form
     shaft = Item(
         f"{series.path}/shaft/body", Cylinder(form.shaft_radius, 1.0), paint, translation((0.0, 0.0, 0.5))
     )
-    cone, names = Cone(form.head_radius, HEAD_LENGTH_M / form.points), ("body", "second")[: form.points]
-    tips = (
+    cone = Cone(form.head_radius, HEAD_LENGTH_M / form.points)
+    points = (
         Item(f"{series.path}/head/{name}", cone, paint, translation((0.0, 0.0, number * cone.length)))
-        for number, name in enumerate(names)
+        for number, name in enumerate(("body", "second")[: form.points])
     )
-    return (shaft, *tips)
+    return (shaft, *points)
 
 
 def arrow_tracks(series: ArrowSeries) -> tuple[Track, ...]:
-    """Return how an arrow follows its vector.
+    """Return the tracks of an arrow that follows its vector.
 
-    The head takes the last 50 mm; an arrow shorter than that is a small head alone. Wrenches hold from tick
-    to tick, and so do arrows.
+    The head is the last 50 mm; an arrow shorter than that is a reduced head without a shaft. Samples are
+    held, because wrenches are constant between control ticks.
     """
     length = np.linalg.norm(series.vector, axis=1)
-    head = np.clip(length / HEAD_LENGTH_M, _SMALLEST, 1.0)
-    shaft = np.maximum(length - HEAD_LENGTH_M, _SMALLEST)
+    head = np.clip(length / HEAD_LENGTH_M, _SMALLEST_SCALE, 1.0)
+    shaft = np.maximum(length - HEAD_LENGTH_M, _SMALLEST_SCALE)
     along = np.zeros((len(length), 3))
     along[:, 2] = np.maximum(length - HEAD_LENGTH_M, 0.0)
     return (
@@ -92,9 +105,10 @@ def arrow_tracks(series: ArrowSeries) -> tuple[Track, ...]:
 
 
 def quaternions_from_z(vectors: Array) -> Array:
-    """Return the shortest turns that bring z onto each vector, as quaternions x, y, z, w, shape (n, 4); no turn for a zero vector.
+    """Return the smallest rotation from z to each vector, as quaternions x, y, z, w, shape (n, 4).
 
-    For a unit vector u: ``(-u_y, u_x, 0, 1 + u_z)``, normalised; half a turn about x for u = -z.
+    For a unit vector u: ``(-u_y, u_x, 0, 1 + u_z)``, normalised; half a turn about x for
+    u = -z. A zero vector gives the identity.
     """
     norm = np.linalg.norm(vectors, axis=1, keepdims=True)
     u = np.divide(vectors, norm, out=np.tile((0.0, 0.0, 1.0), (len(vectors), 1)), where=norm > 1e-12)
@@ -103,23 +117,12 @@ def quaternions_from_z(vectors: Array) -> Array:
     return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
 
 
-TYPICAL_LENGTH_M = 0.2
-"""About how long the arrow of a typical force is."""
-
-_GRAVITY = 9.81
-_NOTHING = 1e-6
-"""N or N m; less is rounding."""
-
-_SHORTEST_LEVER_M = 0.05
-_ROUNDING = 1e-12
-
-
 class ArrowScales(NamedTuple):
-    """What a metre of an arrow stands for.
+    """Force and moment that an arrow of one metre stands for.
 
     Attributes:
-        newtons_per_metre: of forces, N/m.
-        newton_metres_per_metre: of moments, N m/m; None where there is no moment to draw.
+        newtons_per_metre: N/m.
+        newton_metres_per_metre: N m/m; None if there are no moments to draw.
     """
 
     newtons_per_metre: float
@@ -127,76 +130,65 @@ class ArrowScales(NamedTuple):
 
 
 def recorded_scales(cell: Cell, data: xr.Dataset) -> ArrowScales:
-    """Return the scales of a recorded run: its median internal force is about 0.2 m long; the median load where there is none.
+    """Return the scales of a recorded run.
+
+    The median internal force, or the median interaction force if there is none, is about 0.2 m long.
 
     Args:
-        cell: the description.
-        data: the result's.
+        cell: the cell.
+        data: dataset of the result.
     """
+    medians = (
+        float(np.median(np.linalg.norm(np.nan_to_num(data[name].values)[..., :3], axis=-1)))
+        for name in ("internal_wrench", "interaction_wrench")
+    )
+    typical = next((force for force in medians if force > _NEGLIGIBLE), 1.0)
     moments = np.nan_to_num(data["interaction_wrench"].values)[..., 3:]
-    return _scales(cell, _typical_recorded(data), bool(np.abs(moments).max(initial=0.0) > _NOTHING))
+    return _scales(cell, typical, has_moments=bool(np.abs(moments).max(initial=0.0) > _NEGLIGIBLE))
 
 
-def expected_scales(cell: Cell, first: Snapshot) -> ArrowScales:
-    """Return the scales of a run that is yet to come: its desired squeeze is about 0.2 m long, or without one the weight on one arm.
+def expected_scales(cell: Cell, initial: Snapshot) -> ArrowScales:
+    """Return the scales of a run before it starts.
+
+    The desired squeeze, or the payload's weight per arm if there is none, is about 0.2 m long.
 
     Args:
-        cell: the description.
-        first: where everything stands at the start; rows of wrenches that rigid bodies do not determine are
-            NaN.
+        cell: the cell.
+        initial: initial snapshot; wrench rows that are not statically determinate are NaN.
     """
-    squeeze = largest_force(first.desired_internal_wrench)
-    typical = squeeze if squeeze > _NOTHING else cell.payload.mass * _GRAVITY / len(cell.arms)
-    return _scales(cell, typical, bool(np.isfinite(first.interaction_wrench[:, 3:]).any()))
+    squeeze = largest_force(initial.desired_internal_wrench)
+    typical = squeeze if squeeze > _NEGLIGIBLE else cell.payload.mass * _GRAVITY / len(cell.arms)
+    return _scales(cell, typical, has_moments=bool(np.isfinite(initial.interaction_wrench[:, 3:]).any()))
 
 
 def largest_force(wrenches: Array) -> float:
-    """Return the largest force of all arms, N, wrenches of shape (m, 6); rows that rigid bodies do not determine count as zero."""
+    """Return the largest force of all arms, N; wrenches have shape (m, 6), and NaN counts as zero."""
     return float(np.linalg.norm(np.nan_to_num(wrenches)[:, :3], axis=1).max())
 
 
-def _typical_recorded(data: xr.Dataset) -> float:
-    for name in ("internal_wrench", "interaction_wrench"):
-        typical = float(np.median(np.linalg.norm(np.nan_to_num(data[name].values)[..., :3], axis=-1)))
-        if typical > _NOTHING:
-            return typical
-    return 1.0
+def _scales(cell: Cell, typical_force: float, *, has_moments: bool) -> ArrowScales:
+    """Return both scales: a moment is at least as long as its force on the longest lever from P to a grasp."""
+    per_metre = _round_number(typical_force / TYPICAL_LENGTH_M, up=True)
+    levers = (float(np.linalg.norm(grasp.matrix[:3, 3])) for grasp in cell.grasps.values())
+    lever = max(_SHORTEST_LEVER_M, *levers)
+    return ArrowScales(per_metre, _round_number(per_metre * lever, up=False) if has_moments else None)
 
 
-def _scales(cell: Cell, typical_force: float, has_moments: bool) -> ArrowScales:
-    """Return both scales: a moment is about as long as the force that makes it with the lever from P to a grasp, or longer."""
-    per_metre = _round_up(typical_force / TYPICAL_LENGTH_M)
-    lever = max(
-        _SHORTEST_LEVER_M, *(float(np.linalg.norm(grasp.matrix[:3, 3])) for grasp in cell.grasps.values())
-    )
-    return ArrowScales(per_metre, _round_down(per_metre * lever) if has_moments else None)
-
-
-def _round_up(value: float) -> float:
-    """Return the next greater of 1, 2, 5, 10, ... times a power of ten."""
-    return next(step for step in _round_numbers(value) if step >= value * (1 - _ROUNDING))
-
-
-def _round_down(value: float) -> float:
-    """Return the next smaller of 1, 2, 5, 10, ... times a power of ten."""
-    return next(step for step in reversed(_round_numbers(value)) if step <= value * (1 + _ROUNDING))
-
-
-def _round_numbers(value: float) -> list[float]:
-    """Return the round numbers about a value, in order."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return [float(step * power) for step in (0.5, 1.0, 2.0, 5.0, 10.0)]
+def _round_number(value: float, *, up: bool) -> float:
+    """Return a value rounded up or down to 1, 2 or 5 times a power of ten."""
+    steps = np.array((0.5, 1.0, 2.0, 5.0, 10.0)) * 10.0 ** np.floor(np.log10(value))
+    return float(steps[steps >= value * (1 - 1e-12)][0] if up else steps[steps <= value * (1 + 1e-12)][-1])
 
 
 class Wrenches(NamedTuple):
-    """What acts on arms and payload over time, about P in world axes; rows that rigid bodies do not determine are NaN.
+    """Wrenches on arms and payload over time, about P in world axes; rows that are not determinate are NaN.
 
     Attributes:
-        tips: where the wrenches on the arms are drawn, m, shape (n, m, 3).
-        interaction: on each arm by the payload, shape (n, m, 6).
-        internal: the internal part of them, likewise.
+        tips: end-effector positions, at which the wrenches on the arms are drawn, m, shape (n, m, 3).
+        interaction: wrench on each arm by the payload, shape (n, m, 6).
+        internal: its internal part, shape (n, m, 6).
         payload: position of P, m, shape (n, 3).
-        external: on the payload, shape (n, 6).
+        external: external wrench on the payload, shape (n, 6).
     """
 
     tips: Array
@@ -207,51 +199,47 @@ class Wrenches(NamedTuple):
 
 
 def recorded_wrenches(data: xr.Dataset) -> Wrenches:
-    """Return the wrenches of a result's samples."""
+    """Return the wrenches of a recorded run."""
     names = ("tip_position", "interaction_wrench", "internal_wrench", "payload_position", "external_wrench")
     return Wrenches(*(data[name].values for name in names))
 
 
-def wrenches_at(moment: Snapshot) -> Wrenches:
-    """Return the wrenches of a run under way, as one sample."""
+def snapshot_wrenches(snapshot: Snapshot) -> Wrenches:
+    """Return the wrenches of a snapshot, as one sample."""
     parts = (
-        moment.tip_position,
-        moment.interaction_wrench,
-        moment.internal_wrench,
-        moment.payload_pose[:3, 3],
-        moment.external_wrench,
+        snapshot.tip_position,
+        snapshot.interaction_wrench,
+        snapshot.internal_wrench,
+        snapshot.payload_pose[:3, 3],
+        snapshot.external_wrench,
     )
     return Wrenches(*(part[None] for part in parts))
 
 
 def wrench_arrows(arms: Sequence[str], wrenches: Wrenches, scales: ArrowScales) -> tuple[ArrowSeries, ...]:
-    """Return the arrows; an undetermined row counts as zero. Moments are left out where they have no scale.
+    """Return the arrows of wrenches; NaN counts as zero, and moments without a scale are left out.
 
     Args:
-        arms: their names.
-        wrenches: what acts on them.
-        scales: what an arrow's length means.
+        arms: names of the arms.
+        wrenches: wrenches on arms and payload.
+        scales: scales of the arrows.
     """
-    forces = _arrows("forces", arms, wrenches, slice(0, 3), FORCE_FORM, scales.newtons_per_metre)
-    if scales.newton_metres_per_metre is None:
-        return forces
-    return (
-        *forces,
-        *_arrows("moments", arms, wrenches, slice(3, 6), MOMENT_FORM, scales.newton_metres_per_metre),
-    )
-
-
-def _arrows(
-    group: str, arms: Sequence[str], wrenches: Wrenches, rows: slice, form: ArrowForm, per_metre: float
-) -> tuple[ArrowSeries, ...]:
-    """Return the arrows of the forces, or of the moments: rows of the wrenches, drawn at a scale in N/m, or N m/m."""
-    whole, internal = (
-        np.nan_to_num(part)[..., rows] / per_metre for part in (wrenches.interaction, wrenches.internal)
+    groups = (
+        ("forces", slice(0, 3), FORCE_FORM, scales.newtons_per_metre),
+        ("moments", slice(3, 6), MOMENT_FORM, scales.newton_metres_per_metre),
     )
     series: list[ArrowSeries] = []
-    for index, arm in enumerate(arms):
-        tip, inner = wrenches.tips[:, index], internal[:, index]
-        series.append(ArrowSeries(f"{group}/{arm}/load", palette.LOAD, form, tip, whole[:, index] - inner))
-        series.append(ArrowSeries(f"{group}/{arm}/internal", palette.INTERNAL, form, tip, inner))
-    push = wrenches.external[:, rows] / per_metre
-    return (*series, ArrowSeries(f"{group}/external", palette.EXTERNAL, form, wrenches.payload, push))
+    for group, rows, form, per_metre in groups:
+        if per_metre is None:
+            continue
+        whole, internal, push = (
+            np.nan_to_num(part)[..., rows] / per_metre
+            for part in (wrenches.interaction, wrenches.internal, wrenches.external)
+        )
+        for index, arm in enumerate(arms):
+            tip, inner = wrenches.tips[:, index], internal[:, index]
+            load = whole[:, index] - inner
+            series.append(ArrowSeries(f"{group}/{arm}/load", palette.LOAD, form, tip, load))
+            series.append(ArrowSeries(f"{group}/{arm}/internal", palette.INTERNAL, form, tip, inner))
+        series.append(ArrowSeries(f"{group}/external", palette.EXTERNAL, form, wrenches.payload, push))
+    return tuple(series)

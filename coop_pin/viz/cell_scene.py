@@ -1,4 +1,7 @@
-"""The scene of a recorded run: arms, payload, where it should be, its trail, the floor, and the wrenches on the arms."""
+"""3-D scene of a cell: arms, payload, grasp frames, paths, floor, arrows, camera and warning colours.
+
+``cell_scene`` is the scene of a recorded run, for replays; its parts serve ``live_scene`` too.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,39 @@ from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Mesh, half_extents, payload_shape
 from coop_pin.model.visuals import Body, CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.viz.arrows import arrow_items, arrow_tracks, recorded_scales, recorded_wrenches, wrench_arrows
-from coop_pin.viz.meshes import grid_points, thinned, tube
-from coop_pin.viz.scene import Camera, Item, Paint, Scene, Segments, Track, translation
+from coop_pin.viz.arrows import (
+    ArrowSeries,
+    arrow_items,
+    arrow_tracks,
+    recorded_scales,
+    recorded_wrenches,
+    wrench_arrows,
+)
+from coop_pin.viz.scene import (
+    Camera,
+    Item,
+    Paint,
+    Scene,
+    Segments,
+    Track,
+    decimated,
+    grid_points,
+    translation,
+    tube,
+)
+
+FRAMES_PER_SECOND = 30.0
+LINK_VERTICES = 1500
+"""Largest number of vertices of one link's mesh."""
+
+TRAIL_SPACING_M = 0.004
+TRAIL_RADIUS_M = 0.0025
+_TRIAD_M = 0.05
+_GHOST_SCALE = 0.97
+"""The ghost at the desired pose is smaller than the payload, so that it is hidden while there is no error."""
+
+_GRID_M = 0.25
+_FLOOR_M = 3.0
 
 _FIELD_OF_VIEW_DEG = 32.0
 _AZIMUTH_DEG = 22.0
@@ -23,165 +56,64 @@ _ELEVATION_DEG = 24.0
 _PLANAR_ELEVATION_DEG = 42.0
 _MARGIN = 1.15
 
-
-def camera_on(cell: Cell, points: Array, tips: Array, floor: float) -> Camera:
-    """Return a camera that has the whole cell in view, the first arm on the left and the last on the right.
-
-    It stands a little aside, where it sees the line between the tips more from its side. Planar cells are
-    seen from higher up.
-
-    Args:
-        cell: the description.
-        points: what must be in view, m, shape (n, 3); the arms' bases are added.
-        tips: where the tips are, m, shape (n, m, 3).
-        floor: height of the floor, m.
-    """
-    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
-    feet = bases * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
-    seen = np.concatenate((points, bases, feet))
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    target, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
-    distance = _MARGIN * max(radius, 0.3) / np.sin(np.radians(_FIELD_OF_VIEW_DEG / 2.0))
-    elevation = _PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG
-    return Camera(
-        target + distance * _direction(bases, (tips[:, -1] - tips[:, 0]).mean(axis=0), elevation),
-        target,
-        _FIELD_OF_VIEW_DEG,
-    )
-
-
-def _direction(bases: Array, line: Array, elevation_deg: float) -> Array:
-    """Return the unit vector from the target to the camera; line is that between the tips."""
-    across = bases[-1, :2] - bases[0, :2]
-    if np.linalg.norm(across) < 1e-6:
-        across = np.array((1.0, 0.0))
-    front = np.arctan2(across[1], across[0]) - np.pi / 2.0
-    sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
-    heading = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))
-    elevation = np.radians(elevation_deg)
-    return np.array(
-        (np.cos(heading) * np.cos(elevation), np.sin(heading) * np.cos(elevation), np.sin(elevation))
-    )
-
-
 NEAR_SINGULAR = 100.0
-"""From this condition number of its payload Jacobian on an arm counts as near a singular pose; healthy arms have 5 to 20."""
+"""Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
 
-IS_PLAIN, IS_SINGULAR, IS_SATURATED = 0, 1, 2
+PLAIN, SINGULAR, SATURATED = 0, 1, 2
+"""Codes of warning colours."""
 
-COLOURS = (None, palette.rgb(palette.SINGULAR), palette.rgb(palette.SATURATED))
-"""By code; None is the body's own colour."""
+WARNING_COLOURS = (None, palette.rgb(palette.SINGULAR), palette.rgb(palette.SATURATED))
+"""Warning colours by code; None is the body's own colour."""
 
 Codes = NDArray[np.int8]
 
 
-def body_tints(
-    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
-) -> Codes:
-    """Return the code of every body's colour: the whole arm for a singular pose, the link that a drive moves for its saturation.
-
-    Args:
-        bodies: ``<arm>/<joint>`` or ``<arm>/base``.
-        joints: of each arm, in the order of its drives; the arms in the order of the arrays.
-        saturated: shape (n, m, k).
-        condition: of the payload Jacobians, shape (n, m).
-
-    Returns:
-        Codes, shape (n, bodies).
-    """
-    arms = list(joints)
-    codes = np.full((len(condition), len(bodies)), IS_PLAIN, dtype=np.int8)
-    for index, body in enumerate(bodies):
-        name, _, joint = body.partition("/")
-        arm = arms.index(name)
-        codes[condition[:, arm] >= NEAR_SINGULAR, index] = IS_SINGULAR
-        if joint in joints[name]:
-            codes[saturated[:, arm, joints[name].index(joint)], index] = IS_SATURATED
-    return codes
-
-
-def tint_changes(time: Array, codes: Codes) -> list[list[float]]:
-    """Return ``[time, body, code]`` of every change, in order of time; nothing for bodies that stay plain.
-
-    Args:
-        time: s, shape (n,).
-        codes: shape (n, bodies).
-    """
-    before = np.concatenate((np.full((1, codes.shape[1]), IS_PLAIN, dtype=np.int8), codes[:-1]))
-    return [
-        [float(time[sample]), int(body), int(codes[sample, body])]
-        for sample, body in np.argwhere(codes != before)
-    ]
-
-
-FRAMES_PER_SECOND = 30.0
-LINK_VERTICES = 1500
-"""Most vertices of one link's mesh."""
-
-TRAIL_SPACING_M = 0.004
-TRAIL_RADIUS_M = 0.0025
-_TRIAD_M = 0.05
-_GHOST_SCALE = 0.97
-"""The ghost is smaller than the payload, so that it hides inside while the payload is where it should be."""
-
-_GRID_M = 0.25
-_FLOOR_M = 3.0
-
-
 def cell_scene(
-    result: RunResult, frames_per_second: float = FRAMES_PER_SECOND, arms: CellVisuals | None = None
+    result: RunResult, *, frames_per_second: float = FRAMES_PER_SECOND, arms: CellVisuals | None = None
 ) -> Scene:
-    """Return everything there is to see of a run.
+    """Return the scene of a recorded run.
 
-    The keyframes are recorded samples at their recorded times: nothing is interpolated here.
+    Keyframes are recorded samples at their recorded times; nothing is interpolated here.
 
     Args:
         result: the run.
-        frames_per_second: of the keyframes; the recording's own rate where that is lower.
-        arms: what the arms look like; read here when omitted.
+        frames_per_second: rate of the keyframes; never above the recording's own rate.
+        arms: visual shapes of the arms; read from the URDFs when omitted.
     """
-    scenario, kept = result.scenario, replay_samples(result.data["time"].values, frames_per_second)
+    cell, kept = result.scenario.cell, replay_samples(result.data["time"].values, frames_per_second)
     data = result.data.isel(time=kept)
-    arms = CellVisuals(scenario.cell, scenario.plant.payload) if arms is None else arms
+    arms = CellVisuals(cell, result.scenario.plant.payload) if arms is None else arms
     poses = arms.poses(data["configuration"].values)
-    path = data["payload_position"].values
-    scales = recorded_scales(scenario.cell, result.data)
-    arrows = [
-        arrow
-        for arrow in wrench_arrows(list(scenario.cell.arms), recorded_wrenches(data), scales)
-        if arrow.vector.any()
-    ]
-    floor = floor_height(scenario.cell, arms.bodies)
-    camera = camera_on(
-        scenario.cell,
-        np.concatenate((poses[..., :3].reshape(-1, 3), path)),
-        data["tip_position"].values,
-        floor,
+    series = wrench_arrows(list(cell.arms), recorded_wrenches(data), recorded_scales(cell, result.data))
+    arrows = [arrow for arrow in series if arrow.vector.any()]
+    path, desired = data["payload_position"].values, data["desired_position"].values
+    items, camera = cell_items(
+        cell,
+        arms.bodies,
+        points=np.concatenate((poses[..., :3].reshape(-1, 3), path)),
+        tips=data["tip_position"].values,
+        desired_path=desired,
+        arrows=arrows,
     )
-    items = (
-        *floor_items(camera.target, floor),
-        *(item for body in arms.bodies for item in body_items(body)),
-        *payload_items(scenario.cell),
-        *_trail_items(path, data["desired_position"].values),
-        *(item for arrow in arrows for item in arrow_items(arrow)),
-    )
-    tracks = (
-        *(
-            Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:])
-            for body, pose in zip(arms.bodies, poses.swapaxes(0, 1), strict=True)
-        ),
-        Track("payload", path, data["payload_quaternion"].values),
-        Track("desired", data["desired_position"].values, data["desired_quaternion"].values),
-        *(track for arrow in arrows for track in arrow_tracks(arrow)),
+    trail = tube(path, TRAIL_RADIUS_M, TRAIL_SPACING_M)
+    if trail is not None:
+        paint = Paint(palette.rgb(palette.ACTUAL), lit=False)
+        items = (*items, Item("trails/actual", trail, paint, np.eye(4)))
+    tracks = cell_tracks(
+        arms.bodies,
+        poses,
+        np.column_stack((path, data["payload_quaternion"].values)),
+        np.column_stack((desired, data["desired_quaternion"].values)),
+        arrows,
     )
     return Scene(items, data["time"].values, tracks, camera)
 
 
 def replay_samples(time: Array, frames_per_second: float) -> Array:
-    """Return the indices of the recorded samples nearest to an even frame rate, the first and the last among them.
+    """Return the indices of the recorded samples nearest to an even frame rate, with the first and the last.
 
     Args:
-        time: of the samples, s, increasing, shape (n,).
+        time: times of the samples, s, increasing, shape (n,).
         frames_per_second: 1/s.
     """
     wanted = np.arange(time[0], time[-1], 1.0 / frames_per_second)
@@ -192,8 +124,112 @@ def replay_samples(time: Array, frames_per_second: float) -> Array:
     return np.unique(np.append(nearest, len(time) - 1))
 
 
-def floor_height(cell: Cell, bodies: tuple[Body, ...]) -> float:
-    """Return the lowest point of what stands still, m; the lowest base where nothing is drawn of it."""
+def cell_items(
+    cell: Cell,
+    bodies: tuple[Body, ...],
+    *,
+    points: Array,
+    tips: Array,
+    desired_path: Array,
+    arrows: Sequence[ArrowSeries],
+) -> tuple[tuple[Item, ...], Camera]:
+    """Return the drawables of a cell, and a camera that shows all of it.
+
+    Args:
+        cell: the cell.
+        bodies: visual shapes of the arms.
+        points: points that the camera must show, m, shape (n, 3); the bases of the arms are added.
+        tips: end-effector positions, m, shape (n, m, 3).
+        desired_path: desired path of P, m, shape (n, 3).
+        arrows: arrows of the wrenches.
+    """
+    floor = _floor_height(cell, bodies)
+    camera = _camera(cell, points, tips, floor)
+    mesh = tube(desired_path, 2.0 * TRAIL_RADIUS_M, TRAIL_SPACING_M)
+    paint = Paint(palette.rgb(palette.DESIRED), 0.5, lit=False)
+    items = (
+        *_floor_items(camera.target, floor),
+        *(item for body in bodies for item in _body_items(body)),
+        *_payload_items(cell),
+        *(() if mesh is None else (Item("trails/desired", mesh, paint, np.eye(4)),)),
+        *(item for arrow in arrows for item in arrow_items(arrow)),
+    )
+    return items, camera
+
+
+def cell_tracks(
+    bodies: tuple[Body, ...], poses: Array, payload: Array, desired: Array, arrows: Sequence[ArrowSeries]
+) -> tuple[Track, ...]:
+    """Return the tracks of all moving nodes: bodies, payload, desired pose, arrows.
+
+    Args:
+        bodies: visual shapes of the arms, b in number.
+        poses: position (m) and quaternion x, y, z, w of each body, shape (n, b, 7).
+        payload: the same of the payload, shape (n, 7).
+        desired: the same of its desired pose, shape (n, 7).
+        arrows: arrows of the wrenches.
+    """
+    paths = (*(f"arms/{body.name}" for body in bodies), "payload", "desired")
+    moved = (*poses.swapaxes(0, 1), payload, desired)
+    return (
+        *(Track(path, pose[:, :3], pose[:, 3:]) for path, pose in zip(paths, moved, strict=True)),
+        *(track for arrow in arrows for track in arrow_tracks(arrow)),
+    )
+
+
+def warning_colours(
+    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
+) -> Codes:
+    """Return the codes of the bodies' warning colours.
+
+    The whole arm has a warning colour near a singularity, the driven link at a torque limit.
+
+    Args:
+        bodies: ``<arm>/<joint>`` or ``<arm>/base``.
+        joints: driven joints of each arm, in the order of the arrays.
+        saturated: whether a torque is at its limit, shape (n, m, k).
+        condition: condition numbers of the payload Jacobians, shape (n, m).
+
+    Returns:
+        Codes, shape (n, bodies).
+    """
+    arms = list(joints)
+    codes = np.full((len(condition), len(bodies)), PLAIN, dtype=np.int8)
+    for index, body in enumerate(bodies):
+        name, _, joint = body.partition("/")
+        arm = arms.index(name)
+        codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR
+        if joint in joints[name]:
+            codes[saturated[:, arm, joints[name].index(joint)], index] = SATURATED
+    return codes
+
+
+def _camera(cell: Cell, points: Array, tips: Array, floor: float) -> Camera:
+    """Return a camera that shows the whole cell, the first arm on the left and the last on the right.
+
+    Its azimuth is a little off the front, to the side from which the line between the tips appears longer.
+    Planar cells are seen from higher up.
+    """
+    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
+    feet = bases * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
+    seen = np.concatenate((points, bases, feet))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    target, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
+    distance = _MARGIN * max(radius, 0.3) / np.sin(np.radians(_FIELD_OF_VIEW_DEG / 2.0))
+    across, line = bases[-1, :2] - bases[0, :2], (tips[:, -1] - tips[:, 0]).mean(axis=0)
+    if np.linalg.norm(across) < 1e-6:
+        across = np.array((1.0, 0.0))
+    front = np.arctan2(across[1], across[0]) - np.pi / 2.0
+    sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
+    azimuth = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))
+    elevation = np.radians(_PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG)
+    level = np.cos(elevation)
+    outwards = np.array((np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)))
+    return Camera(target + distance * outwards, target, _FIELD_OF_VIEW_DEG)
+
+
+def _floor_height(cell: Cell, bodies: tuple[Body, ...]) -> float:
+    """Return the height of the lowest fixed visual, m; of the lowest base if no fixed part has a visual."""
     lowest = [arm.base.xyz[2] for arm in cell.arms.values()]
     for body in bodies:
         arm, _, part = body.name.partition("/")
@@ -203,67 +239,8 @@ def floor_height(cell: Cell, bodies: tuple[Body, ...]) -> float:
     return min(lowest)
 
 
-def body_items(body: Body) -> tuple[Item, ...]:
-    """Return the shapes of a body, on its node."""
-    items: list[Item] = []
-    for visual in body.visuals:
-        shape = thinned(visual.shape, LINK_VERTICES) if isinstance(visual.shape, Mesh) else visual.shape
-        items.append(
-            Item(
-                f"arms/{body.name}/{visual.name}",
-                shape,
-                Paint(visual.colour[:3], visual.colour[3]),
-                visual.pose,
-            )
-        )
-    return tuple(items)
-
-
-def payload_items(cell: Cell) -> tuple[Item, ...]:
-    """Return the payload with its grasp frames, and the ghost where it should be, on their nodes."""
-    shape, ghost, X_PS = (
-        payload_shape(cell.payload),
-        payload_shape(cell.payload, _GHOST_SCALE),
-        cell.payload.shape_pose.matrix,
-    )
-    grasps = (
-        Item(f"payload/grasps/{name}", _triad(), Paint((1.0, 1.0, 1.0), on_top=True), grasp.matrix)
-        for name, grasp in cell.grasps.items()
-    )
-    return (
-        Item("payload/shape", shape, Paint(palette.rgb(palette.ACTUAL)), X_PS),
-        Item("desired/shape", ghost, Paint(palette.rgb(palette.DESIRED), opacity=0.35), X_PS),
-        *grasps,
-    )
-
-
-def _triad() -> Segments:
-    ends = np.zeros((6, 3))
-    ends[1::2] = _TRIAD_M * np.eye(3)
-    return Segments(
-        ends, np.repeat(np.array(((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.25, 0.9))), 2, axis=0)
-    )
-
-
-def _trail_items(actual: Array, desired: Array) -> tuple[Item, ...]:
-    mesh = tube(actual, TRAIL_RADIUS_M, TRAIL_SPACING_M)
-    trail = (
-        ()
-        if mesh is None
-        else (Item("trails/actual", mesh, Paint(palette.rgb(palette.ACTUAL), lit=False), np.eye(4)),)
-    )
-    return (*trail, *desired_path_items(desired))
-
-
-def desired_path_items(positions: Array) -> tuple[Item, ...]:
-    """Return the path that P should take, m, shape (n, 3); nothing where it does not go anywhere."""
-    mesh = tube(positions, 2.0 * TRAIL_RADIUS_M, TRAIL_SPACING_M)
-    paint = Paint(palette.rgb(palette.DESIRED), 0.5, lit=False)
-    return () if mesh is None else (Item("trails/desired", mesh, paint, np.eye(4)),)
-
-
-def floor_items(target: Array, height: float) -> tuple[Item, ...]:
-    """Return the floor under a point, m, shape (3,), at a height, m."""
+def _floor_items(target: Array, height: float) -> tuple[Item, ...]:
+    """Return the floor with its grid under a point, m, shape (3,), at a height, m."""
     x, y = np.round(target[:2] / _GRID_M) * _GRID_M
     points = grid_points(_FLOOR_M, _GRID_M)
     lines = Segments(points, np.tile(palette.rgb(palette.FLOOR_LINES), (len(points), 1)))
@@ -271,4 +248,28 @@ def floor_items(target: Array, height: float) -> tuple[Item, ...]:
     return (
         Item("floor/slab", slab, Paint(palette.rgb(palette.FLOOR)), translation((x, y, height - 0.006))),
         Item("floor/grid", lines, Paint((1.0, 1.0, 1.0)), translation((x, y, height))),
+    )
+
+
+def _body_items(body: Body) -> tuple[Item, ...]:
+    """Return the visual shapes of a body, on its node."""
+    items: list[Item] = []
+    for visual in body.visuals:
+        shape = decimated(visual.shape, LINK_VERTICES) if isinstance(visual.shape, Mesh) else visual.shape
+        paint = Paint(visual.colour[:3], visual.colour[3])
+        items.append(Item(f"arms/{body.name}/{visual.name}", shape, paint, visual.pose))
+    return tuple(items)
+
+
+def _payload_items(cell: Cell) -> tuple[Item, ...]:
+    """Return the payload with its grasp frames, and the ghost at the desired pose."""
+    shape, ghost = payload_shape(cell.payload), payload_shape(cell.payload, _GHOST_SCALE)
+    X_PS, ends = cell.payload.shape_pose.matrix, np.zeros((6, 3))
+    ends[1::2] = _TRIAD_M * np.eye(3)
+    axes = np.array(((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.25, 0.9)))
+    triad, white = Segments(ends, np.repeat(axes, 2, axis=0)), Paint((1.0, 1.0, 1.0), on_top=True)
+    return (
+        Item("payload/shape", shape, Paint(palette.rgb(palette.ACTUAL)), X_PS),
+        Item("desired/shape", ghost, Paint(palette.rgb(palette.DESIRED), opacity=0.35), X_PS),
+        *(Item(f"payload/grasps/{name}", triad, white, X_PG.matrix) for name, X_PG in cell.grasps.items()),
     )

@@ -1,4 +1,7 @@
-"""Images and videos of runs, drawn by a headless browser from the replay page: no display, no graphics card, no network."""
+"""Image and video export of runs: a headless browser draws the replay page.
+
+Neither a display nor a graphics card nor a network is needed.
+"""
 
 from __future__ import annotations
 
@@ -27,135 +30,45 @@ from coop_pin.errors import (
 )
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
+from coop_pin.viz.cell_scene import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html
+
+WIDTH, HEIGHT = 1200, 720
+_MIN_PIXELS = 64
+_QUALITY = 8
+"""Of 10."""
+
+_ROUNDING = 1e-9
 
 _VARIABLE = "CHROMIUM"
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-_MAC = Path("/Applications/Google Chrome.app/Contents/MacOS/Google Chrome")
+_MAC = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
 _ARGUMENTS = (
-    "--use-angle=swiftshader",  # draws in software: the same picture on every machine
+    "--use-angle=swiftshader",  # renders in software: the same image on every machine
     "--enable-unsafe-swiftshader",
     "--disable-quic",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
 )
-_PATIENCE_MS = 120_000
-"""Drawing in software takes its time on a small machine."""
+_TIMEOUT_MS = 120_000
+"""Rendering in software is slow on small machines."""
 
-_Answer = TypeVar("_Answer")
+_HIDE_CONTROLS = "#play, #speed, .dg { display: none !important; }"
+_NEXT_FRAME = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
-
-@contextmanager
-def offline_page(width: int, height: int) -> Iterator[Any]:
-    """Open a playwright page without a network, and end its browser afterwards.
-
-    Args:
-        width: pixels.
-        height: pixels.
-
-    Raises:
-        MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: the browser does not start, or the page reported an error.
-    """
-    sync_api, complaints = _playwright(), []
-    with sync_api.sync_playwright() as driver:
-        path = find_browser(Path(driver.chromium.executable_path))
-        try:
-            browser = launch(driver, path)
-            page = browser.new_context(viewport={"width": width, "height": height}, offline=True).new_page()
-            page.set_default_timeout(_PATIENCE_MS)
-            page.on("pageerror", lambda error: complaints.append(str(error)))
-            yield page
-            browser.close()
-        except sync_api.Error as error:
-            raise BrowserError(path, "; ".join((*complaints, str(error).strip().split("\n")[0]))) from error
-    if complaints:
-        raise BrowserError(path, "; ".join(complaints))
-
-
-def launch(driver: Any, path: str) -> Any:
-    """Start a browser and return playwright's handle on it.
-
-    Args:
-        driver: playwright's.
-        path: of the browser.
-    """
-    return driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=_without_display())
-
-
-def find_browser(own: Path) -> str:
-    """Return the path of a Chromium: the one in the variable CHROMIUM, playwright's own, or one of the system's.
-
-    Args:
-        own: where playwright puts its own.
-
-    Raises:
-        BrowserNotFoundError: there is none, or not where the variable says.
-    """
-    named = os.environ.get(_VARIABLE)
-    if named:
-        found = shutil.which(named)
-        if found is None:
-            raise BrowserNotFoundError((f"{_VARIABLE}={named}",))
-        return found
-    if own.is_file():
-        return str(own)
-    installed = (shutil.which(name) for name in (*_NAMES, str(_MAC)))
-    path = next((path for path in installed if path is not None), None)
-    if path is None:
-        raise BrowserNotFoundError((_VARIABLE, str(own), *_NAMES))
-    return path
-
-
-def in_own_thread(job: Callable[[threading.Event], _Answer]) -> _Answer:
-    """Return what a job returns that runs in a thread of its own: playwright refuses to work in one with an event loop, as notebooks have.
-
-    Args:
-        job: is given an event that is set when nobody waits for it any more; then it should end soon.
-    """
-    stop = threading.Event()
-    with ThreadPoolExecutor(1, "coop_pin pictures") as pool:
-        try:
-            return pool.submit(job, stop).result()
-        finally:
-            stop.set()  # after Ctrl-C the job has not ended yet
-
-
-def _without_display() -> dict[str, str | float | bool]:
-    """Return our environment without its display: a browser that finds one tries to draw with it, even where it cannot be reached."""
-    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-
-
-def _playwright() -> Any:
-    try:
-        from playwright import sync_api
-    except ImportError:
-        raise MissingExtraError("playwright", "video", "to draw pictures") from None
-    return sync_api
-
-
-WIDTH, HEIGHT = 1200, 720
-FRAMES_PER_SECOND = 30.0
-_LEAST_PIXELS = 64
-_QUALITY = 8
-"""Of 10."""
-
-_ROUNDING = 1e-9
-_WITHOUT_BUTTONS = "#play, #speed, .dg { display: none !important; }"
-_DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+_Returned = TypeVar("_Returned")
 
 
 def save_image(
     result: RunResult,
     path: str | Path,
-    time: float | None = None,
     *,
+    time: float | None = None,
     width: int = WIDTH,
     height: int = HEIGHT,
 ) -> None:
-    """Write a picture of a run at a time, as PNG: what its replay shows then.
+    """Write an image of a run at one time, as PNG.
 
     Args:
         result: the run.
@@ -167,28 +80,28 @@ def save_image(
     Raises:
         MissingExtraError: playwright is not installed.
         BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
-        TimeOutsideRunError: the run does not have that time.
+        BrowserError: the browser drew nothing.
+        TimeOutsideRunError: the time is not within the run.
         PictureSizeError: width or height is too small.
     """
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
         raise TimeOutsideRunError(time, result.end)
-    (picture,) = in_own_thread(lambda _: list(page_pictures(replay_html(result), [time], width, height)))
-    write_atomically(Path(path), lambda part: part.write_bytes(picture))
+    (image,) = run_in_thread(lambda _: list(page_images(replay_html(result), [time], width, height)))
+    write_atomically(Path(path), lambda part: part.write_bytes(image))
 
 
 def save_video(
     result: RunResult,
     path: str | Path,
-    frames_per_second: float = FRAMES_PER_SECOND,
     *,
+    frames_per_second: float = FRAMES_PER_SECOND,
     width: int = WIDTH,
     height: int = HEIGHT,
 ) -> None:
-    """Write a video of a run, as MP4 (H.264), at the pace of its clock: frame k shows t = k / frames_per_second.
+    """Write a video of a run at real time, as MP4 (H.264): frame k shows t = k / frames_per_second.
 
-    The page is drawn once for each frame; twenty seconds at 30 frames a second take a few minutes.
+    The page is drawn once per frame; twenty seconds at 30 frames per second take a few minutes.
 
     Args:
         result: the run.
@@ -200,11 +113,11 @@ def save_video(
     Raises:
         MissingExtraError: playwright, imageio or imageio-ffmpeg is not installed.
         BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
+        BrowserError: the browser drew nothing.
         NotPositiveError: the frame rate is not greater than zero.
-        NotFiniteError: it is infinite.
+        NotFiniteError: the frame rate is infinite.
         PictureSizeError: width or height is too small, or odd.
-        VideoError: the encoder did not write all of it.
+        VideoError: the encoder did not write all frames.
     """
     times = frame_times(result.end, frames_per_second)
     for name, value in (("width", width), ("height", height)):
@@ -213,12 +126,12 @@ def save_video(
     packages, page = _video_packages(), replay_html(result)
 
     def encode(stop: threading.Event, part: Path) -> int:
-        with closing(page_pictures(page, times, width, height)) as pictures:
-            wanted = itertools.takewhile(lambda _: not stop.is_set(), pictures)
+        with closing(page_images(page, times, width, height)) as images:
+            wanted = itertools.takewhile(lambda _: not stop.is_set(), images)
             return _encode(wanted, part, (width, height), frames_per_second, packages)
 
     def write(part: Path) -> None:
-        frames = in_own_thread(lambda stop: encode(stop, part))
+        frames = run_in_thread(lambda stop: encode(stop, part))
         if frames < len(times):
             raise VideoError(Path(path), frames, len(times))
 
@@ -226,15 +139,11 @@ def save_video(
 
 
 def frame_times(end: float, frames_per_second: float) -> Array:
-    """Return the times that a video shows, t = k / frames_per_second from 0 up to the end, s.
-
-    Args:
-        end: of the run, s.
-        frames_per_second: 1/s.
+    """Return the times of a video's frames, t = k / frames_per_second from 0 to the end of the run, s.
 
     Raises:
-        NotPositiveError: the rate is not greater than zero.
-        NotFiniteError: it is infinite.
+        NotPositiveError: the frame rate is not greater than zero.
+        NotFiniteError: the frame rate is infinite.
     """
     if not frames_per_second > 0.0:
         raise NotPositiveError("frames_per_second", frames_per_second)
@@ -243,72 +152,143 @@ def frame_times(end: float, frames_per_second: float) -> Array:
     return np.arange(int(end * frames_per_second + _ROUNDING) + 1) / frames_per_second
 
 
-def page_pictures(page: str, times: Iterable[float], width: int, height: int) -> Generator[bytes, None, None]:
-    """Draw a replay page at one time after the other, each as PNG; not in a thread that has an event loop.
+def page_images(page: str, times: Iterable[float], width: int, height: int) -> Generator[bytes, None, None]:
+    """Yield images of a replay page at several times, as PNG; not in a thread with an event loop.
 
     Args:
-        page: the page's HTML.
-        times: of the run, s.
+        page: HTML of the page.
+        times: times of the run, s.
+        width: pixels.
+        height: pixels.
+
+    Raises:
+        PictureSizeError: width or height is too small; and the errors of ``offline_page``.
+    """
+    for name, value in (("width", width), ("height", height)):
+        if value < _MIN_PIXELS:
+            raise PictureSizeError(name, value, f"at least {_MIN_PIXELS}")
+    with offline_page(width, height) as browser_page:
+        browser_page.set_content(page)
+        browser_page.add_style_tag(content=_HIDE_CONTROLS)
+        for time in times:
+            browser_page.evaluate("time => window.coopPin.seek(time)", float(time))
+            browser_page.evaluate(_NEXT_FRAME)
+            yield browser_page.screenshot(type="png")
+
+
+@contextmanager
+def offline_page(width: int, height: int) -> Iterator[Any]:
+    """Open a playwright page of a headless browser without a network, and close the browser afterwards.
+
+    Args:
         width: pixels.
         height: pixels.
 
     Raises:
         MissingExtraError: playwright is not installed.
         BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
-        PictureSizeError: width or height is too small.
+        BrowserError: the browser does not start, or the page reported an error.
     """
-    for name, value in (("width", width), ("height", height)):
-        if value < _LEAST_PIXELS:
-            raise PictureSizeError(name, value, f"at least {_LEAST_PIXELS}")
-    with offline_page(width, height) as browser_page:
-        browser_page.set_content(page)
-        browser_page.add_style_tag(content=_WITHOUT_BUTTONS)
-        for time in times:
-            browser_page.evaluate("time => window.coopPin.seek(time)", float(time))
-            browser_page.evaluate(_DRAWN)
-            yield browser_page.screenshot(type="png")
+    try:
+        from playwright import sync_api
+    except ImportError:
+        raise MissingExtraError("playwright", "video", "to draw images") from None
+    errors: list[str] = []
+    with sync_api.sync_playwright() as driver:
+        path = find_browser(Path(driver.chromium.executable_path))
+        try:
+            browser = launch(driver, path)
+            page = browser.new_context(viewport={"width": width, "height": height}, offline=True).new_page()
+            page.set_default_timeout(_TIMEOUT_MS)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            yield page
+            browser.close()
+        except sync_api.Error as error:
+            raise BrowserError(path, "; ".join((*errors, str(error).strip().split("\n")[0]))) from error
+    if errors:
+        raise BrowserError(path, "; ".join(errors))
+
+
+def launch(driver: Any, path: str) -> Any:
+    """Return playwright's handle of a started browser.
+
+    The browser gets no display: it would try to draw with it, even if the display cannot be reached.
+
+    Args:
+        driver: playwright's driver.
+        path: path of the browser.
+    """
+    display = ("DISPLAY", "WAYLAND_DISPLAY")
+    environment = {name: value for name, value in os.environ.items() if name not in display}
+    return driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=environment)
+
+
+def find_browser(own: Path) -> str:
+    """Return the path of a Chromium: that of the variable CHROMIUM, playwright's own, or one of the system's.
+
+    Args:
+        own: path at which playwright installs its own.
+
+    Raises:
+        BrowserNotFoundError: there is none, or none at the path in the variable.
+    """
+    named = os.environ.get(_VARIABLE)
+    places = (named,) if named else (str(own), *_NAMES, _MAC)
+    path = next((found for place in places if (found := shutil.which(place))), None)
+    if path is None:
+        raise BrowserNotFoundError((f"{_VARIABLE}={named}",) if named else (_VARIABLE, str(own), *_NAMES))
+    return path
+
+
+def run_in_thread(job: Callable[[threading.Event], _Returned]) -> _Returned:
+    """Return the result of a job that runs in a new thread.
+
+    Playwright refuses threads with an event loop, such as the main thread of a notebook.
+
+    Args:
+        job: is given an event, and should end soon after it is set (by Ctrl-C).
+    """
+    stop = threading.Event()
+    with ThreadPoolExecutor(1, "coop_pin export") as pool:
+        try:
+            return pool.submit(job, stop).result()
+        finally:
+            stop.set()  # the job is still running if Ctrl-C ended the wait
 
 
 def _encode(
-    pictures: Iterable[bytes],
+    images: Iterable[bytes],
     part: Path,
     size: tuple[int, int],
     frames_per_second: float,
     packages: tuple[Any, Any],
 ) -> int:
-    """Write pictures as a video and return how many frames it holds.
+    """Write images as a video; return the number of frames in the file.
 
-    They are counted: an encoder that could not write to the end, because the disk is full, tells nobody.
+    They are counted because an encoder that cannot write to the end (full disk) reports no error.
     """
     encoder, reader = packages
-    video = encoder.write_frames(
-        str(part),
-        size,
-        fps=frames_per_second,
-        quality=_QUALITY,
-        macro_block_size=2,
-        output_params=["-f", "mp4"],
-    )
-    video.send(None)  # starts it
+    options = {"quality": _QUALITY, "macro_block_size": 2, "output_params": ["-f", "mp4"]}
+    video = encoder.write_frames(str(part), size, fps=frames_per_second, **options)
+    video.send(None)  # starts the encoder
     try:
-        for picture in pictures:
-            pixels = np.ascontiguousarray(reader.imread(picture, extension=".png")[..., :3])
+        for image in images:
+            pixels = np.ascontiguousarray(reader.imread(image, extension=".png")[..., :3])
             try:
                 video.send(pixels)
-            except OSError:  # it has ended
+            except OSError:  # the encoder has ended
                 break
     finally:
         video.close()
     try:
         frames, _ = encoder.count_frames_and_secs(str(part))
-    except RuntimeError:  # what there is cannot be read
+    except RuntimeError:  # the file cannot be read
         return 0
     return int(frames)
 
 
 def _video_packages() -> tuple[Any, Any]:
-    """Return the encoder and what reads pictures."""
+    """Return the encoder and the reader of images."""
     try:
         import imageio_ffmpeg
         from imageio import v3

@@ -1,4 +1,4 @@
-"""A run under the user's hand: in a thread of its own, at a pace, while gains, payload and squeeze change."""
+"""Interactive simulation in a background thread: gains, payload mass and squeeze can be changed."""
 
 from __future__ import annotations
 
@@ -21,33 +21,38 @@ _ROUNDED_DOWN = 1.0 - 1e-12
 
 
 class LiveRun:
-    """A simulation that somebody starts, pauses, pushes and tunes. What changes acts at the next tick, and stays after a reset.
+    """Interactive simulation: start, pause, reset, push, and changes of gains, payload mass and squeeze.
+
+    A change acts at the next tick and outlasts a reset.
 
     Attributes:
-        scenario: what the next reset starts from.
-        error: why the run broke off; None while it has not.
+        scenario: scenario with all changes; the next reset starts from it.
+        error: the error that ended the run; None if there is none.
+        on_end: called from the run's thread when the run finishes or fails.
     """
 
-    def __init__(self, scenario: Scenario, view: Observer | None = None, realtime_rate: float = 1.0) -> None:
-        """Stand at the start, paused.
+    error: CoopPinError | None
+
+    def __init__(
+        self, scenario: Scenario, *, view: Observer | None = None, realtime_rate: float = 1.0
+    ) -> None:
+        """Prepare a run, paused at the start.
 
         Args:
-            scenario: what to run.
-            view: sees every tick.
-            realtime_rate: simulated seconds in one second of wall time.
+            scenario: the scenario.
+            view: observer that is called at every tick.
+            realtime_rate: simulated seconds per second of wall time.
 
         Raises:
-            UnreachablePoseError: the start is out of an arm's reach.
-            NotPositiveError: the pace is not greater than zero.
+            UnreachablePoseError: an arm does not reach its grasp at the start.
+            NotPositiveError: the real-time rate is not greater than zero.
         """
         self.scenario, self.error = scenario, None
+        self.on_end: Callable[[], None] = lambda: None
         self._view, self._pace = view, RealtimePacer(realtime_rate)
         self._simulation = Simulation(scenario, build_controller(scenario))
         self._lock, self._stop = threading.Lock(), threading.Event()
         self._thread: threading.Thread | None = None
-        self._on_end: Callable[[], None] = lambda: None
-
-    error: CoopPinError | None
 
     @property
     def time(self) -> float:
@@ -56,29 +61,25 @@ class LiveRun:
 
     @property
     def is_running(self) -> bool:
-        """Whether time goes by."""
+        """Whether the run's thread is running."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
     def is_finished(self) -> bool:
-        """Whether the run has come to its end, or broke off."""
+        """Whether the run has finished or failed."""
         return self._simulation.is_finished or self.error is not None
 
     @property
     def realtime_rate(self) -> float:
-        """Simulated seconds in one second of wall time."""
+        """Simulated seconds per second of wall time."""
         return self._pace.rate
 
     @realtime_rate.setter
     def realtime_rate(self, rate: float) -> None:
         self._pace = RealtimePacer(rate)
 
-    def when_it_ends(self, call: Callable[[], None]) -> None:
-        """Call this, from the run's thread, when the run comes to its end or breaks off."""
-        self._on_end = call
-
     def start(self) -> None:
-        """Let time go by."""
+        """Start or resume the run; a finished run stays as it is."""
         if self.is_running or self.is_finished:
             return
         self._stop.clear()
@@ -87,18 +88,18 @@ class LiveRun:
         self._thread.start()
 
     def pause(self) -> None:
-        """Hold time."""
+        """Pause the run."""
         self._stop.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(_JOIN_S)
 
     def reset(self) -> None:
-        """Go back to the start and stand there, with the values as they are now."""
+        """Pause, and return to the start with the current values."""
         self.pause()
         self._simulation, self.error = Simulation(self.scenario, build_controller(self.scenario)), None
 
     def step(self) -> None:
-        """Do one tick now, whether running or not; a run that has ended stays as it is."""
+        """Do one tick, whether running or not; a finished run stays as it is."""
         with self._lock:
             if not self.is_finished:
                 self._simulation.tick()
@@ -106,7 +107,7 @@ class LiveRun:
                     self._view(self._simulation.moment())
 
     def result(self) -> RunResult:
-        """Return what was recorded since the last reset; at least one tick must have been done."""
+        """Return the recording since the last reset; at least one tick must have been done."""
         with self._lock:
             return self._simulation.result()
 
@@ -123,10 +124,10 @@ class LiveRun:
             self._simulation.replace_controller(controller)
 
     def change_mass(self, mass: float) -> None:
-        """Give the payload another mass, kg.
+        """Change the mass of the payload, kg.
 
         Raises:
-            ScenarioError: it is not greater than zero; nothing has changed.
+            ScenarioError: the mass is not greater than zero; nothing has changed.
         """
         payload = self.scenario.cell.payload.with_mass(mass)
         with self._lock:
@@ -135,7 +136,7 @@ class LiveRun:
                 self._simulation.add_event(PayloadChange(time=self._simulation.time, mass=mass))
 
     def change_squeeze(self, newtons: float) -> None:
-        """Scale the scenario's squeeze at t = 0 until its largest force on an arm is this, N.
+        """Replace the squeeze by that of the scenario at t = 0, scaled to a largest force on an arm, N.
 
         Raises:
             SqueezeError: the scenario has no squeeze to scale.
@@ -143,45 +144,40 @@ class LiveRun:
         wrenches = self.scenario.squeeze_wrenches
         present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
         if not present > 0.0:
-            raise SqueezeError(
-                "is zero; there is no direction to squeeze in. Give the scenario a squeeze first", "squeeze"
-            )
+            raise SqueezeError("is zero and cannot be scaled; give the scenario a squeeze first", "squeeze")
         table = {
             name: tuple(newtons / present * row)
             for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)
         }
         squeeze = SteadySqueeze(wrenches=table)
         with self._lock:
-            if newtons > 0.0:  # a zero squeeze would forget its direction
+            if newtons > 0.0:  # a zero squeeze would lose its direction
                 self.scenario = self.scenario.replace(squeeze=squeeze)
             self._simulation.replace_squeeze(squeeze)
 
     def push(self, wrench: tuple[float, ...], duration: float) -> None:
-        """Push the payload from the next tick on.
+        """Apply an external wrench to the payload from the next tick on.
 
         Args:
             wrench: about P in world axes, N and N m, six numbers.
-            duration: s; cut at the end of the run.
+            duration: s; shortened to the end of the run.
         """
         with self._lock:
-            time, left = (
-                self._simulation.time,
-                (self._simulation.scenario.duration - self._simulation.time) * _ROUNDED_DOWN,
-            )
+            time = self._simulation.time
+            left = (self._simulation.scenario.duration - time) * _ROUNDED_DOWN
             if left > 0.0:
-                self._simulation.add_event(
-                    WrenchPulse(time=time, duration=min(duration, left), wrench=wrench)
-                )
+                pulse = WrenchPulse(time=time, duration=min(duration, left), wrench=wrench)
+                self._simulation.add_event(pulse)
 
     def _run(self) -> None:
         while not self._stop.is_set() and not self.is_finished:
             self._pace.wait_until(self.time)
             try:
                 self.step()
-            except CoopPinError as error:  # whoever looks at it tells it: there is nobody above this thread
+            except CoopPinError as error:  # kept for the user: nothing above this thread would catch it
                 self.error = error
             except Exception as error:  # a user's controller may raise anything
                 self.error = UserCodeError(self.time, error)
                 self.error.__cause__ = error
         if self.is_finished:
-            self._on_end()
+            self.on_end()

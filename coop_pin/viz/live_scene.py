@@ -1,190 +1,189 @@
-"""The scene of a run under way: what stands on its nodes, and where the nodes are at a moment."""
+"""3-D scene of a simulation: its initial state, and the frame of every snapshot, packed for the live page."""
 
 from __future__ import annotations
 
 import json
 import struct
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
+from coop_pin.chain.cell_chain import CellChain, determinate_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import Snapshot
-from coop_pin.spatial import pose_error
+from coop_pin.results import RunResult, Snapshot
+from coop_pin.spatial import pose_error, rotate_vector6
 from coop_pin.viz.arrows import (
     ArrowSeries,
-    arrow_items,
-    arrow_tracks,
     expected_scales,
     largest_force,
+    snapshot_wrenches,
     wrench_arrows,
-    wrenches_at,
 )
-from coop_pin.viz.cell_scene import (
-    TRAIL_SPACING_M,
-    body_items,
-    body_tints,
-    camera_on,
-    desired_path_items,
-    floor_height,
-    floor_items,
-    payload_items,
-)
+from coop_pin.viz.cell_scene import cell_items, cell_tracks, warning_colours
 from coop_pin.viz.scene import Scene, Track
 
-MOST_POINTS = 1500
+_PATH_SAMPLES = 400
+_IDENTITY = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0))
+"""Position, quaternion and scale of a node that does not move."""
 
 
-class Trail:
-    """Points along a path, a few millimetres apart; it starts again when time does, and forgets every other point when it grows long."""
-
-    def __init__(self) -> None:
-        self._time, self._points = -np.inf, np.zeros((0, 3))
-
-    def follow(self, time: float, position: Array) -> None:
-        """Go on to a position.
-
-        Args:
-            time: s.
-            position: m, shape (3,).
-        """
-        if time < self._time:
-            self._points = np.zeros((0, 3))
-        self._time = time
-        if len(self._points) == 0 or np.linalg.norm(position - self._points[-1]) >= TRAIL_SPACING_M:
-            self._points = np.vstack((self._points, position))
-        if len(self._points) > MOST_POINTS:
-            self._points = self._points[::2]
-
-    def segments(self) -> Array:
-        """Return start and end of each segment, m, shape (k, 2, 3)."""
-        return np.stack((self._points[:-1], self._points[1:]), axis=1)
-
-
-class LiveFrame(NamedTuple):
-    """A moment of a run as values that any viewer can show.
+class InitialScene(NamedTuple):
+    """Initial state of a cell, for viewers that open before the run.
 
     Attributes:
-        time: s.
-        position_error: distance of the payload from where it should be, m.
-        orientation_error: angle, rad.
-        internal: largest internal force of all arms, N.
-        desired_internal: what it should be, N.
-        tints: code of every body's colour, in the order of the scene's bodies; see ``tints``.
-        rows: position (m), quaternion x, y, z, w and scale of every node, in the order of the scene's nodes,
-            shape (nodes, 10).
+        name: name of the scenario, or "cell".
+        cell: the cell.
+        plant: options of the plant; they fix the layout of q.
+        snapshot: initial snapshot; wrenches are zero, and NaN in rows that are not statically determinate.
+        desired_path: desired path of P, m, shape (n, 3).
     """
 
-    time: float
-    position_error: float
-    orientation_error: float
-    internal: float
-    desired_internal: float
-    tints: tuple[int, ...]
-    rows: Array
-
-    def packed(self) -> bytes:
-        """Return the frame as the page reads it: the length of a JSON text, the text, and a row of float32 for each node."""
-        told = self._asdict()
-        del told["rows"]
-        text = json.dumps(told).encode()
-        text += b" " * (-len(text) % 4)  # the numbers after it start at a multiple of four
-        return struct.pack("<I", len(text)) + text + self.rows.astype("<f4").tobytes()
+    name: str
+    cell: Cell
+    plant: PlantOptions
+    snapshot: Snapshot
+    desired_path: Array
 
 
-_STILL = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0))
+def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialScene:
+    """Return the initial state of a cell, a scenario or the scenario of a result.
+
+    A Cell has its payload at ``payload_pose``, or else at the pose that the first arm's posture gives it.
+
+    Args:
+        source: a Cell, a Scenario, a result, a name in the catalogue or the path of a TOML file.
+
+    Raises:
+        ScenarioError: the scenario has mistakes.
+        UnreachablePoseError: an arm does not reach its grasp at the start.
+    """
+    if isinstance(source, Cell):
+        X_WP, plant = _payload_pose(source), PlantOptions()
+        snapshot = _initial_snapshot(source, plant, X_WP, X_WP, np.zeros((len(source.arms), 6)))
+        return InitialScene("cell", source, plant, snapshot, X_WP[None, :3, 3])
+    if isinstance(source, RunResult):
+        source = source.scenario
+    scenario = source if isinstance(source, Scenario) else Scenario.load(source)
+    motion = scenario.motion.build()
+    path = np.array([motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, scenario.duration, _PATH_SAMPLES)])
+    snapshot = _initial_snapshot(
+        scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches
+    )
+    return InitialScene(scenario.name, scenario.cell, scenario.plant, snapshot, path)
+
+
+def _payload_pose(cell: Cell) -> Array:
+    """Return X_WP of a cell without a scenario."""
+    if cell.payload_pose is not None:
+        return cell.payload_pose.matrix
+    name, arm = next(iter(cell.arms.items()))
+    model = ArmModel(arm, cell.grasps[name].matrix)
+    return model.payload_pose(model.configuration(np.zeros(model.nv) if arm.posture is None else arm.posture))
+
+
+def _initial_snapshot(
+    cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeeze: Array
+) -> Snapshot:
+    """Return the snapshot of a cell at rest; the squeeze is in payload axes, shape (m, 6)."""
+    chain = CellChain(cell, plant)
+    q, arms = chain.configuration(X_WP), len(cell.arms)
+    joints = max(len(place.drive) for place in chain.tree.arms)
+    zero = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
+    return Snapshot(
+        time=0.0,
+        configuration=q,
+        payload_pose=X_WP,
+        desired_pose=X_WP_d,
+        tip_position=chain.tip_positions(q),
+        interaction_wrench=zero,
+        internal_wrench=zero,
+        desired_internal_wrench=rotate_vector6(X_WP[:3, :3], squeeze),
+        external_wrench=np.zeros(6),
+        torque=np.zeros((arms, joints)),
+        saturated=np.zeros((arms, joints), dtype=bool),
+        jacobian_condition=np.ones(arms),
+    )
 
 
 class LiveScene:
-    """What a live view shows.
+    """Scene of a simulation under way.
 
     Attributes:
-        scene: everything to draw; it has no samples.
+        scene: drawables and camera; it has no keyframes.
         nodes: paths of the nodes that move, in the order of a frame's rows.
-        bodies: paths of the nodes whose colour can change, in the order of a frame's tints.
-        scales: of the arrows.
+        bodies: paths of the nodes with warning colours, in the order of a frame's warnings.
+        scales: scales of the arrows.
     """
 
-    def __init__(self, cell: Cell, plant: PlantOptions, first: Snapshot, desired_path: Array) -> None:
-        """Build the scene around a first moment.
-
-        Args:
-            cell: the description.
-            plant: as of the run: it fixes the layout of q.
-            first: where everything stands at the start.
-            desired_path: where P should go, m, shape (n, 3).
-        """
-        self._arms = CellVisuals(cell, plant.payload)
-        self._names = tuple(cell.arms)
+    def __init__(self, initial: InitialScene) -> None:
+        """Build the scene around the initial state of a cell."""
+        cell, first = initial.cell, initial.snapshot
+        self._arms, self._names = CellVisuals(cell, initial.plant.payload), tuple(cell.arms)
         self.scales = expected_scales(cell, first)
-        points = np.concatenate(
-            (
-                self._arms.poses(first.configuration[None])[0, :, :3],
-                desired_path,
-                first.payload_pose[None, :3, 3],
-            )
-        )
-        floor = floor_height(cell, self._arms.bodies)
-        camera = camera_on(cell, points, first.tip_position[None], floor)
-        items = (
-            *floor_items(camera.target, floor),
-            *(item for body in self._arms.bodies for item in body_items(body)),
-            *payload_items(cell),
-            *desired_path_items(desired_path),
-            *(item for arrow in self._arrows(first) for item in arrow_items(arrow)),
+        origins = self._arms.poses(first.configuration[None])[0, :, :3]
+        items, camera = cell_items(
+            cell,
+            self._arms.bodies,
+            points=np.concatenate((origins, initial.desired_path, first.payload_pose[None, :3, 3])),
+            tips=first.tip_position[None],
+            desired_path=initial.desired_path,
+            arrows=self._arrows(first),
         )
         self.scene = Scene(items, np.zeros(0), (), camera)
         self.nodes = tuple(track.path for track in self._tracks(first))
         self.bodies = tuple(f"arms/{body.name}" for body in self._arms.bodies)
 
-    def frame(self, moment: Snapshot) -> LiveFrame:
-        """Return what there is to see at a moment."""
-        error = pose_error(moment.payload_pose, moment.desired_pose)
-        bodies = [body.name for body in self._arms.bodies]
-        tints = body_tints(bodies, self._arms.joints, moment.saturated[None], moment.jacobian_condition[None])
-        return LiveFrame(
-            time=moment.time,
-            position_error=float(np.linalg.norm(error[:3])),
-            orientation_error=float(np.linalg.norm(error[3:])),
-            internal=largest_force(moment.internal_wrench),
-            desired_internal=largest_force(moment.desired_internal_wrench),
-            tints=tuple(tints[0].tolist()),
-            rows=self._rows(moment),
-        )
+    def frame(self, snapshot: Snapshot) -> bytes:
+        """Return the frame of a snapshot, as the live page reads it.
 
-    def _rows(self, moment: Snapshot) -> Array:
-        tracks = self._tracks(moment)
-        rows = np.tile(_STILL, (len(tracks), 1))
+        Four bytes with the length of a JSON text (little-endian), the text, and ten float32 for each node:
+        position (m), quaternion x, y, z, w, and scale. The text has the time (s), the position error (m), the
+        largest internal force of all arms and its desired value (N), and the warning code of each body.
+        """
+        error = pose_error(snapshot.payload_pose, snapshot.desired_pose)
+        names = [body.name for body in self._arms.bodies]
+        warnings = warning_colours(
+            names, self._arms.joints, snapshot.saturated[None], snapshot.jacobian_condition[None]
+        )
+        header = {
+            "time": snapshot.time,
+            "position_error": float(np.linalg.norm(error[:3])),
+            "internal": largest_force(snapshot.internal_wrench),
+            "desired_internal": largest_force(snapshot.desired_internal_wrench),
+            "warnings": warnings[0].tolist(),
+        }
+        text = json.dumps(header).encode()
+        text += b" " * (-len(text) % 4)  # float32 arrays must start at a multiple of four bytes
+        tracks = self._tracks(snapshot)
+        rows = np.tile(_IDENTITY, (len(tracks), 1))
         for row, track in zip(rows, tracks, strict=True):
-            for columns, values in (
-                (slice(0, 3), track.position),
-                (slice(3, 7), track.quaternion),
-                (slice(7, 10), track.scale),
-            ):
+            parts = np.split(row, (3, 7))  # views of the row
+            for part, values in zip(parts, (track.position, track.quaternion, track.scale), strict=True):
                 if values is not None:
-                    row[columns] = values[0]
-        return rows
+                    part[:] = values[0]
+        return struct.pack("<I", len(text)) + text + rows.astype("<f4").tobytes()
 
-    def _tracks(self, moment: Snapshot) -> tuple[Track, ...]:
-        """Return the tracks of one sample: bodies, payload, ghost, arrows."""
-        poses = self._arms.poses(moment.configuration[None]).swapaxes(0, 1)
-        return (
-            *(
-                Track(f"arms/{body.name}", pose[:, :3], pose[:, 3:])
-                for body, pose in zip(self._arms.bodies, poses, strict=True)
-            ),
-            _pose_track("payload", moment.payload_pose),
-            _pose_track("desired", moment.desired_pose),
-            *(track for arrow in self._arrows(moment) for track in arrow_tracks(arrow)),
+    def _tracks(self, snapshot: Snapshot) -> tuple[Track, ...]:
+        """Return the tracks of all moving nodes, with one sample."""
+        return cell_tracks(
+            self._arms.bodies,
+            self._arms.poses(snapshot.configuration[None]),
+            _position_and_quaternion(snapshot.payload_pose),
+            _position_and_quaternion(snapshot.desired_pose),
+            self._arrows(snapshot),
         )
 
-    def _arrows(self, moment: Snapshot) -> tuple[ArrowSeries, ...]:
-        return wrench_arrows(self._names, wrenches_at(moment), self.scales)
+    def _arrows(self, snapshot: Snapshot) -> tuple[ArrowSeries, ...]:
+        return wrench_arrows(self._names, snapshot_wrenches(snapshot), self.scales)
 
 
-def _pose_track(path: str, pose: Array) -> Track:
-    return Track(path, pose[None, :3, 3], Rotation.from_matrix(pose[None, :3, :3]).as_quat())
+def _position_and_quaternion(pose: Array) -> Array:
+    """Return the position (m) and quaternion x, y, z, w of a pose, shape (1, 7)."""
+    return np.concatenate((pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_quat()))[None]

@@ -1,4 +1,4 @@
-"""A page on this machine's loopback, served by a process of its own; the sender is never blocked and never outlived."""
+"""Server of a live page: a process that listens on the loopback interface and ends with its parent."""
 
 from __future__ import annotations
 
@@ -17,116 +17,118 @@ from typing import IO
 
 from coop_pin.errors import PortTakenError, ViewWarning
 
-_PROCESS = Path(__file__).with_name("view_server_process.py")
+_PROCESS = Path(__file__).with_name("live_server_process.py")
 _END_S = 1.0
 _SHOWN_CHARACTERS = 400
 _LAST_PORT = 65535
 
 
-class ViewServer:
-    """Serves one page to browsers of this machine that know its address.
+class LiveServer:
+    """Server of one page and its frames, for browsers of this machine that know its address.
 
-    The socket is bound here, to 127.0.0.1 only, and handed to the server process: the address is known at
-    once and nobody waits for the process to start. Frames go through a pipe that never blocks: one that finds
-    it full is dropped, and what is shown is always the latest that fitted. The process ends when its end of
-    the pipe does, so it outlives nobody, however we die.
+    The socket is bound here, to 127.0.0.1 only, and passed to the server process, so the address is known
+    before the process has started. Frames go through a non-blocking pipe: a frame that finds it full is
+    dropped. The process ends when its end of the pipe is closed, however the sender ended.
 
     Attributes:
-        url: the address, with a secret in it: other users of the machine do not know it.
+        url: address with a secret, which other users of the machine do not know.
     """
 
-    def __init__(self, page: str, port: int = 0) -> None:
+    def __init__(self, page: str, *, port: int = 0) -> None:
         """Start the server process.
 
         Args:
-            page: what it serves.
-            port: on 127.0.0.1; 0 for any free one.
+            page: HTML of the page.
+            port: port on 127.0.0.1; 0 for any free one.
 
         Raises:
-            PortTakenError: the chosen port cannot be had.
-            OSError: there is no process, port or temporary file to be had.
+            PortTakenError: the chosen port is not available.
+            OSError: no process, port or temporary file is available.
         """
-        self._complaints = _nameless_file()
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _end)
         try:
-            self.url, self._process = _start(page, port, self._complaints)
+            self.url, self._process = _start(page, port, self._stderr)
         except OSError:
-            self._complaints.close()
+            self._stderr.close()
             raise
         assert self._process.stdin is not None
         self._pipe = self._process.stdin
         os.set_blocking(self._pipe.fileno(), False)
-        self._rest = b""
-        self._is_alive = True
-        self._end = weakref.finalize(self, _end, self._process, self._pipe, self._complaints)
+        self._unsent = b""
+        self._is_broken = False
+        self._end = weakref.finalize(self, _end, self._process, self._pipe, self._stderr)
 
     @property
     def is_alive(self) -> bool:
-        """Whether the server process was there when we last wrote to it, and nobody closed it."""
-        return self._is_alive and self._end.alive
+        """Whether the process was alive at the last write, and has not been closed."""
+        return self._end.alive and not self._is_broken
 
     @property
     def pid(self) -> int:
-        """The server process."""
+        """Process id of the server."""
         return self._process.pid
 
     def send(self, frame: bytes) -> bool:
-        """Send a frame if the pipe has room for it; never wait.
+        """Send a frame if there is space in the pipe; never block.
 
-        A process that is gone is warned of once; from then on nothing is sent.
+        If the process has ended, one warning is issued, and nothing is sent from then on.
 
         Returns:
-            Whether it was sent, perhaps with its rest to follow.
+            Whether the frame was accepted; its rest may follow with the next one.
         """
         if not self.is_alive:
             return False
         try:
-            self._rest = self._rest[self._write(self._rest) :]
-            if self._rest:
+            self._write(self._unsent)
+            if self._unsent:
                 return False
-            message = struct.pack("<I", len(frame)) + frame
-            self._rest = message[self._write(message) :]
+            self._write(struct.pack("<I", len(frame)) + frame)
         except (BrokenPipeError, ConnectionResetError):
-            self._is_alive = False
-            warnings.warn(
-                f"the 3-D view is gone ({self._why()}); the simulation goes on without it",
-                ViewWarning,
-                stacklevel=3,
-            )
+            self._is_broken = True
+            text = f"the 3-D view has ended ({self._exit_reason()}); the simulation goes on without it"
+            warnings.warn(text, ViewWarning, stacklevel=3)
             return False
         return True
 
     def close(self) -> None:
-        """End the server process and give back its port."""
+        """End the server process and free its port."""
         self._end()
 
-    def _write(self, data: bytes) -> int:
-        """Return how much of the data the pipe took."""
-        if not data:
-            return 0
-        try:
-            return os.write(self._pipe.fileno(), data)
-        except BlockingIOError:
-            return 0
+    def _write(self, data: bytes) -> None:
+        """Write what the pipe takes, and keep the rest."""
+        self._unsent = data
+        with contextlib.suppress(BlockingIOError):
+            self._unsent = data[os.write(self._pipe.fileno(), data) if data else 0 :]
 
-    def _why(self) -> str:
-        """Say how the process ended."""
+    def _exit_reason(self) -> str:
+        """Return exit code and error output of the process."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
-        self._complaints.seek(0)
-        said = self._complaints.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
+        self._stderr.seek(0)
+        said = self._stderr.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
         return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
 
 
-def loopback_socket(port: int) -> socket.socket:
-    """Return a listening socket on this machine's loopback.
+def _start(page: str, port: int, stderr: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
+    """Return the page's address and the process that serves it."""
+    secret = secrets.token_urlsafe(16)
+    with _loopback_socket(port) as bound, tempfile.TemporaryFile() as file:
+        file.write(page.encode())
+        file.flush()
+        process = subprocess.Popen(
+            [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno()), secret],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=stderr,
+            bufsize=0,
+            pass_fds=(bound.fileno(), file.fileno()),
+            start_new_session=True,  # Ctrl-C in the terminal must end the run, not its view
+        )
+        return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
 
-    Args:
-        port: 0 for any free one.
 
-    Raises:
-        PortTakenError: the chosen port cannot be had.
-        OSError: there is no free one.
-    """
+def _loopback_socket(port: int) -> socket.socket:
+    """Return a listening socket on 127.0.0.1; port 0 for any free one."""
     if not 0 <= port <= _LAST_PORT:
         raise PortTakenError(port, "no port has this number")
     try:
@@ -137,35 +139,12 @@ def loopback_socket(port: int) -> socket.socket:
         raise PortTakenError(port, os.strerror(error.errno) if error.errno else str(error)) from error
 
 
-def _start(page: str, port: int, complaints: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
-    """Return the page's address and the process that serves it."""
-    secret = secrets.token_urlsafe(16)
-    with loopback_socket(port) as bound, _nameless_file() as file:
-        file.write(page.encode())
-        file.flush()
-        process = subprocess.Popen(
-            [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno()), secret],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=complaints,
-            bufsize=0,
-            pass_fds=(bound.fileno(), file.fileno()),
-            start_new_session=True,  # Ctrl-C in the terminal is meant for the run, not for its view
-        )
-        return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
-
-
-def _nameless_file() -> IO[bytes]:
-    """Return a file that vanishes with its last owner."""
-    return tempfile.TemporaryFile()
-
-
-def _end(process: subprocess.Popen[bytes], pipe: IO[bytes], complaints: IO[bytes]) -> None:
-    """End a server process: the end of the pipe tells it to go, and a signal makes it."""
+def _end(process: subprocess.Popen[bytes], pipe: IO[bytes], stderr: IO[bytes]) -> None:
+    """End a server process: by the end of the pipe, or by a signal if it hangs."""
     pipe.close()
     try:
         process.wait(_END_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait(_END_S)
-    complaints.close()
+    stderr.close()

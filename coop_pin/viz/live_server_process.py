@@ -1,12 +1,12 @@
-"""The process behind a live view: serves one page on a listening socket of its parent, and hands frames on to whoever looks.
+"""Server process of a live view: serves one page on a socket of its parent, and sends frames to all browsers.
 
-Started by ``view_server``, never imported. It knows neither coop_pin nor meshcat: bytes in, bytes out.
+Started by ``live_server``, never imported. It imports neither coop_pin nor meshcat: bytes in, bytes out.
 
-    python -P view_server_process.py SOCKET PAGE SECRET
+    python -P live_server_process.py SOCKET PAGE SECRET
 
-SOCKET and PAGE are file descriptors: a bound listening socket and the page. Frames come through stdin, each
-after its length (four bytes, little-endian). The end of stdin is the end of the parent, however it died; a
-changed parent process says the same where somebody else still holds the pipe.
+SOCKET and PAGE are file descriptors: a bound listening socket, and the page. Frames come through stdin, each
+after its length (four bytes, little-endian). The process ends with stdin, which the end of the parent closes;
+a changed parent process id ends it too, in case another process still holds the pipe open.
 """
 
 from __future__ import annotations
@@ -32,37 +32,39 @@ _LARGEST_REQUEST = 4096
 
 
 class Frames:
-    """The latest frame, and who waits for the next; nobody ever gets an old one."""
+    """Latest frame, and a condition that signals the next; older frames are discarded."""
 
     def __init__(self) -> None:
-        self.latest: bytes | None = None
+        self._latest = b""
         self._changed = asyncio.Condition()
         self._count = 0
 
     async def put(self, frame: bytes) -> None:
-        """Replace the frame."""
+        """Replace the latest frame."""
         async with self._changed:
-            self.latest = frame
+            self._latest = frame
             self._count += 1
             self._changed.notify_all()
 
     async def after(self, count: int) -> tuple[int, bytes]:
-        """Return the number and the bytes of a frame later than the counted one, as soon as there is one."""
+        """Wait for a frame later than the counted one; return its number and its bytes."""
         async with self._changed:
             await self._changed.wait_for(lambda: self._count > count)
-            assert self.latest is not None
-            return self._count, self.latest
+            return self._count, self._latest
 
 
 class Guarded(RequestHandler):
-    """Answers only to loopback names (a foreign page may lead its own name to 127.0.0.1) and to those who know the secret."""
+    """Handler of requests that are for a loopback name and have the secret.
+
+    The host is checked because a foreign page can resolve its own name to 127.0.0.1 (DNS rebinding).
+    """
 
     def initialize(self, page: bytes, frames: Frames, secret: str) -> None:
-        """Take over what all handlers share."""
+        """Store what all handlers share."""
         self.page, self.frames, self.secret = page, frames, secret
 
     def prepare(self) -> None:
-        """Refuse foreign hosts and origins, and whoever does not know the secret.
+        """Refuse foreign hosts and origins, and requests without the secret.
 
         Raises:
             HTTPError: 403 or 404.
@@ -76,34 +78,34 @@ class Guarded(RequestHandler):
             raise HTTPError(404)
 
     def set_default_headers(self) -> None:
-        """Let browsers guess nothing, keep nothing, and tell nobody the secret address."""
+        """Forbid caching, content sniffing and passing the secret address on as a referrer."""
         self.set_header("Cache-Control", "no-store")
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Referrer-Policy", "no-referrer")
 
 
 class Page(Guarded):
-    """Serves the page."""
+    """Handler of the page."""
 
     def get(self) -> None:
-        """Answer with the page."""
+        """Send the page."""
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write(self.page)
 
 
 class Stream(Guarded, WebSocketHandler):
-    """Sends frames; a slow browser gets fewer of them and holds up nobody."""
+    """WebSocket of the frames; a slow browser gets fewer of them and delays no other."""
 
     def check_origin(self, origin: str) -> bool:
-        """Accept the page itself; ``prepare`` has refused all others."""
+        """Accept the page itself; ``prepare`` has refused all other origins."""
         return bool(urlsplit(origin).netloc == self.request.host)
 
     async def open(self, *_: str, **__: str) -> None:
-        """Send frames for as long as somebody looks."""
+        """Send frames until the connection is closed."""
         asyncio.get_running_loop().create_task(self._send())
 
     def on_message(self, message: str | bytes) -> None:
-        """Ignore what is said: a view only shows."""
+        """Ignore messages of the browser."""
 
     async def _send(self) -> None:
         count = 0
@@ -116,7 +118,7 @@ class Stream(Guarded, WebSocketHandler):
 
 
 async def read_frames(frames: Frames) -> None:
-    """Take frames from stdin until it ends."""
+    """Read frames from stdin until it ends."""
     reader = asyncio.StreamReader(limit=1 << 20)
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer
@@ -130,21 +132,20 @@ async def read_frames(frames: Frames) -> None:
 
 
 async def watch_parent(parent: int) -> None:
-    """Return when the parent is gone."""
+    """Return when the parent process has ended."""
     while os.getppid() == parent:
         await asyncio.sleep(_PARENT_CHECK_S)
 
 
 async def serve(listening: int, page: int, secret: str) -> None:
-    """Serve until the parent is gone."""
+    """Serve until the parent process has ended."""
     parent, frames = os.getppid(), Frames()
     with os.fdopen(page, "rb") as file:
         file.seek(0)
         shared: dict[str, Any] = {"page": file.read(), "frames": frames, "secret": secret}
-    routes = [(r"/[^/]*/", Page, shared), (r"/[^/]*/frames", Stream, shared)]
     server = HTTPServer(
         Application(
-            routes,
+            [(r"/[^/]*/", Page, shared), (r"/[^/]*/frames", Stream, shared)],
             websocket_max_message_size=_LARGEST_REQUEST,
             websocket_ping_interval=20,
             websocket_ping_timeout=20,
@@ -162,6 +163,6 @@ async def serve(listening: int, page: int, secret: str) -> None:
 
 
 if __name__ == "__main__":
-    logging.disable(logging.ERROR)  # strangers must not fill the parent's log
+    logging.disable(logging.ERROR)  # refused requests must not fill the parent's log
     asyncio.run(serve(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]))
-    os._exit(0)  # nothing of ours is worth waiting for
+    os._exit(0)  # nothing needs to be cleaned up

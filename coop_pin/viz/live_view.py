@@ -1,231 +1,167 @@
-"""The live view in a browser, through meshcat's viewer page, and how it is opened."""
+"""Live view: a simulation shown in a browser while it runs, through meshcat's viewer page."""
 
 from __future__ import annotations
 
-import html
 import os
 import time
 import warnings
 from pathlib import Path
-from typing import Protocol
 
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
 from coop_pin.figures import palette
-from coop_pin.results import RunResult, Snapshot, ThrottledObserver
-from coop_pin.viz.cell_scene import COLOURS, TRAIL_RADIUS_M, TRAIL_SPACING_M
-from coop_pin.viz.initial_scene import InitialScene, initial_scene
-from coop_pin.viz.live_scene import MOST_POINTS, LiveFrame, LiveScene
-from coop_pin.viz.live_server import ViewServer
+from coop_pin.results import RunResult, Snapshot
+from coop_pin.viz.cell_scene import FRAMES_PER_SECOND, TRAIL_RADIUS_M, TRAIL_SPACING_M, WARNING_COLOURS
+from coop_pin.viz.live_scene import InitialScene, LiveScene, initial_scene
+from coop_pin.viz.live_server import LiveServer
 from coop_pin.viz.meshcat_commands import scene_messages
-from coop_pin.viz.page import LEGEND, PUSH, SATURATED, SINGULAR, as_text, page_html
-from coop_pin.viz.replay import page_frame
+from coop_pin.viz.page import LEGEND, PUSH, WARNINGS, base64_text, page_frame, page_html
 
-FRAMES_PER_SECOND = 30.0
-
-
-class Viewer(ThrottledObserver, Protocol):
-    """Shows a run while it is under way; an Observer. None of its methods waits for anything or raises because nobody looks.
-
-    What there is to see comes from ``LiveScene``: its scene is drawn once, and every moment becomes a frame
-    that says where the nodes of the scene are and which colours its bodies have. A viewer adds neither
-    physics nor geometry.
-    """
-
-    @property
-    def url(self) -> str:
-        """The address to look at, on this machine; "" where it cannot be served."""
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether frames still go anywhere."""
-
-    def close(self) -> None:
-        """End the view and give its port back."""
-
-
-class FrameRate:
-    """Says which moments of a run are worth showing: so many in a second of wall time, and no more."""
-
-    def __init__(self, frames_per_second: float) -> None:
-        """Start with a frame that is due.
-
-        Raises:
-            NotPositiveError: the rate is not greater than zero.
-        """
-        if not frames_per_second > 0.0:
-            raise NotPositiveError("frames_per_second", frames_per_second)
-        self._period, self._due = 1.0 / frames_per_second, -1.0
-
-    def is_due(self) -> bool:
-        """Say whether it is time for a frame; if so, the next is due a period later."""
-        now = time.monotonic()
-        if now < self._due:
-            return False
-        self._due = max(self._due, now - self._period) + self._period
-        return True
-
-
-def live_html(title: str, scene: LiveScene, frame: LiveFrame, still: str = "") -> str:
-    """Return the page: it draws the scene, shows one frame, and waits for more at the address it came from.
-
-    Args:
-        title: its heading.
-        scene: what it shows.
-        frame: what it shows first.
-        still: of a page that waits for nothing, and needs no network: why.
-    """
-    live = {
-        "messages": [as_text(message) for message in scene_messages(scene.scene)],
-        "nodes": scene.nodes,
-        "bodies": scene.bodies,
-        "colours": COLOURS,
-        "trail": {
-            "colour": palette.ACTUAL,
-            "radius": TRAIL_RADIUS_M,
-            "spacing": TRAIL_SPACING_M,
-            "most": MOST_POINTS,
-        },
-        "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
-        "frame": as_text(frame.packed()),
-        "still": still,
-    }
-    return page_html("live", title, "", (*LEGEND, PUSH, SATURATED, SINGULAR), scene.scales, live)
-
-
-_PROXIES = (
+_MAX_TRAIL_POINTS = 1500
+_PROXY_VARIABLES = (
     "JUPYTERHUB_SERVICE_PREFIX",
     "JUPYTERHUB_API_URL",
     "BINDER_SERVICE_HOST",
     "COLAB_RELEASE_TAG",
     "KAGGLE_KERNEL_RUN_TYPE",
 )
-"""Where one of these is set, the browser is on another machine, behind a proxy that does not lead to our loopback."""
+"""If one of these is set, the browser is behind a proxy that does not reach the loopback of this machine."""
 
 
 class LiveView:
-    """A live view in the browser, through meshcat's viewer page; a Viewer, and what a notebook shows where a cell returns it.
+    """Live view of a simulation in a browser; an Observer.
+
+    A notebook displays it as the result of a cell. Its methods never block, and never raise when no browser
+    is connected.
 
     Attributes:
-        sent: frames handed to the server process.
-        dropped: frames that found the way to it full.
+        sent: number of frames sent to the server process.
+        dropped: number of frames dropped because the pipe to it was full.
     """
 
     def __init__(
-        self, title: str, standing: InitialScene, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0
+        self, initial: InitialScene, *, frames_per_second: float = FRAMES_PER_SECOND, port: int = 0
     ) -> None:
-        """Start to serve the page. Where that is not possible warn, and show nothing.
+        """Serve the page; if that is impossible, warn and go on without a view.
 
         Args:
-            title: the page's heading.
-            standing: how the cell stands before it moves.
-            frames_per_second: the most that are shown, in wall time.
-            port: on 127.0.0.1; 0 for any free one.
+            initial: initial state of the cell.
+            frames_per_second: largest number of frames per second of wall time.
+            port: port on 127.0.0.1; 0 for any free one.
 
         Raises:
-            NotPositiveError: the rate is not greater than zero.
-            PortTakenError: the chosen port cannot be had.
+            NotPositiveError: the frame rate is not greater than zero.
+            PortTakenError: the chosen port is not available.
         """
-        self._rate = FrameRate(frames_per_second)
-        self._title, self._scene, self._last = title, LiveScene(*standing), standing.moment
+        if not frames_per_second > 0.0:
+            raise NotPositiveError("frames_per_second", frames_per_second)
+        self._period, self._due = 1.0 / frames_per_second, 0.0
+        self._title, self._scene, self._latest = initial.name, LiveScene(initial), initial.snapshot
         self.sent = self.dropped = 0
-        self._server: ViewServer | None = None
+        self._server: LiveServer | None = None
         try:
-            self._server = ViewServer(self._page(""), port)
+            self._server = LiveServer(self.page(), port=port)
         except PortTakenError:
             raise
         except OSError as error:
-            warnings.warn(
-                f"there is no 3-D view ({error}); the simulation goes on without it",
-                ViewWarning,
-                stacklevel=2,
-            )
+            text = f"there is no 3-D view ({error}); the simulation goes on without it"
+            warnings.warn(text, ViewWarning, stacklevel=2)
 
     @property
     def url(self) -> str:
-        """The page's address on this machine; "" where it could not be served."""
+        """Address of the page on this machine; "" if it is not served."""
         return self._server.url if self._server else ""
 
     @property
     def is_alive(self) -> bool:
-        """Whether frames still go anywhere."""
+        """Whether the server process was alive when the last frame was sent."""
         return self._server is not None and self._server.is_alive
 
     @property
     def pid(self) -> int | None:
-        """The server process; None where there is none."""
+        """Process id of the server; None if there is none."""
         return self._server.pid if self._server else None
 
-    def __call__(self, moment: Snapshot) -> None:
-        """Show a moment, unless the last one was shown too short a time ago."""
-        self._last = moment
-        if self._rate.is_due():
-            self.show(moment)
+    def __call__(self, snapshot: Snapshot) -> None:
+        """Show a snapshot, unless the previous frame is more recent than the frame period."""
+        self._latest, now = snapshot, time.monotonic()
+        if now >= self._due:
+            self._due = max(self._due, now - self._period) + self._period
+            self.show(snapshot)
 
-    def show(self, moment: Snapshot) -> None:
-        """Show a moment now."""
-        self._last = moment
+    def show(self, snapshot: Snapshot) -> None:
+        """Show a snapshot now."""
+        self._latest = snapshot
         if self._server is None or not self._server.is_alive:
             return
-        if self._server.send(self._scene.frame(moment).packed()):
+        if self._server.send(self._scene.frame(snapshot)):
             self.sent += 1
         else:
             self.dropped += 1
 
     def close(self) -> None:
-        """End the server process; an open page keeps its last picture."""
+        """End the server process; an open page keeps its last image."""
         if self._server is not None:
             self._server.close()
 
-    def still_html(self, why: str = "a still picture") -> str:
-        """Return a page with the moment that was shown last; it needs no network and no server."""
-        return self._page(why)
+    def page(self, *, still: str = "") -> str:
+        """Return the page with the latest snapshot: it connects to the server, or is a still image.
 
-    def frame_html(self, height: int = 560) -> str:
-        """Return what a notebook shows: a frame with the live page, or behind a proxy a still picture that says so.
+        Args:
+            still: of a still image, which needs no server, the reason that the page shows.
+        """
+        trail = {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M}
+        live = {
+            "messages": [base64_text(message) for message in scene_messages(self._scene.scene)],
+            "nodes": self._scene.nodes,
+            "bodies": self._scene.bodies,
+            "warning_colours": WARNING_COLOURS,
+            "trail": {**trail, "max_points": _MAX_TRAIL_POINTS},
+            "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
+            "frame": base64_text(self._scene.frame(self._latest)),
+            "still": still,
+        }
+        legend = (*LEGEND, PUSH, *WARNINGS.values())
+        return page_html("live", self._title, "", legend, self._scene.scales, live)
+
+    def frame_html(self, *, height: int = 560) -> str:
+        """Return an iframe with the live page; behind a proxy, with a still image and the reason.
 
         Args:
             height: pixels.
         """
-        if not is_behind_proxy():
-            return f'<iframe src="{html.escape(self.url)}" style="width: 100%; height: {height}px; border: 0" title="coop_pin live"></iframe>'
-        why = "still picture: this notebook runs behind a proxy, through which no live view can be reached; replays work here"
-        return page_frame(self.still_html(why), height, "coop_pin")
+        if not any(os.environ.get(name) for name in _PROXY_VARIABLES):
+            return page_frame(height, "coop_pin live", src=self.url)
+        still = "still image: a live view cannot be reached through this notebook's proxy; replays work here"
+        return page_frame(height, "coop_pin", srcdoc=self.page(still=still))
 
     def _repr_html_(self) -> str:
         return self.frame_html()
 
-    def _page(self, still: str) -> str:
-        return live_html(self._title, self._scene, self._scene.frame(self._last), still)
-
 
 def open_view(
-    what: Cell | Scenario | RunResult | str | Path,
+    source: Cell | Scenario | RunResult | str | Path,
+    *,
     frames_per_second: float = FRAMES_PER_SECOND,
     port: int = 0,
 ) -> LiveView:
-    """Open a live view: hand it to ``run`` or ``simulate``, let a notebook cell return it, or open its ``url`` in a browser.
+    """Open a live view, to be passed to ``run`` or ``simulate``.
 
         view = open_view("adept-paper")
         result = coop_pin.run("adept-paper", view=view)
 
-    The page is served to this machine alone, by a process of its own, which ends with ours.
+    Open its ``url`` in a browser, or let a notebook display it. A separate process serves the page to this
+    machine only; it ends with the calling process.
 
     Args:
-        what: whose cell: a Cell, a Scenario, a result, a name in the catalogue or the path of a TOML file.
-        frames_per_second: the most that are shown, in wall time.
-        port: on 127.0.0.1, for example one that ``ssh -L`` forwards; 0 for any free one.
+        source: a Cell, a Scenario, a result, a name in the catalogue or the path of a TOML file.
+        frames_per_second: largest number of frames per second of wall time.
+        port: port on 127.0.0.1, for example one forwarded by ``ssh -L``; 0 for any free one.
 
     Raises:
         ScenarioError: the scenario has mistakes.
         UnreachablePoseError: an arm does not reach its grasp at the start.
-        PortTakenError: the chosen port cannot be had.
+        PortTakenError: the chosen port is not available.
     """
-    title, standing = initial_scene(what)
-    return LiveView(title, standing, frames_per_second, port)
-
-
-def is_behind_proxy() -> bool:
-    """Say whether the browser of a notebook cannot reach this machine's loopback."""
-    return any(os.environ.get(name) for name in _PROXIES)
+    return LiveView(initial_scene(source), frames_per_second=frames_per_second, port=port)

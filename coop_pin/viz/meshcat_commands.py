@@ -1,21 +1,20 @@
-"""The one door to meshcat: a scene as the commands that its viewer page understands, without a server, a process or a port.
+"""Meshcat commands: a scene translated for meshcat's viewer page, without meshcat's server.
 
-What is worked around here: meshcat 0.3.2 names objects by the machine's network address and the time (uuid1),
-turns property names to lower case, and writes every keyframe as a table of its own.
+Three properties of meshcat 0.3.2 are worked around: it names objects by network address and time (uuid1), it
+turns property names to lower case, and it writes each keyframe as a dictionary of its own.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import meshcat
 import numpy as np
 import umsgpack
-from meshcat import animation, geometry
-from meshcat.commands import SetAnimation, SetObject
+from meshcat import geometry
+from meshcat.commands import SetObject
 
 from coop_pin.arrays import Array
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere
@@ -28,105 +27,65 @@ _HOLD = 2300
 """three.js: InterpolateDiscrete."""
 
 _Y_TO_Z = np.array(((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
-"""three.js stands cylinders along y, we along z."""
+"""Cylinders lie along y in three.js, and along z here."""
 
 
-class MemoryWindow:
-    """What meshcat takes for a connection to its server: keeps the commands instead of sending them.
+class CommandRecorder:
+    """Stand-in for meshcat's connection to its server: records the commands instead of sending them.
 
     Attributes:
-        messages: the commands, packed as for the wire.
+        messages: recorded commands, packed with msgpack.
     """
 
     def __init__(self) -> None:
         self.messages: list[bytes] = []
 
     def send(self, command: Any) -> None:
-        """Keep a command."""
-        self.messages.append(umsgpack.packb(command.lower(), force_float_precision="single"))
+        """Record a meshcat command."""
+        self.record(command.lower())
+
+    def record(self, command: dict[str, Any]) -> None:
+        """Record a command that is a dictionary already."""
+        self.messages.append(umsgpack.packb(command, force_float_precision="single"))
+
+    def set_property(self, node: Any, name: str, value: Any) -> None:
+        """Record a property of a node's object; meshcat's SetProperty would write "castshadow"."""
+        path = f"{node.path.lower()}/<object>"
+        self.record({"type": "set_property", "path": path, "property": name, "value": value})
 
 
-class ObjectProperty(NamedTuple):
-    """A property of a node's own object; meshcat's SetProperty would write "castshadow".
-
-    Attributes:
-        path: of the node.
-        name: of the property.
-        value: what it becomes.
-    """
-
-    path: Any
-    name: str
-    value: Any
-
-    def lower(self) -> dict[str, Any]:
-        """Return the command as meshcat's viewer reads it."""
-        return {
-            "type": "set_property",
-            "path": f"{self.path.lower()}/<object>",
-            "property": self.name,
-            "value": self.value,
-        }
-
-
-class _Keyframes(NamedTuple):
-    """An animation track whose numbers stand in two typed arrays."""
-
-    name: str
-    kind: str
-    time: Array
-    values: Array
-    held: bool
-
-    def lower(self) -> dict[str, Any]:
-        track = {
-            "name": f".{self.name}",
-            "type": self.kind,
-            "times": _float32(self.time),
-            "values": _float32(self.values),
-        }
-        return {**track, "interpolation": _HOLD} if self.held else track
-
-
-def viewer_script() -> str:
-    """Return meshcat's viewer, a script that needs nothing else."""
-    return _viewer_file("main.min.js")
-
-
-def viewer_licences() -> str:
-    """Return the licence texts that go with the viewer's script."""
-    return _viewer_file("main.min.js.LICENSE.txt")
+def viewer_file(name: str) -> str:
+    """Return a file of meshcat's viewer, a script that needs nothing else."""
+    return Path(meshcat.viewer_assets_path(), "dist", name).read_text(encoding="utf-8")
 
 
 def scene_messages(scene: Scene) -> list[bytes]:
-    """Return the commands that draw and animate a scene, in order."""
-    window = MemoryWindow()
-    root = meshcat.Visualizer(window=window)
-    names = (f"coop-pin-{number}" for number in itertools.count())
+    """Return the packed commands that draw and animate a scene, in order."""
+    recorder = CommandRecorder()
+    root, names = meshcat.Visualizer(window=recorder), (f"coop-pin-{number}" for number in itertools.count())
     for item in scene.items:
-        _draw(root[item.path], item, names)
-    _look(root, scene.camera)
+        node, shape, material = root[item.path], _geometry(item), _material(item)
+        kind = geometry.LineSegments if isinstance(item.drawable, Segments) else geometry.Mesh
+        drawn = kind(shape, material)
+        shape.uuid, material.uuid, drawn.uuid = next(names), next(names), next(names)
+        recorder.send(SetObject(drawn, path=node.path))
+        node.set_transform(item.pose @ _Y_TO_Z if isinstance(item.drawable, Cylinder | Cone) else item.pose)
+        if item.paint.opacity < 1.0 or item.paint.on_top or not item.paint.lit:
+            recorder.set_property(node, "castShadow", value=False)
+            recorder.set_property(node, "receiveShadow", value=False)
+    _set_camera(root, recorder, scene.camera)
     if scene.tracks:
-        clips = {root[track.path].path: _clip(track, scene.time) for track in scene.tracks}
-        window.send(SetAnimation(animation.Animation(clips=clips)))
-    return window.messages
-
-
-def _draw(node: Any, item: Item, names: Iterator[str]) -> None:
-    shape, material = _geometry(item), _material(item)
-    shape.uuid, material.uuid = next(names), next(names)
-    kind = geometry.LineSegments if isinstance(item.drawable, Segments) else geometry.Mesh
-    drawn = kind(shape, material)
-    drawn.uuid = next(names)
-    node.window.send(SetObject(drawn, path=node.path))
-    upright = isinstance(item.drawable, Cylinder | Cone)
-    node.set_transform(item.pose @ _Y_TO_Z if upright else item.pose)
-    if item.paint.opacity < 1.0 or item.paint.on_top or not item.paint.lit:
-        node.window.send(ObjectProperty(node.path, "castShadow", False))
-        node.window.send(ObjectProperty(node.path, "receiveShadow", False))
+        animations = [
+            {"path": root[track.path].path.lower(), "clip": _clip(track, scene.time)}
+            for track in scene.tracks
+        ]
+        options = {"play": True, "repetitions": 1}
+        recorder.record({"type": "set_animation", "animations": animations, "options": options, "path": ""})
+    return recorder.messages
 
 
 def _geometry(item: Item) -> Any:
+    """Return meshcat's geometry of a drawable."""
     match item.drawable:
         case Box(size):
             return geometry.Box(list(size))
@@ -143,70 +102,64 @@ def _geometry(item: Item) -> Any:
 
 
 class _ConeGeometry(geometry.Cylinder):  # type: ignore[misc]
-    """A cylinder that ends in a point and stands on the origin instead of around it."""
+    """Cylinder with a top of radius zero, whose base is at the origin."""
 
     def __init__(self, length: float, radius: float) -> None:
         super().__init__(length, radiusTop=0.0, radiusBottom=radius)
 
     def intrinsic_transform(self) -> Array:
-        lifted = np.eye(4)
-        lifted[3, 1] = (
-            self.height / 2.0
-        )  # three.js reads columns first, and meshcat does not turn this matrix over
-        return lifted
+        # three.js reads matrices by columns, and meshcat does not transpose this one.
+        return translation((0.0, self.height / 2.0, 0.0)).T
 
 
 def _material(item: Item) -> Any:
+    """Return meshcat's material of a drawable."""
     paint = item.paint
     red, green, blue = (round(255 * part) for part in paint.colour)
-    colour = (red << 16) + (green << 8) + blue
-    over: dict[str, Any] = {"depthTest": False, "depthWrite": False} if paint.on_top else {}
+    options: dict[str, Any] = {"depthTest": False, "depthWrite": False} if paint.on_top else {}
     if isinstance(item.drawable, Mesh):
-        over["flatShading"] = True  # merged vertices have no normals worth smoothing
+        options["flatShading"] = True  # normals of merged vertices are not worth smoothing
     if isinstance(item.drawable, Segments):
-        return geometry.LineBasicMaterial(vertexColors=True, transparent=paint.on_top, **over)
+        return geometry.LineBasicMaterial(vertexColors=True, transparent=paint.on_top, **options)
     kind = geometry.MeshPhongMaterial if paint.lit else geometry.MeshBasicMaterial
-    # Transparent things are drawn last; with their back sides left out, convex ones need no depth to look
-    # right.
+    # Transparent objects are drawn last; convex ones without their back sides need no depth test.
     return kind(
-        color=colour,
+        color=(red << 16) + (green << 8) + blue,
         opacity=paint.opacity,
         transparent=paint.on_top or paint.opacity < 1.0,
         side=0 if paint.on_top else 2,
-        **over,
+        **options,
     )
 
 
-def _look(root: Any, camera: Camera) -> None:
+def _set_camera(root: Any, recorder: CommandRecorder, camera: Camera) -> None:
     """Place the camera, in its own axes, where y is up.
 
-    meshcat's camera looks at the world's origin wherever it stands, so the whole scene is moved until its
-    target is there.
+    meshcat's camera always looks at the world's origin, so the whole scene is shifted to bring the target
+    there.
     """
     root.set_transform(translation(-camera.target))
     x, y, z = (float(part) for part in camera.eye - camera.target)
-    rotated = root["/Cameras/default/rotated"].path
-    root.window.send(ObjectProperty(rotated, "fov", camera.field_of_view))
-    root.window.send(ObjectProperty(rotated, "position", [x, z, -y]))
+    rotated = root["/Cameras/default/rotated"]
+    recorder.set_property(rotated, "fov", camera.field_of_view)
+    recorder.set_property(rotated, "position", [x, z, -y])
 
 
-def _clip(track: Track, time: Array) -> Any:
+def _clip(track: Track, time: Array) -> dict[str, Any]:
+    """Return the animation clip of a track, its numbers in typed arrays."""
     parts = (
         ("position", "vector3", track.position),
         ("quaternion", "quaternion", track.quaternion),
         ("scale", "vector3", track.scale),
     )
-    tracks = {
-        name: _Keyframes(name, kind, time, values, track.held)
+    held = {"interpolation": _HOLD} if track.held else {}
+    tracks = [
+        {"name": f".{name}", "type": kind, "times": _float32(time), "values": _float32(values), **held}
         for name, kind, values in parts
         if values is not None
-    }
-    return animation.AnimationClip(tracks=tracks, fps=1)  # one frame a second: the times are seconds
+    ]
+    return {"fps": 1, "name": "default", "tracks": tracks}  # one frame per second: times are in seconds
 
 
 def _float32(values: Array) -> Any:
     return umsgpack.Ext(_FLOAT32, np.ascontiguousarray(values, dtype="<f4").tobytes())
-
-
-def _viewer_file(name: str) -> str:
-    return Path(meshcat.viewer_assets_path(), "dist", name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A notebook panel: a run under the hand, beside its live view."""
+"""Jupyter panel: live view of a run with buttons, and sliders for gains, payload mass, squeeze and push."""
 
 from __future__ import annotations
 
@@ -16,21 +16,28 @@ from coop_pin.errors import CoopPinError, MissingExtraError
 from coop_pin.results import RunResult
 from coop_pin.viz.live_run import LiveRun
 from coop_pin.viz.live_view import open_view
-from coop_pin.viz.replay import page_frame
+from coop_pin.viz.page import page_frame
 
 _DECADE = 10.0
+_RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+_PUSH_N, _LARGEST_PUSH_N, _PUSH_S = 150.0, 500.0, 0.2
+_MASS_FACTOR = 4.0
+_LARGEST_SQUEEZE_FACTOR = 4.0
+_SLIDER_STEPS = 200
+_HEIGHT = 600
+_GREY, _RED = "#52606d", "#b42318"
 
 
 class Slider(NamedTuple):
-    """A slider for a gain.
+    """Slider of the panel.
 
     Attributes:
-        field: dotted path in the scenario.
-        label: for people.
-        value: as the scenario has it: a number, or a factor on a gain of several numbers.
-        low: the least.
-        high: the most.
-        gain: the gain that the factor multiplies; None where the slider is the gain itself.
+        field: dotted path of a gain in the scenario; or "mass", "squeeze" or "push".
+        label: description beside the slider.
+        value: initial value: a number, or the factor 1 for a gain of several numbers.
+        low: smallest value; above zero the slider is logarithmic.
+        high: largest value.
+        gain: gain of several numbers that the value multiplies; None for a single number.
     """
 
     field: str
@@ -41,19 +48,19 @@ class Slider(NamedTuple):
     gain: Any = None
 
     def field_value(self, value: float) -> Any:
-        """Return what the scenario's field becomes."""
+        """Return the value of the scenario's field for a value of the slider."""
         return value if self.gain is None else _scaled(self.gain, value)
 
 
 def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
-    """Return the knobs of a scenario's gains; none for a user's own controller, whose gains nobody here knows."""
+    """Return the sliders of a scenario's gains; none for a user's own controller."""
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return ()
     sliders: list[Slider] = []
     for name, gain in chosen.gains:
         if name == "force_gain" and isinstance(chosen.force_path, NoForcePath):
-            continue  # the law would not feel it
+            continue  # it has no effect
         field, label = f"controller.gains.{name}", name.replace("_", " ")
         if isinstance(gain, tuple):
             sliders.append(Slider(field, f"{label} \u00d7", 1.0, 1.0 / _DECADE, _DECADE, gain))
@@ -68,139 +75,121 @@ def _scaled(gain: Any, factor: float) -> Any:
     return tuple(_scaled(entry, factor) for entry in gain) if isinstance(gain, tuple) else factor * gain
 
 
-_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_PUSH_N, _LARGEST_PUSH_N, _PUSH_S = 150.0, 500.0, 0.2
-_MASS_FACTOR = 4.0
-_LARGEST_SQUEEZE_FACTOR = 4.0
-_HEIGHT = 600
-
-
 class Panel:
-    """Buttons and sliders for a run, and its live view with strip charts; let a notebook cell return it.
+    """Jupyter panel of a run: live view with strip charts, buttons and sliders.
 
-    A slider acts on the running loop at the next tick.
+    A notebook displays it as the result of a cell. A slider acts at the next tick.
 
     Attributes:
-        run: the run under way.
+        run: the interactive run.
         view: its live view.
-        widget: everything, as one ipywidget.
-        sliders: the sliders by the field of the scenario that they change; besides gains "mass", "squeeze"
-            and "push".
-        buttons: "start", "reset" and "push".
+        widget: the whole panel, an ipywidget.
+        sliders: widgets by dotted path of the gain in the scenario, and "mass", "squeeze" and "push".
+        buttons: widgets "start", "reset" and "push".
     """
 
-    def __init__(self, scenario: Scenario | str | Path, realtime_rate: float = 1.0) -> None:
-        """Stand at the start, paused.
+    def __init__(self, scenario: Scenario | str | Path, *, realtime_rate: float = 1.0) -> None:
+        """Build the panel of a run, paused at the start.
 
         Args:
-            scenario: a Scenario, a name in the catalogue or the path of a TOML file; its duration is how long
-                one can play.
-            realtime_rate: simulated seconds in one second of wall time.
+            scenario: a Scenario, a name in the catalogue or the path of a TOML file; its duration limits the
+                run.
+            realtime_rate: simulated seconds per second of wall time.
 
         Raises:
             MissingExtraError: ipywidgets is not installed.
             ScenarioError: the scenario has mistakes.
-            UnreachablePoseError: the start is out of an arm's reach.
+            UnreachablePoseError: an arm does not reach its grasp at the start.
         """
-        self._kit = _widgets()
+        try:
+            import ipywidgets
+        except ImportError:
+            raise MissingExtraError("ipywidgets", "notebook", "for the panel") from None
+        self._kit: Any = ipywidgets
         scenario = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
         self.view = open_view(scenario)
-        self.run = LiveRun(scenario, self.view, realtime_rate)
-        self.run.when_it_ends(self._tell_state)
+        self.run = LiveRun(scenario, view=self.view, realtime_rate=realtime_rate)
+        self.run.on_end = self._show_state
         self.sliders: dict[str, Any] = {}
         self.buttons = {
             "start": self._button("Start", "play", self._toggle),
             "reset": self._button("Reset", "undo", self._reset),
-            "push": self._button("Shove", "hand-pointer-o", self._push),
+            "push": self._button("Push", "hand-pointer-o", self._push),
         }
-        self._speed = self._kit.Dropdown(
-            options=[(f"\u00d7 {speed:g}", speed) for speed in _SPEEDS], value=1.0, layout={"width": "90px"}
-        )
-        self._speed.observe(self._change_speed, "value")
-        self._status, self._frame = (
-            self._kit.HTML(),
-            self._kit.HTML(self.view.frame_html(_HEIGHT), layout={"width": "100%"}),
-        )
-        self.widget = self._kit.VBox([self._frame, self._controls(scenario), self._status])
-        self._tell_state()
+        frame = self._kit.HTML(self.view.frame_html(height=_HEIGHT), layout={"width": "100%"})
+        self._status = self._kit.HTML()
+        self.widget = self._kit.VBox([frame, self._controls(scenario), self._status])
+        self._show_state()
 
     def result(self) -> RunResult:
-        """Return what was recorded since the last reset; at least one tick must have been done."""
+        """Return the recording since the last reset; at least one tick must have been done."""
         return self.run.result()
 
     def close(self) -> None:
-        """Stop the run and end its view."""
+        """Pause the run and close its view."""
         self.run.pause()
         self.view.close()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """Return the widget, and for pages without a kernel behind them a still picture that says so."""
-        still = page_frame(
-            self.view.still_html("still picture: buttons and sliders need a running notebook"),
-            _HEIGHT,
-            "coop_pin",
-        )
+        """Return the widget, and a still image with the reason for pages without a kernel."""
+        page = self.view.page(still="still image: buttons and sliders need a running notebook")
+        still = page_frame(_HEIGHT, "coop_pin", srcdoc=page)
         return self.widget._repr_mimebundle_(**options) | {"text/html": still}
 
     # ------------------------------------------------------------ layout
 
     def _controls(self, scenario: Scenario) -> Any:
-        for knob in gain_sliders(scenario):
-            self._add(knob, functools.partial(self._change_gain, knob))
-        mass, squeeze = (
-            scenario.cell.payload.mass,
-            float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max()),
+        """Return the buttons and sliders."""
+        rate = self._kit.Dropdown(
+            options=[(f"\u00d7 {rate:g}", rate) for rate in _RATES], value=1.0, layout={"width": "90px"}
         )
-        self._add(
-            Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR),
-            self.run.change_mass,
-        )
+        rate.observe(lambda change: setattr(self.run, "realtime_rate", change["new"]), "value")
+        gains = [self._add(slider, self._change_gain(slider)) for slider in gain_sliders(scenario)]
+        mass = scenario.cell.payload.mass
+        squeeze = float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
+        payload = Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR)
+        rest = [self._add(payload, self.run.change_mass)]
         if squeeze > 0.0:
-            self._add(
-                Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze),
-                self.run.change_squeeze,
-            )
-        self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None)
-        gains = [slider for field, slider in self.sliders.items() if "." in field]
-        rest = [slider for field, slider in self.sliders.items() if "." not in field]
-        buttons = self._kit.HBox([*self.buttons.values(), self._speed])
+            force = Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze)
+            rest.append(self._add(force, self.run.change_squeeze))
+        rest.append(self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None))
+        buttons = self._kit.HBox([*self.buttons.values(), rate])
         return self._kit.HBox([self._kit.VBox([buttons, *rest]), self._kit.VBox(gains)])
 
-    def _add(self, knob: Slider, act: Callable[[float], None]) -> None:
-        common = {
-            "description": knob.label,
-            "continuous_update": False,
-            "style": {"description_width": "110px"},
-        }
-        if knob.low > 0.0:
-            low, high = np.log10(knob.low), np.log10(knob.high)
-            slider = self._kit.FloatLogSlider(
-                value=knob.value, min=low, max=high, step=(high - low) / 200, readout_format=".3g", **common
-            )
-        else:
-            step = knob.high / 200
-            slider = self._kit.FloatSlider(
-                value=knob.value, min=knob.low, max=knob.high, step=step, readout_format=".3g", **common
-            )
-        slider.layout.width = "380px"
-        slider.observe(lambda change: self._try(lambda: act(change["new"])), "value")
-        self.sliders[knob.field] = slider
+    def _add(self, slider: Slider, act: Callable[[float], None]) -> Any:
+        """Return the widget of a slider, and list it in ``sliders``."""
+        kind, low, high = self._kit.FloatSlider, slider.low, slider.high
+        if low > 0.0:
+            kind, low, high = self._kit.FloatLogSlider, np.log10(low), np.log10(high)
+        widget = self.sliders[slider.field] = kind(
+            value=slider.value,
+            min=low,
+            max=high,
+            step=(high - low) / _SLIDER_STEPS,
+            readout_format=".3g",
+            description=slider.label,
+            continuous_update=False,
+            style={"description_width": "110px"},
+            layout={"width": "380px"},
+        )
+        widget.observe(lambda change: self._try(functools.partial(act, change["new"])), "value")
+        return widget
 
     def _button(self, text: str, icon: str, act: Callable[[], None]) -> Any:
         button = self._kit.Button(description=text, icon=icon, layout={"width": "92px"})
         button.on_click(lambda _: self._try(act))
         return button
 
-    # ------------------------------------------------------------ what they do
+    # ------------------------------------------------------------ actions
 
     def _try(self, act: Callable[[], None]) -> None:
-        """Do what was asked for; where it is not allowed, say so below the panel and leave everything as it is."""
+        """Do an action; show its error below the panel if it is refused."""
         try:
             act()
         except CoopPinError as error:
-            self._tell(str(error), "#b42318")
+            self._show(str(error), _RED)
         else:
-            self._tell_state()
+            self._show_state()
 
     def _toggle(self) -> None:
         if self.run.is_running:
@@ -214,39 +203,25 @@ class Panel:
         if was_running:
             self.run.start()
         else:
-            self.run.step()
+            self.run.step()  # shows the initial state
 
     def _push(self) -> None:
         self.run.push((0.0, self.sliders["push"].value, 0.0, 0.0, 0.0, 0.0), _PUSH_S)
 
-    def _change_gain(self, knob: Slider, value: float) -> None:
-        self.run.change({knob.field: knob.field_value(value)})
+    def _change_gain(self, slider: Slider) -> Callable[[float], None]:
+        return lambda value: self.run.change({slider.field: slider.field_value(value)})
 
-    def _change_speed(self, change: Any) -> None:
-        self.run.realtime_rate = change["new"]
-
-    def _tell_state(self) -> None:
+    def _show_state(self) -> None:
+        """Show below the panel whether the run is running, paused, finished or failed."""
         running = self.run.is_running and not self.run.is_finished
-        self.buttons["start"].description, self.buttons["start"].icon = (
-            ("Pause", "pause") if running else ("Start", "play")
-        )
+        start = self.buttons["start"]
+        start.description, start.icon = ("Pause", "pause") if running else ("Start", "play")
         if self.run.error is not None:
-            self._tell(str(self.run.error), "#b42318")
+            self._show(str(self.run.error), _RED)
         elif self.run.is_finished:
-            self._tell(
-                f"the run has ended at t = {self.run.scenario.duration:g} s; reset it to go on", "#52606d"
-            )
+            self._show(f"the run finished at t = {self.run.scenario.duration:g} s; reset to run again", _GREY)
         else:
-            self._tell("running" if running else "paused", "#52606d")
+            self._show("running" if running else "paused", _GREY)
 
-    def _tell(self, text: str, colour: str) -> None:
+    def _show(self, text: str, colour: str) -> None:
         self._status.value = f'<span style="color: {colour}">{html.escape(text)}</span>'
-
-
-def _widgets() -> Any:
-    """Return ipywidgets."""
-    try:
-        import ipywidgets
-    except ImportError:
-        raise MissingExtraError("ipywidgets", "notebook", "for the panel") from None
-    return ipywidgets

@@ -1,11 +1,11 @@
 "use strict";
-// Shows frames as they come over a socket; of a still page, the one that stands in it.
+// Shows frames as they arrive at a WebSocket; a still image shows the frame in the page.
 (() => {
   const live = JSON.parse(document.getElementById("data").textContent);
-  const stage = coopPinStage(document.getElementById("meshcat-pane"), live.messages, live.colours);
+  const stage = coopPinStage(document.getElementById("meshcat-pane"), live.messages, live.warning_colours);
   const { viewer } = stage, three = MeshCat.THREE;
   const element = (id) => document.getElementById(id);
-  const nodes = live.nodes.map(stage.node), tints = live.bodies.map(() => 0);
+  const nodes = live.nodes.map(stage.node), warnings = live.bodies.map(() => 0);
   const WINDOW_S = 10, REDRAW_MS = 200;
   let samples = [], path = [], drawnPath = 0, drawnAt = 0, count = 0, shown = null;
 
@@ -17,7 +17,7 @@
   // A frame: the length of a JSON text, the text, and position, quaternion, scale of every node.
   function show(bytes) {
     const length = new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
-    const told = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
+    const header = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
     const rows = new Float32Array(bytes.slice(4 + length).buffer);
     nodes.forEach((node, index) => {
       const row = rows.subarray(10 * index, 10 * index + 10);
@@ -25,20 +25,20 @@
       node.quaternion.fromArray(row, 3);
       node.scale.fromArray(row, 7);
     });
-    told.tints.forEach((code, index) => {
-      if (code !== tints[index]) { stage.tint(live.bodies[index], code); tints[index] = code; }
+    header.warnings.forEach((code, index) => {
+      if (code !== warnings[index]) { stage.setWarning(live.bodies[index], code); warnings[index] = code; }
     });
-    if (shown !== null && told.time < shown.time) { startAgain(); }
-    samples.push(told);
-    while (samples[0].time < told.time - WINDOW_S) { samples.shift(); }
-    follow(stage.node("payload").position);
-    shown = told;
+    if (shown !== null && header.time < shown.time) { restart(); }
+    samples.push(header);
+    while (samples[0].time < header.time - WINDOW_S) { samples.shift(); }
+    extendTrail(stage.node("payload").position);
+    shown = header;
     count += 1;
-    element("clock").textContent = `t = ${told.time.toFixed(2)} s`;
+    element("clock").textContent = `t = ${header.time.toFixed(2)} s`;
     viewer.set_dirty();
   }
 
-  function startAgain() {
+  function restart() {
     samples = [];
     path = [];
     drawnPath = 0;
@@ -46,10 +46,10 @@
     trail.geometry = new three.BufferGeometry();
   }
 
-  function follow(position) {
+  function extendTrail(position) {
     const last = path[path.length - 1];
     if (last === undefined || last.distanceTo(position) >= live.trail.spacing) { path.push(position.clone()); }
-    if (path.length > live.trail.most) { path = path.filter((_, index) => index % 2 === 0); }
+    if (path.length > live.trail.max_points) { path = path.filter((_, index) => index % 2 === 0); }
   }
 
   function drawTrail() {
@@ -128,7 +128,7 @@
     get count() { return count; }, get shown() { return shown; }, get samples() { return samples; },
   };
   show(stage.bytes(live.frame));
-  samples = []; // nothing has moved yet
+  samples = []; // the charts start with the run
   if (live.still) { element("status").textContent = live.still; } else { connect(); }
   requestAnimationFrame(redraw);
 })();

@@ -1,17 +1,17 @@
 "use strict";
-// Plays the run that stands in this page: the viewer draws, this player turns the clock. Nothing is fetched.
+// Player of the run in this page: it sets the time, and the viewer draws. Nothing is fetched.
 (() => {
   const run = JSON.parse(document.getElementById("data").textContent);
-  const stage = coopPinStage(document.getElementById("meshcat-pane"), run.messages, run.colours);
+  const stage = coopPinStage(document.getElementById("meshcat-pane"), run.messages, run.warning_colours);
   const { viewer } = stage;
   const element = (id) => document.getElementById(id);
   const [play, slider, clock, speed, notice] = ["play", "time", "clock", "speed", "event"].map(element);
 
-  viewer.animator.pause(); // the actions stay ready; time is ours
-  viewer.animator.folder.domElement.style.display = "none"; // one set of buttons is enough
+  viewer.animator.pause(); // the actions stay ready; this player sets their time
+  viewer.animator.folder.domElement.style.display = "none"; // replaced by this player's buttons
 
-  // The caption stands on the left, so the scene moves a little to the right, at any size of the window.
-  function makeRoom() {
+  // The caption is on the left, so the scene is shifted a little to the right, at any size of the window.
+  function shiftScene() {
     const { camera } = viewer, { aspect } = camera;
     camera.setViewOffset(1, 1, -0.05, 0, 1, 1);
     camera.aspect = aspect;
@@ -19,24 +19,24 @@
   }
 
   let time = 0, playing = false, last = null;
-  const tints = run.bodies.map(() => 0);
+  const warnings = run.bodies.map(() => 0);
 
-  // Colours hold until their next change.
-  function tint() {
+  // A warning colour is held until its next change.
+  function showWarnings() {
     const wanted = run.bodies.map(() => 0);
-    for (const [start, body, code] of run.tints) {
+    for (const [start, body, code] of run.warning_changes) {
       if (start > time) { break; }
       wanted[body] = code;
     }
     wanted.forEach((code, body) => {
-      if (code !== tints[body]) { stage.tint(run.bodies[body], code); tints[body] = code; }
+      if (code !== warnings[body]) { stage.setWarning(run.bodies[body], code); warnings[body] = code; }
     });
   }
 
   function show() {
     viewer.animator.seek(time);
     viewer.animator.display_progress(time);
-    tint();
+    showWarnings();
     slider.value = time;
     clock.textContent = `t = ${time.toFixed(2)} s / ${run.duration.toFixed(2)} s`;
     const now = run.events.filter((event) => event.start <= time && time <= Math.max(event.end, event.start + 1));
@@ -80,7 +80,7 @@
   }
 
   window.coopPin = { viewer, seek: (to) => { setPlaying(false); seek(to); }, play: () => setPlaying(true), duration: run.duration };
-  makeRoom();
+  shiftScene();
   seek(0);
   setPlaying(true);
   requestAnimationFrame(tick);

@@ -1,6 +1,6 @@
 "use strict";
-// What replay and live page share: the viewer with its scene, its light, and colours that warn.
-function coopPinStage(pane, messages, colours) {
+// Shared by replay and live page: the viewer with its scene and lights, and the warning colours.
+function coopPinStage(pane, messages, warningColours) {
   const viewer = new MeshCat.Viewer(pane);
   const node = (path) => viewer.scene_tree.find(["meshcat", ...path.split("/")]).object;
 
@@ -23,18 +23,18 @@ function coopPinStage(pane, messages, colours) {
     }
   }
 
-  // The floor fades into the background before the lamp's light ends.
+  // The floor fades into the background before the end of the spot light's cone.
   function haze() {
     const distance = viewer.camera.getWorldPosition(new MeshCat.THREE.Vector3()).length();
     viewer.scene.fog = new MeshCat.THREE.Fog(0xe9edf2, 1.15 * distance, 2.1 * distance);
   }
 
-  // Give a body the colour of a code; 0 is its own.
-  function tint(path, code) {
+  // Give a body the warning colour of a code; 0 is its own colour.
+  function setWarning(path, code) {
     node(path).traverse((part) => {
       if (!part.material || !part.material.color) { return; }
       if (!part.userData.own) { part.userData.own = part.material.color.clone(); }
-      if (code === 0) { part.material.color.copy(part.userData.own); } else { part.material.color.setRGB(...colours[code]); }
+      if (code === 0) { part.material.color.copy(part.userData.own); } else { part.material.color.setRGB(...warningColours[code]); }
     });
     viewer.set_dirty();
   }
@@ -43,5 +43,5 @@ function coopPinStage(pane, messages, colours) {
   for (const message of messages) { viewer.handle_command_bytearray(bytes(message)); }
   light();
   haze();
-  return { viewer, node, tint, bytes };
+  return { viewer, node, setWarning, bytes };
 }
