@@ -13,18 +13,12 @@ from coop_pin.control import (
     PayloadSpaceController,
     Posture,
     RedundantSlidingModeController,
-    Saturation,
-    Sign,
     SlidingModeController,
-    Switching,
-    Tanh,
 )
 from coop_pin.control.interface import DecentralisedController
 from coop_pin.description import controller as choice
-from coop_pin.description import switching
 from coop_pin.description.gains import PostureGains, gain_matrix
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.switching import Switching as SwitchingChoice
 from coop_pin.errors import EntryNotFoundError, FieldError
 from coop_pin.model.arm_model import ArmModel
 
@@ -55,7 +49,7 @@ def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> 
         "pose_gain": gain_matrix(gains.pose_gain, rows.size, f"{path}.pose_gain"),
         "force_gain": gains.force_gain,
         "transient_rate": gains.transient_rate,
-        "switching": _switching(chosen.switching),
+        "switching": chosen.switching,
     }
     if isinstance(chosen, choice.PayloadSpace):
         return PayloadSpaceController(
@@ -96,16 +90,6 @@ def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel)
         np.broadcast_to(np.array(gain, dtype=float), (model.nv,)) for gain in (gains.stiffness, gains.damping)
     )
     return Posture(model.drive @ spring, stiffness, damping)
-
-
-def _switching(chosen: SwitchingChoice) -> Switching:
-    match chosen:
-        case switching.Saturation():
-            return Saturation(chosen.width)
-        case switching.Tanh():
-            return Tanh(chosen.width)
-        case _:
-            return Sign()
 
 
 def _users_controller(scenario: Scenario, chosen: choice.UserController) -> CellController:

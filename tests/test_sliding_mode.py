@@ -117,8 +117,8 @@ def test_first_tick_leaves_the_sign_integral_at_zero(name):
 def test_switching_functions():
     s = np.array([-2.0, -0.05, 0.0, 0.05, 2.0])
     assert Sign()(s).tolist() == [-1, -1, 0, 1, 1]
-    assert_allclose(Saturation(0.1)(s), [-1, -0.5, 0, 0.5, 1])
-    assert_allclose(Tanh(0.1)(s), np.tanh(s / 0.1))
+    assert_allclose(Saturation(width=0.1)(s), [-1, -0.5, 0, 0.5, 1])
+    assert_allclose(Tanh(width=0.1)(s), np.tanh(s / 0.1))
 
 
 def test_singular_jacobian_is_refused_with_numbers():

@@ -1,4 +1,4 @@
-"""Controllers that see only measurements: no Pinocchio, no model, no chain. Importing this room imports none of them."""
+"""Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
 from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, CellController, Command
 from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
@@ -7,7 +7,8 @@ from coop_pin.control.sliding_mode import (
     SlidingModeController,
     SlidingModeState,
 )
-from coop_pin.control.terms import Posture, Saturation, Sign, Switching, Tanh, force_gain_bound
+from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
+from coop_pin.control.terms import Posture, force_gain_bound
 
 __all__ = [
     "ArmController",

@@ -10,7 +10,8 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, Command
-from coop_pin.control.terms import Posture, Switching, force_term, right_inverse
+from coop_pin.control.switching import Switching
+from coop_pin.control.terms import Posture, force_term, right_inverse
 from coop_pin.spatial.task_rows import TaskRows
 
 

@@ -29,7 +29,6 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
 from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
-from coop_pin.description.switching import Saturation, Sign, Tanh
 from coop_pin.schema.pose import Pose
 
 __all__ = [
@@ -54,15 +53,12 @@ __all__ = [
     "PostureGains",
     "RampSqueeze",
     "RedundantSlidingMode",
-    "Saturation",
     "Scenario",
-    "Sign",
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
     "SteadySqueeze",
     "SwingMotion",
-    "Tanh",
     "TurnMotion",
     "UserController",
     "UserMotion",

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from coop_pin.control.switching import Sign, Switching
 from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.switching import Sign, Switching
 from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
 from coop_pin.schema.base import Description, NotNegative
 
