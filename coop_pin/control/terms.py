@@ -1,4 +1,4 @@
-"""Terms shared by the laws: inverses of the payload Jacobian, the force term, the posture term, the bound on K_f."""
+"""Terms shared by the laws: inverses of the payload Jacobian, force term, posture term, bound on K_f."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
 
-
 CONDITION_LIMIT = 1e6
+"""Payload Jacobians with a larger condition number count as singular."""
 
 
 def jacobian_inverse(J: Array, time: float) -> Array:
