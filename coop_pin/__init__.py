@@ -12,12 +12,14 @@ from coop_pin.lazy import load_public
 
 _PUBLIC = {
     "Arm": "coop_pin.description",
+    "ArmCommand": "coop_pin.control",
     "ArmController": "coop_pin.control",
     "ArmMeasurement": "coop_pin.control",
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
     "Cell": "coop_pin.description",
     "CellChain": "coop_pin.chain",
+    "CellCommand": "coop_pin.control",
     "CellController": "coop_pin.control",
     "ChainDynamics": "coop_pin.chain",
     "ChainState": "coop_pin.chain",
@@ -25,7 +27,6 @@ _PUBLIC = {
     "Clock": "coop_pin.description",
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
-    "Command": "coop_pin.control",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.description",
     "Energy": "coop_pin.chain",

@@ -11,12 +11,12 @@ from coop_pin.arrays import Array
 from coop_pin.control import (
     ArmController,
     CellController,
+    DecentralisedController,
     PayloadSpaceController,
     Posture,
     RedundantSlidingModeController,
     SlidingModeController,
 )
-from coop_pin.control.interface import DecentralisedController
 from coop_pin.description.controller import (
     Law,
     PayloadSpace,

@@ -26,7 +26,7 @@ class PayloadSpring(cp.ArmController):
         squeeze = self.rows.turn(
             measurement.payload_pose, reference.internal_wrench
         )  # it is given in payload axes
-        return cp.Command(-measurement.payload_jacobian.T @ (self.share * pull + squeeze), state)
+        return cp.ArmCommand(-measurement.payload_jacobian.T @ (self.share * pull + squeeze), state)
 
 
 if __name__ == "__main__":

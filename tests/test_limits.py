@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController
-from coop_pin.control.interface import Command
+from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
 from coop_pin.errors import FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
@@ -33,7 +33,7 @@ class Given(CellController):
 
     def step(self, measurements, references, state):
         self.seen.append(measurements)
-        return Command(self.torques(measurements), None)
+        return CellCommand(self.torques(measurements), None)
 
 
 def nothing(measurements):

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.chain import CellChain
-from coop_pin.control import CellController, Command
+from coop_pin.control import CellCommand, CellController
 from coop_pin.controller_factory import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
@@ -170,7 +170,7 @@ class Nothing(CellController):
         return None
 
     def step(self, measurements, references, state):
-        return Command([np.zeros(len(m.v)) for m in measurements], None)
+        return CellCommand([np.zeros(len(m.v)) for m in measurements], None)
 
 
 def test_time_is_counted_from_tick_numbers(paper):

@@ -168,11 +168,12 @@ def test_law_brings_an_open_start_back(cell):
 
 def test_arms_do_not_see_each_other():
     """Changing what the right arm measures leaves the left arm's torque as it is, bit for bit."""
-    team = build_controller(cp.Scenario.load("adept-paper"))
+    controller = build_controller(cp.Scenario.load("adept-paper"))
     rows = task_rows("planar")
     left, right, other = inputs(rows, 0.0, 0, False), inputs(rows, 0.0, 1, False), inputs(rows, 0.0, 2, False)
     torques = []
     for second in (right, other):
         measurements, references = (left[0], second[0]), (left[1], second[1])
-        torques.append(team.step(measurements, references, team.init(measurements, references)).torque[0])
+        state = controller.init(measurements, references)
+        torques.append(controller.step(measurements, references, state).torques[0])
     assert np.array_equal(*torques)

@@ -119,7 +119,7 @@ def _answers(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Ar
 
     def torque(v: Array) -> Array:
         answer = simulation.controller.step(measured(v), references, state)
-        return plant.drives.torque(simulation.actuation.commands(answer.torque))
+        return plant.drives.torque(simulation.actuation.commands(answer.torques))
 
     return torque
 

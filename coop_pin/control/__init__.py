@@ -1,6 +1,14 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
-from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, CellController, Command
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    CellCommand,
+    CellController,
+    DecentralisedController,
+)
 from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
 from coop_pin.control.sliding_mode import (
     RedundantSlidingModeController,
@@ -11,11 +19,13 @@ from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture, force_gain_bound
 
 __all__ = [
+    "ArmCommand",
     "ArmController",
     "ArmMeasurement",
     "ArmReference",
+    "CellCommand",
     "CellController",
-    "Command",
+    "DecentralisedController",
     "PayloadSpaceController",
     "PayloadSpaceState",
     "Posture",

@@ -1,4 +1,4 @@
-"""Controllers as a scenario states them: a law with gains, switching function and force path; or a user's class."""
+"""Controllers as a scenario states them: a law with its gains and force path, or a user's own class."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ class DecentralisedLaw(Description, Generic[GainsOfLaw]):
 
 
 class SlidingMode(DecentralisedLaw[SlidingModeGains]):
-    """The decentralised sliding-mode law, Gueaieb et al. (2007), eq. (23), for arms with k = k_0 joints.
+    """The decentralised sliding-mode law, Gueaieb et al. (2007), eq. (23): SlidingModeController.
 
-    k_0 is the number of task rows. The law is SlidingModeController.
+    For arms with as many joints as task rows.
     """
 
     kind: Literal["sliding-mode"] = "sliding-mode"
 
 
 class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
-    """Law (23) for arms with more joints than task rows.
+    """Law (23) for arms with more joints than task rows: RedundantSlidingModeController.
 
-    RedundantSlidingModeController, which is the law, says what its proof loses.
+    Its docstring states what the proof loses.
 
     Attributes:
         posture: what the spare joints of redundant arms do.
@@ -93,7 +93,7 @@ class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
 
 
 class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
-    """The payload-space law: a repair of law (23) for any number of joints. The law is PayloadSpaceController.
+    """The payload-space law, a repair of law (23) for any number of joints: PayloadSpaceController.
 
     Attributes:
         posture: what the spare joints of redundant arms do.
