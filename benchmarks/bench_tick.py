@@ -46,17 +46,13 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     run = Simulation(scenario, controller)
     for _ in range(TICK):
         run.tick()
-    plant, chain, sensor, t = run.plant, run.chain, run.sensors[0], run.timeline.time(TICK)
-    target, squeeze = run.motion.at(t), run.squeeze.at(t)
-    references = run._references(target, squeeze)
-    measured = run._measure(TICK, t, references)
-    law, state, answer = (
-        controller.controllers["left"],
-        run.state,
-        controller.step(measured, references, run.state).torque,
-    )
-    commanded = run.actuation.commands(answer)
-    applied, free = run.actuation.apply(commanded), run.saturated[0]
+    plant, chain, sensor, t = run.plant, run.plant.chain, run.sensing.arms[0], run.timeline.time(TICK)
+    target, squeeze, references = run.motion.at(t), run.squeeze.at(t), run.references(t)
+    measured = run.sensing.start(plant.q, plant.v, references)
+    law, state = controller.controllers["left"], run.controller_state
+    command = controller.step(measured, references, state)
+    applied, free = run.actuation.apply(t, command), measured[0].saturated
+    none_saturated = [arm.saturated for arm in measured]
     q, v, tau, h = (
         plant.q,
         plant.v,
@@ -75,15 +71,15 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
-        BOTH: lambda: controller.step(run._measure(TICK, t, references), references, state),
-        "commands and torque limits": lambda: run.actuation.apply(run.actuation.commands(answer)),
-        "references": lambda: run._references(run.motion.at(t), run.squeeze.at(t)),
+        BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
+        "Actuation.apply": lambda: run.actuation.apply(t, command),
+        "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(q, v),
-        "    friction": lambda: plant.drives.friction(v),
-        RECORD: lambda: run.recorder.record(TICK, t, measured, commanded, applied, target, squeeze),
+        "    friction": lambda: plant.transmission.friction(v),
+        RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze),
         "  CellChain.observe": lambda: plant.observe(),
-        "guards": lambda: (run._require_finite(t, commanded), run._require_closed(t)),
+        "closure error": lambda: chain.closure_errors(plant.q),
     }
 
 
@@ -92,7 +88,7 @@ def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
     cp.run(scenario.replace(duration=0.1, events=()))  # what is imported and cached once is no part of a run
     marks: list[float] = []
     start = time.process_time()
-    cp.simulate(scenario, build_controller(scenario), lambda *_: marks.append(time.process_time()))
+    cp.simulate(scenario, build_controller(scenario), progress=lambda *_: marks.append(time.process_time()))
     total, ticks = time.process_time() - start, len(marks) - 1
     alone = {name: float(np.median(seconds[name])) for name in (UNIT, STEP, BOTH, RECORD)}
     shares = {
