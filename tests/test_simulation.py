@@ -1,4 +1,4 @@
-"""The loop: the paper's experiment as a whole, reproducibility, exact events, energy, force paths, friction."""
+"""Simulation: the paper's experiment as a whole, reproducibility, exact events, energy, force paths, friction."""
 
 import numpy as np
 import pytest
@@ -170,6 +170,35 @@ class Nothing(CellController):
 
     def step(self, measurements, references, state):
         return CellCommand([np.zeros(len(m.v)) for m in measurements], None)
+
+
+class Started(Nothing):
+    """Counts the calls of init, which returns None."""
+
+    def __init__(self, scenario):
+        self.starts = 0
+
+    def init(self, measurements, references):
+        self.starts += 1
+
+
+def test_a_controller_without_state_starts_once():
+    scenario = cp.Scenario.load("adept-paper").replace(events=(), duration=0.1)
+    controller = Started(scenario)
+    cp.simulate(scenario, controller)
+    assert controller.starts == 1
+
+
+def test_a_controller_in_python_is_the_one_of_a_scenario_file():
+    scenario = cp.Scenario.load("adept-paper")
+    gains = cp.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
+    law = cp.PayloadSpace(gains=gains, switching=cp.Tanh(width=0.1), force_path=cp.LowPassForcePath(pole=0.5))
+    typed = scenario.override({"controller": law})
+    assert typed == scenario.override({"controller": law.model_dump()})
+    assert typed.controller is law
+    user = cp.UserController(target=Started)
+    assert user == cp.UserController(target=f"{__name__}:Started")
+    assert isinstance(build_controller(scenario.override({"controller": user})), Started)
 
 
 def test_time_is_counted_from_tick_numbers(paper):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from coop_pin.control.switching import Sign, Switching
 from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import Gains, PayloadSpaceGains, PostureGains, SlidingModeGains
+from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
 from coop_pin.schema.base import Description, NotNegative
 
@@ -111,22 +112,15 @@ class UserController(Description):
     """A controller class of the user's own.
 
     Attributes:
-        target: "module:Class"; it is called with the scenario, the arm's name and the options.
+        target: "module:Class", or the class; it is called with the scenario, the arm's name and the options.
         options: handed to it.
         force_path: how the internal wrench reaches it.
     """
 
     kind: Literal["user"] = "user"
-    target: str
+    target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
     force_path: ForcePath = NoForcePath()
-
-    @model_validator(mode="after")
-    def _has_colon(self) -> Self:
-        module, colon, name = self.target.partition(":")
-        if not (module and colon and name):
-            raise FieldError(f"is {self.target!r}; it must read 'module:Class'", "target")
-        return self
 
 
 Controller = Annotated[Law | UserController, Field(discriminator="kind")]

@@ -1,9 +1,9 @@
 """Plant between two ticks: held torques, friction and external wrench on the closed chain.
 
 For speed, plant and chain hold state that changes in place: ``Plant.advance`` replaces q, v and work,
-``hold`` and ``push`` the forces, ``CellChain.set_payload`` the payload's inertia, and each call of the dynamics
-overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything else that a simulation hands out
-(measurements, references, controller states, snapshots, results) is a value.
+``hold`` and ``push`` the forces, ``CellChain.set_payload`` the payload's inertia, and each call of the
+dynamics overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything else that a simulation
+hands out (measurements, references, controller states, snapshots, results) is a value.
 """
 
 from __future__ import annotations
