@@ -1,4 +1,4 @@
-"""What a tick costs, in units of one pinocchio.constraintDynamics call on the rooted planar chain.
+"""Cost of a tick, in units of one pinocchio.constraintDynamics call on the planar chain, payload welded.
 
     python benchmarks/bench_tick.py [--blocks 40] [--calls 100] [--duration 20]
 
@@ -41,7 +41,7 @@ def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.
 
 
 def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
-    """Return what is timed, by name, at a state in motion: tick 40 of the experiment."""
+    """Return the timed calls by name, at a state in motion: tick 40 of the experiment."""
     controller = build_controller(scenario)
     run = Simulation(scenario, controller)
     for _ in range(TICK):
@@ -84,8 +84,8 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
 
 
 def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
-    """Return lines that say where the processor time of a whole run goes; the parts as measured alone, the rest by difference."""
-    cp.run(scenario.replace(duration=0.1, events=()))  # what is imported and cached once is no part of a run
+    """Return the shares of a whole run's processor time: parts as measured alone, the rest by difference."""
+    cp.run(scenario.replace(duration=0.1, events=()))  # imports and caches are no part of a run
     marks: list[float] = []
     start = time.process_time()
     cp.simulate(scenario, build_controller(scenario), progress=lambda *_: marks.append(time.process_time()))
@@ -98,8 +98,11 @@ def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
         "recording": ticks * alone[RECORD],
         "labelling the result": start + total - marks[-1],
     }
-    shares["references, events, guards, colder caches"] = total - sum(shares.values())
-    title = f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, {scenario.duration / total:.0f} times real time here"
+    shares["references, events, checks, colder caches"] = total - sum(shares.values())
+    title = (
+        f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, "
+        f"{scenario.duration / total:.0f} times real time here"
+    )
     return "\n".join(
         [title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())]
     )
@@ -117,7 +120,8 @@ def main(arguments: list[str] | None = None) -> None:
     scenario = cp.Scenario.load("adept-paper")
     seconds = common.interleaved(tasks(scenario), options.blocks, options.calls)
     print(
-        f"unit: one {UNIT} call on the rooted planar chain, {1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)"
+        f"unit: one {UNIT} call on the planar chain with a welded payload, "
+        f"{1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)"
     )
     for name, values in seconds.items():
         print(f"{name:48s} {common.ratio(values, seconds[UNIT])}")

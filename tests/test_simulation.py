@@ -1,4 +1,4 @@
-"""Simulation: the paper's experiment as a whole, reproducibility, exact events, energy, force paths, friction."""
+"""Simulation: the paper's experiment, reproducibility, exact events, energy, force paths, friction."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_two_runs_give_the_same_bits(cell):
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_energy_equals_power_in(cell, payload, integrator):
-    """Through a push, a mass drop and friction; semi-implicit Euler is first order and gets a first-order tolerance."""
+    """Through a push, a mass drop and friction; semi-implicit Euler has a first-order tolerance."""
     scenario = SCENARIOS[cell]()
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
     events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))
@@ -94,7 +94,7 @@ def test_timeline_cuts_steps_at_events():
 
 
 def test_push_between_ticks_has_its_exact_impulse():
-    """The work of a push depends on its exact times: halving the plant step changes nothing that RK4 would not change."""
+    """The work of a push depends on its exact times; a smaller plant step changes it by RK4's error only."""
     push = {
         "events": [
             {"kind": "wrench-pulse", "time": 0.1031, "duration": 0.0507, "wrench": [200, 100, 0, 0, 0, 2]}
@@ -128,7 +128,7 @@ class Spy(CellController):
 @pytest.mark.parametrize("cell", SCENARIOS)
 @pytest.mark.parametrize("pole", [0.0, 0.6])
 def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
-    """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d: f(t_k^-) recomputed from the recorded state and last torque."""
+    """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d; f(t_k^-) from state and last torque."""
     scenario = SCENARIOS[cell]().replace(duration=0.1, events=())
     scenario = scenario.override(
         {"controller.force_path": {"kind": "low-pass", "pole": pole}, "controller.gains.force_gain": 0.5}

@@ -1,4 +1,4 @@
-"""Law (23): every sum written out by hand, its discrete conventions, and its behaviour in closed loop on both cells."""
+"""Law (23): every sum by hand, the sampled-time conventions, and the closed loop on both cells."""
 
 import numpy as np
 import pytest
@@ -135,7 +135,7 @@ def test_singular_jacobian_is_refused_with_numbers():
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_law_holds_a_squeezed_payload(cell):
-    """Without gravity and friction's stiction at rest, alpha = 0 leaves the internal wrench at f_d and the payload where it is."""
+    """At rest without gravity, alpha = 0 keeps the internal wrench at f_d and the payload in place."""
     scenario = SCENARIOS[cell]()
     hold = {"kind": "hold", "pose": scenario.start.model_dump()}
     changes = {
@@ -153,7 +153,7 @@ def test_law_holds_a_squeezed_payload(cell):
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_law_brings_an_open_start_back(cell):
-    """The transient follows xtildedot = -gamma xtilde + ..., so that the error shrinks to a small part of its start."""
+    """The transient follows xtildedot = -gamma xtilde + ...: the error shrinks to a small fraction."""
     scenario = SCENARIOS[cell]()
     away = scenario.start.replace(xyz=np.array(scenario.start.xyz) + np.array((0.02, -0.02, 0.0)))
     changes = {
