@@ -1,4 +1,4 @@
-"""What a tick costs, in units of one pinocchio.constraintDynamics call on the rooted planar chain.
+"""Cost of a tick, in units of one pinocchio.constraintDynamics call on the planar chain, payload welded.
 
     python benchmarks/bench_tick.py [--blocks 40] [--calls 100] [--duration 20]
 
@@ -41,22 +41,18 @@ def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.
 
 
 def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
-    """Return what is timed, by name, at a state in motion: tick 40 of the experiment."""
+    """Return the timed calls by name, at a state in motion: tick 40 of the experiment."""
     controller = build_controller(scenario)
     run = Simulation(scenario, controller)
     for _ in range(TICK):
         run.tick()
-    plant, chain, sensor, t = run.plant, run.chain, run.sensors[0], run.timeline.time(TICK)
-    target, squeeze = run.motion.at(t), run.squeeze.at(t)
-    references = run._references(target, squeeze)
-    measured = run._measure(TICK, t, references)
-    law, state, answer = (
-        controller.controllers["left"],
-        run.state,
-        controller.step(measured, references, run.state).torque,
-    )
-    commanded = run.actuation.commands(answer)
-    applied, free = run.actuation.apply(commanded), run.saturated[0]
+    plant, chain, sensor, t = run.plant, run.plant.chain, run.sensing.arms[0], run.timeline.time(TICK)
+    target, squeeze, references = run.motion.at(t), run.squeeze.at(t), run.references(t)
+    measured = run.sensing.start(plant.q, plant.v, references)
+    law, state = controller.controllers["left"], run.controller_state
+    command = controller.step(measured, references, state)
+    applied, free = run.actuation.apply(t, command), measured[0].saturated
+    none_saturated = [arm.saturated for arm in measured]
     q, v, tau, h = (
         plant.q,
         plant.v,
@@ -75,24 +71,24 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
-        BOTH: lambda: controller.step(run._measure(TICK, t, references), references, state),
-        "commands and torque limits": lambda: run.actuation.apply(run.actuation.commands(answer)),
-        "references": lambda: run._references(run.motion.at(t), run.squeeze.at(t)),
+        BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
+        "Actuation.apply": lambda: run.actuation.apply(t, command),
+        "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(q, v),
-        "    friction": lambda: plant.drives.friction(v),
-        RECORD: lambda: run.recorder.record(TICK, t, measured, commanded, applied, target, squeeze),
+        "    friction": lambda: plant.transmission.friction(v),
+        RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze),
         "  CellChain.observe": lambda: plant.observe(),
-        "guards": lambda: (run._require_finite(t, commanded), run._require_closed(t)),
+        "closure error": lambda: chain.closure_errors(plant.q),
     }
 
 
 def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
-    """Return lines that say where the processor time of a whole run goes; the parts as measured alone, the rest by difference."""
-    cp.run(scenario.replace(duration=0.1, events=()))  # what is imported and cached once is no part of a run
+    """Return the shares of a whole run's processor time: parts as measured alone, the rest by difference."""
+    cp.run(scenario.replace(duration=0.1, events=()))  # imports and caches are no part of a run
     marks: list[float] = []
     start = time.process_time()
-    cp.simulate(scenario, build_controller(scenario), lambda *_: marks.append(time.process_time()))
+    cp.simulate(scenario, build_controller(scenario), progress=lambda *_: marks.append(time.process_time()))
     total, ticks = time.process_time() - start, len(marks) - 1
     alone = {name: float(np.median(seconds[name])) for name in (UNIT, STEP, BOTH, RECORD)}
     shares = {
@@ -102,8 +98,11 @@ def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
         "recording": ticks * alone[RECORD],
         "labelling the result": start + total - marks[-1],
     }
-    shares["references, events, guards, colder caches"] = total - sum(shares.values())
-    title = f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, {scenario.duration / total:.0f} times real time here"
+    shares["references, events, checks, colder caches"] = total - sum(shares.values())
+    title = (
+        f"whole run: {ticks} ticks of {total / ticks / alone[UNIT]:.0f} units, "
+        f"{scenario.duration / total:.0f} times real time here"
+    )
     return "\n".join(
         [title, *(f"  {name:46s} {100 * share / total:5.1f} %" for name, share in shares.items())]
     )
@@ -121,7 +120,8 @@ def main(arguments: list[str] | None = None) -> None:
     scenario = cp.Scenario.load("adept-paper")
     seconds = common.interleaved(tasks(scenario), options.blocks, options.calls)
     print(
-        f"unit: one {UNIT} call on the rooted planar chain, {1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)"
+        f"unit: one {UNIT} call on the planar chain with a welded payload, "
+        f"{1e6 * np.median(seconds[UNIT]):.2f} us here; median (min .. max)"
     )
     for name, values in seconds.items():
         print(f"{name:48s} {common.ratio(values, seconds[UNIT])}")

@@ -105,15 +105,20 @@ class MujocoRun:
     def run(self) -> Recorded:
         """Run, reading poses and forces off at every tick."""
         loop, model, data, state, samples = self.loop, self.model, self.data, None, []
+        applied = None
         for tick in range(loop.timeline.ticks + 1):
             t = loop.timeline.time(tick)
-            references = loop._references(loop.motion.at(t), loop.squeeze.at(t))
-            measurements = loop._measure(tick, t, references)
+            references = loop.references(t)
+            measurements = (
+                loop.sensing.measure(t, loop.plant, applied.saturated)
+                if applied
+                else loop.sensing.start(loop.plant.q, loop.plant.v, references)
+            )
             self._happen(t)
             state = self.controller.init(measurements, references) if state is None else state
-            answer, state = self.controller.step(measurements, references, state)
-            applied = loop.actuation.apply(loop.actuation.commands(answer))
-            data.ctrl[:], loop.saturated = np.concatenate(applied.torques), applied.saturated
+            command = self.controller.step(measurements, references, state)
+            applied, state = loop.actuation.apply(t, command), command.state
+            data.ctrl[:] = np.concatenate(applied.torques)
             samples.append(self._sample(measurements[1].payload_jacobian))
             mujoco.mj_step(model, data, self.steps)
         return self._recorded(*(np.array(column) for column in zip(*samples, strict=True)))

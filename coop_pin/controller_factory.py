@@ -1,4 +1,4 @@
-"""Names in scenarios become controller objects here, users' own ``module:Class`` included."""
+"""Controllers built from what a scenario states: the laws of coop_pin, or a user's own ``module:Class``."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.arrays import Array
 from coop_pin.control import (
     ArmController,
     CellController,
+    DecentralisedController,
     PayloadSpaceController,
     Posture,
     RedundantSlidingModeController,
-    Saturation,
-    Sign,
     SlidingModeController,
-    Switching,
-    Tanh,
 )
-from coop_pin.control.interface import DecentralisedController
-from coop_pin.description import controller as choice
-from coop_pin.description import switching
-from coop_pin.description.gains import PostureGains, gain_matrix
+from coop_pin.description.controller import (
+    Law,
+    PayloadSpace,
+    RedundantSlidingMode,
+    SlidingMode,
+    UserController,
+)
+from coop_pin.description.gains import PostureGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.switching import Switching as SwitchingChoice
 from coop_pin.description.user_code import load_class
-from coop_pin.errors import FieldError
+from coop_pin.errors import FieldError, FieldShapeError
 from coop_pin.model.arm_model import ArmModel
 
 
@@ -33,63 +34,72 @@ def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
 
     Raises:
+        FieldError: the law does not fit an arm's number of joints.
         FieldShapeError: a gain does not fit its arm.
         EntryNotFoundError: a user's module or class does not exist.
     """
     chosen = scenario.controller
-    if isinstance(chosen, choice.UserController):
+    if isinstance(chosen, UserController):
         return _users_controller(scenario, chosen)
     return DecentralisedController(
         {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
     )
 
 
-def _arm_controller(scenario: Scenario, chosen: choice.Prescribed, arm: str) -> ArmController:
-    path = f"controller.{'arm_gains.' + arm if arm in chosen.arm_gains else 'gains'}"
+def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
+    """Return the law of one arm, its matrix gains sized for the arm's joints or the cell's task rows."""
     rows, model = scenario.cell.task_rows, ArmModel(scenario.cell.arms[arm])
-    _require_joints(chosen, arm, model.nv, rows.size)
-    gains = chosen.gains_of(arm)
-    common: dict[str, Any] = {
-        "rows": rows,
-        "period": scenario.clock.period,
-        "pose_gain": gain_matrix(gains.pose_gain, rows.size, f"{path}.pose_gain"),
-        "force_gain": gains.force_gain,
-        "transient_rate": gains.transient_rate,
-        "switching": _switching(chosen.switching),
-    }
-    if isinstance(chosen, choice.PayloadSpace):
-        return PayloadSpaceController(
-            load_share=float(scenario.cell.shares[list(scenario.cell.arms).index(arm)]),
-            sliding_gain=gain_matrix(chosen.gains_of(arm).sliding_gain, rows.size, f"{path}.sliding_gain"),
-            sign_gain=gain_matrix(gains.sign_gain, rows.size, f"{path}.sign_gain"),
-            posture=_posture(scenario, chosen.posture, arm, model) if model.nv > rows.size else None,
-            **common,
-        )
-    common["sign_gain"] = gain_matrix(gains.sign_gain, model.nv, f"{path}.sign_gain")
-    common["damping_gain"] = gain_matrix(chosen.gains_of(arm).damping_gain, model.nv, f"{path}.damping_gain")
+    k_0, k = rows.size, model.nv
+    _require_joints(law, arm, k, k_0)
+    sizes = {"pose_gain": k_0, "sliding_gain": k_0, "sign_gain": k, "damping_gain": k}
+    if isinstance(law, PayloadSpace):
+        sizes["sign_gain"] = k_0
+    path = f"controller.{'arm_gains.' + arm if arm in law.arm_gains else 'gains'}"
+    common: dict[str, Any] = {"rows": rows, "period": scenario.clock.period, "switching": law.switching}
+    for name, gain in law.gains_of(arm):
+        common[name] = _matrix(gain, sizes[name], f"{path}.{name}") if name in sizes else gain
+    if isinstance(law, PayloadSpace):
+        share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        posture = _posture(scenario, law.posture, arm, model) if k > k_0 else None
+        return PayloadSpaceController(load_share=share, posture=posture, **common)
     printed = SlidingModeController(**common)
-    if isinstance(chosen, choice.RedundantSlidingMode):
-        return RedundantSlidingModeController(
-            printed, _posture(scenario, chosen.posture, arm, model), chosen.inverse_damping
-        )
+    if isinstance(law, RedundantSlidingMode):
+        posture = _posture(scenario, law.posture, arm, model)
+        return RedundantSlidingModeController(printed, posture, law.inverse_damping)
     return printed
 
 
-def _require_joints(chosen: choice.Prescribed, arm: str, joints: int, rows: int) -> None:
+def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:
     """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
-    if joints < rows or (isinstance(chosen, choice.SlidingMode) and joints != rows):
-        wanted = "exactly as many" if isinstance(chosen, choice.SlidingMode) else "at least as many"
-        detail = f"is {chosen.kind!r}, which needs {wanted} joints as task rows; arm {arm!r} has {joints} joints and the cell {rows} rows"
+    if joints < rows or (isinstance(law, SlidingMode) and joints != rows):
+        wanted = "exactly as many" if isinstance(law, SlidingMode) else "at least as many"
         raise FieldError(
-            f"{detail}. For more joints choose 'sliding-mode-redundant' or 'payload-space'", "controller.kind"
+            f"is {law.kind!r}, which needs {wanted} joints as task rows; arm {arm!r} has {joints} joints and "
+            f"the cell {rows} rows. For more joints choose 'sliding-mode-redundant' or 'payload-space'",
+            "controller.kind",
         )
 
 
+def _matrix(gain: float | tuple[Any, ...], size: int, path: str) -> Array:
+    """Return a gain as a (size, size) matrix: a number times the identity, a diagonal, or the rows as given.
+
+    Raises:
+        FieldShapeError: its number of entries does not fit.
+    """
+    rows = np.array(gain, dtype=float)
+    if rows.ndim and len(rows) != size:
+        raise FieldShapeError(f"has {len(rows)} entries; it must be a number or have {size}", path)
+    return rows * np.eye(size) if rows.ndim < 2 else rows
+
+
 def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel) -> Posture:
-    """Return the posture term of a redundant arm: a spring towards the posture that its description states."""
+    """Return the posture term of a redundant arm: a spring towards ``Arm.posture``, and a damper."""
     if model.nq != model.nv:
-        detail = f"needs angles, but arm {arm!r} has continuous joints (nq {model.nq}, nv {model.nv}); lock one or give limits"
-        raise FieldError(detail, "controller.posture")
+        raise FieldError(
+            f"needs angles, but arm {arm!r} has continuous joints (nq {model.nq}, nv {model.nv}); "
+            "lock them or give them limits",
+            "controller.posture",
+        )
     angles = scenario.cell.arms[arm].posture
     spring = np.zeros(model.nv) if angles is None else np.array(angles)
     stiffness, damping = (
@@ -98,19 +108,13 @@ def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel)
     return Posture(model.drive @ spring, stiffness, damping)
 
 
-def _switching(chosen: SwitchingChoice) -> Switching:
-    match chosen:
-        case switching.Saturation():
-            return Saturation(chosen.width)
-        case switching.Tanh():
-            return Tanh(chosen.width)
-        case _:
-            return Sign()
+def _users_controller(scenario: Scenario, chosen: UserController) -> CellController:
+    """Return the controller of a user's class.
 
-
-def _users_controller(scenario: Scenario, chosen: choice.UserController) -> CellController:
-    """Call ``Class(scenario, arm, **options)`` for an ArmController, ``Class(scenario, **options)`` for a CellController."""
-    kind: Any = load_class(chosen.target)
+    An ArmController is called as ``Class(scenario, arm, **options)`` for each arm, a CellController as
+    ``Class(scenario, **options)``.
+    """
+    kind = load_class(chosen.target)
     if issubclass(kind, CellController):
         return kind(scenario, **chosen.options)
     if issubclass(kind, ArmController):

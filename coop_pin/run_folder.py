@@ -1,4 +1,4 @@
-"""The folder of a run: its scenario, numbers and pictures, each file written whole or not at all."""
+"""Folder of a run: scenario, result, metrics, timing and figures; files are written atomically."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coop_pin.results.atomic_write import write_atomically
 
 
 class Timing(NamedTuple):
-    """How long a run took; kept apart from its metrics, which are the same on every machine.
+    """Computing time of a run; kept apart from its metrics, which are the same on every machine.
 
     Attributes:
         wall_s: s.
@@ -28,13 +28,13 @@ class Timing(NamedTuple):
 
 
 class Stopwatch:
-    """Starts when it is made."""
+    """Wall and processor time since it was created."""
 
     def __init__(self) -> None:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def timing(self, result: RunResult) -> Timing:
-        """Return how long it took to compute a result."""
+        """Return the time that a result took until now."""
         wall = time.perf_counter() - self._wall
         return Timing(wall, time.process_time() - self._cpu, result.end / wall)
 
@@ -54,14 +54,21 @@ class RunFolder:
         self.path = Path(path)
 
     def write_unfinished(self, result: RunResult, timing: Timing) -> None:
-        """Write a run that broke off: no metrics, whose windows it did not reach, and no pictures."""
-        self._remove([self.METRICS, *self._pictures()])
-        self._write_run(result, timing)
+        """Write scenario, result and timing; metrics and pictures of an earlier run are removed.
+
+        A run that broke off has no metrics: it did not reach their windows.
+        """
+        text = result.scenario.to_toml()
+        write_atomically(self.path / self.SCENARIO, lambda part: part.write_text(text, encoding="utf-8"))
+        result.save(self.path / self.RESULT)
+        self._write_json(self.TIMING, timing._asdict())
+        figures = (f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))
+        for name in (self.METRICS, self.REPLAY, self.REPORT, *figures):
+            (self.path / name).unlink(missing_ok=True)
 
     def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
-        """Write a finished run; pictures of an earlier run do not stay beside the numbers of this one."""
-        self._remove(self._pictures())
-        self._write_run(result, timing)
+        """Write a finished run; metrics and pictures of an earlier run are replaced or removed."""
+        self.write_unfinished(result, timing)
         self._write_json(self.METRICS, result.metrics())
         if replay:
             self.write_replay(result)
@@ -85,17 +92,9 @@ class RunFolder:
         path = self.path / self.REPLAY
         return path if path.is_file() else self.write_replay(RunResult.load(self.path / self.RESULT))
 
-    def _write_run(self, result: RunResult, timing: Timing) -> None:
-        text = result.scenario.to_toml()
-        write_atomically(self.path / self.SCENARIO, lambda part: part.write_text(text, encoding="utf-8"))
-        result.save(self.path / self.RESULT)
-        self._write_json(self.TIMING, timing._asdict())
-
     def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
-        text = (
-            json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False)
-            + "\n"
-        )
+        numbers = {key: _strict(value) for key, value in table.items()}
+        text = json.dumps(numbers, indent=2, allow_nan=False) + "\n"
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _write_figures(self, result: RunResult) -> None:
@@ -105,20 +104,9 @@ class RunFolder:
         for name, make in zip(self.FIGURES, makers, strict=True):
             figures.save_figure(make(result), self.path / name)
 
-    def _pictures(self) -> list[str]:
-        return [
-            self.REPLAY,
-            self.REPORT,
-            *(f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg")),
-        ]
-
-    def _remove(self, names: list[str]) -> None:
-        for name in names:
-            (self.path / name).unlink(missing_ok=True)
-
 
 def _strict(value: Any) -> Any:
-    """JSON has no number for infinity and not-a-number: they become null."""
+    """Return a metric for JSON, which has no infinity and no not-a-number: they become null."""
     if isinstance(value, list):
         return [_strict(entry) for entry in value]
     return value if math.isfinite(value) else None

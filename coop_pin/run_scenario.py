@@ -1,4 +1,4 @@
-"""From a scenario to a result."""
+"""``run``: a scenario with the controller that it names, from its name or file to the result."""
 
 from __future__ import annotations
 
@@ -16,26 +16,29 @@ from coop_pin.simulation.simulate import Progress
 def run(
     scenario: Scenario | str | Path,
     overrides: Mapping[str, Any] | None = None,
+    *,
     progress: Progress | None = None,
     view: Observer | None = None,
     realtime_rate: float | None = None,
 ) -> RunResult:
-    """Run a scenario with the controller it names.
+    """Return the result of a scenario with the controller that it names.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
         progress: called after every tick with (ticks done, ticks in all).
-        view: sees every tick, for example what coop_pin.viz.open_view returns.
+        view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
 
     Raises:
         ScenarioError: the scenario has mistakes.
-        CoopPinError: the run could not start or go on; ``error.result`` holds what there is.
+        CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario, overrides)
     elif overrides:
         scenario = scenario.override(overrides)
-    return simulate(scenario, build_controller(scenario), progress, view, realtime_rate)
+    return simulate(
+        scenario, build_controller(scenario), progress=progress, view=view, realtime_rate=realtime_rate
+    )

@@ -1,6 +1,6 @@
-"""A controller of your own: each arm pulls the payload to its place like a spring with a damper, and squeezes.
+"""A controller of your own: a spring and damper on the payload pose in each arm, plus the desired squeeze.
 
-It gets what an arm can measure and nothing else. Here it is run from Python; on the command line, from this
+It receives measurements of its arm and nothing else. Here it runs from Python; on the command line, from this
 folder: coop-pin run adept-paper --controller.kind user --controller.target own_controller:PayloadSpring
 """
 
@@ -10,7 +10,7 @@ import coop_pin as cp
 
 
 class PayloadSpring(cp.ArmController):
-    """tau = -J^T [ c (K xtilde + D xtildedot) + f_d ], without any memory."""
+    """tau = -J^T [c (K xtilde + D xtildedot) + f_d], without memory."""
 
     def __init__(self, scenario, arm, stiffness=(3000.0, 3000.0, 60.0), damping=(600.0, 600.0, 12.0)):
         self.rows = scenario.cell.task_rows
@@ -23,21 +23,17 @@ class PayloadSpring(cp.ArmController):
     def step(self, measurement, reference, state):
         error = self.rows.pose_error(measurement.payload_pose, reference.pose)
         pull = self.stiffness * error + self.damping * (measurement.payload_twist - reference.twist)
-        squeeze = self.rows.turn(
-            measurement.payload_pose, reference.internal_wrench
-        )  # it is given in payload axes
-        return cp.Command(-measurement.payload_jacobian.T @ (self.share * pull + squeeze), state)
+        # The reference states the squeeze in payload axes.
+        squeeze = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        return cp.ArmCommand(-measurement.payload_jacobian.T @ (self.share * pull + squeeze), state)
 
 
 if __name__ == "__main__":
-    mine = {
-        "kind": "user",
-        "target": "own_controller:PayloadSpring",
-        "options": {"damping": [800.0, 800.0, 12.0]},
-    }
-    for name, controller in (("paper's law", {}), ("spring and damper", {"controller": mine})):
+    mine = cp.UserController(target="own_controller:PayloadSpring", options={"damping": [800.0, 800.0, 12.0]})
+    print("rms errors of position and internal force")
+    for name, controller in (("printed law", {}), ("spring and damper", {"controller": mine})):
         result = cp.run("adept-paper", controller)
         force = result.internal_force()
         print(
-            f"{name:18} position {result.position_rms() * 1e3:6.3f} mm rms, internal force {force.axial_rms_error:6.3f} N rms off"
+            f"{name:18} position {result.position_rms() * 1e3:6.3f} mm, force {force.axial_rms_error:6.3f} N"
         )

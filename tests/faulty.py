@@ -31,7 +31,7 @@ class Faulty(cp.CellController):
                 time.sleep(3600.0)
             case "slow":
                 time.sleep(0.05)
-        return cp.Command([np.zeros(size) for size in self.shapes], state)
+        return cp.CellCommand([np.zeros(size) for size in self.shapes], state)
 
 
 def answer(result):

@@ -14,7 +14,7 @@ import coop_pin as cp
 from coop_pin.analysis.cell_summary import cell_summary
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController
-from coop_pin.control.interface import Command
+from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
 from coop_pin.description.cell import grasps_from_configuration
 from coop_pin.description.urdf import find_urdf, load_checked
@@ -459,7 +459,7 @@ class Still(CellController):
 
     def step(self, measurements, references, state):
         self.seen.append(measurements)
-        return Command([[0.0] * len(measurement.v) for measurement in measurements], None)
+        return CellCommand([[0.0] * len(measurement.v) for measurement in measurements], None)
 
 
 def scenario_of(cell, X_WP, **fields):
@@ -507,7 +507,7 @@ class Constant(Still):
 
     def step(self, measurements, references, state):
         self.seen.append(measurements)
-        return Command(self.torques, None)
+        return CellCommand(self.torques, None)
 
 
 def test_continuous_joints_are_measured_and_recorded_as_angles_that_never_jump():

@@ -1,4 +1,4 @@
-"""Every cell of the catalogue carries its payload along a path under gravity, by a payload-space law, without any model."""
+"""Every cell of the catalogue carries its payload along a path under gravity by a payload-space law."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_squeeze_is_near_what_is_desired(result):
 
 @pytest.mark.parametrize("name", cp.scenario_names())
 def test_payload_free_or_rooted_is_the_same_mechanism(name):
-    """The same path and wrenches, with tanh in place of sgn, which would turn rounding into different sequences."""
+    """The same path and wrenches; tanh in place of sgn, which turns rounding into different sequences."""
     smooth = {"duration": 0.2, "events": [], "controller.switching": {"kind": "tanh", "width": 0.05}}
     welded, free = (cp.run(name, smooth | {"plant.payload": payload}).data for payload in ("welded", "free"))
     assert_allclose(free.payload_position.values, welded.payload_position.values, atol=1e-8)

@@ -361,7 +361,7 @@ def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, cap
 
 INTERRUPTING = """
 import os, signal
-from coop_pin import ArmController, Command
+from coop_pin import ArmCommand, ArmController
 
 class Law(ArmController):
     def __init__(self, scenario, arm):
@@ -371,7 +371,7 @@ class Law(ArmController):
     def step(self, measurement, reference, state):
         if measurement.time > 0.1:
             os.kill(os.getpid(), signal.SIGINT)
-        return Command(0.0 * measurement.v, state)
+        return ArmCommand(0.0 * measurement.v, state)
 """
 
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.analysis import SampledStability, sampled_damping, sampled_stability
 from coop_pin.cli import main
-from coop_pin.control.interface import ArmController, Command
+from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.errors import CoopPinError
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
@@ -82,7 +82,7 @@ class Transmission(ArmController):
         return None
 
     def step(self, measurement, reference, state):
-        return Command(0.1 * measurement.v, state)
+        return ArmCommand(0.1 * measurement.v, state)
 
 
 def test_a_law_that_drives_the_motion_is_told_without_a_rate():

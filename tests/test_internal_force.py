@@ -1,4 +1,4 @@
-"""The honest part: what law (23) does to the internal force, contrary to the paper's Theorem 3. And the squeeze where it holds."""
+"""Internal force under law (23), contrary to the paper's Theorem 3; and when the squeeze is exact."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def force_error(**changes):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_squeeze_is_what_the_torques_say(cell, moving, shares):
-    """Torques by eq. (13), tau = M qdd + h - J^T (f_d + delta), squeeze by exactly f_d: at rest and while accelerating."""
+    """Torques by eq. (13), tau = M qdd + h - J^T (f_d + delta), squeeze by f_d, at rest and in motion."""
     scenario = SCENARIOS[cell]()
     described = scenario.cell.replace(load_shares=dict(zip(scenario.cell.arms, shares, strict=True)))
     chain = CellChain(described)
@@ -70,7 +70,7 @@ def test_static_squeeze_of_the_paper():
 
 @pytest.mark.parametrize(("rate", "steps", "duration"), [(80.0, 5, 10.0), (400.0, 1, 10.0), (2000.0, 1, 6.0)])
 def test_internal_force_error_grows_with_alpha(rate, steps, duration):
-    """Theorem 3 promises zero. The rms error grows with alpha at every control rate, and is small only at alpha = 0."""
+    """Theorem 3 states zero. The rms error grows with alpha at every control rate, from nearly zero."""
     errors = [
         force_error(
             controller__gains__sign_gain=alpha,

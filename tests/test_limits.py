@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control import CellController
-from coop_pin.control.interface import Command
+from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
-from coop_pin.errors import FieldError, FieldShapeError, ShapeError
+from coop_pin.errors import DivergedError, FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
 from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.friction import friction
@@ -33,7 +33,7 @@ class Given(CellController):
 
     def step(self, measurements, references, state):
         self.seen.append(measurements)
-        return Command(self.torques(measurements), None)
+        return CellCommand(self.torques(measurements), None)
 
 
 def nothing(measurements):
@@ -156,18 +156,25 @@ def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     cell, _ = catalogue_cell("panda-ur5-bar")
     free = np.full(6, np.inf)
     limits = [joint_limits(cell.arms["left"]), JointLimits(-free, free, free, free)]
-    motors, rng = Actuation(cell, limits), np.random.default_rng(0)
-    commands = motors.commands([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()])
-    applied = motors.apply(commands)
+    transmission = Transmission(cell, CellChain(cell).tree.arms, CellChain(cell).tree.model.nv)
+    motors, rng = Actuation(cell, limits, transmission), np.random.default_rng(0)
+    applied = motors.apply(
+        0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None)
+    )
+    commands = applied.commanded
     assert_allclose(
         applied.torques[0], np.clip(commands[0], -limits[0].torque, limits[0].torque), rtol=0, atol=0
     )
     assert list(applied.saturated[0]) == list(np.abs(commands[0]) > limits[0].torque)
     assert applied.saturated[0].any()
     assert_allclose(applied.torques[1], commands[1], rtol=0, atol=0)
-    again = motors.apply(applied.torques)
+    again = motors.apply(0.0, CellCommand(applied.torques, None))
     assert not again.saturated[0].any()
     assert_allclose(again.torques[0], applied.torques[0], rtol=0, atol=0)
+    assert_allclose(again.force, transmission.torque(applied.torques), rtol=0, atol=0)
+    with pytest.raises(DivergedError, match="left") as caught:
+        motors.apply(2.5, CellCommand([np.full(7, np.nan), np.zeros(6)], None))
+    assert caught.value.time == 2.5
 
 
 def test_saturation_is_applied_recorded_and_told_at_the_next_tick():

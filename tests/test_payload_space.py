@@ -1,4 +1,4 @@
-"""The payload-space law and the redundant variant of law (23): equations by hand, and what they promise."""
+"""The payload-space law and the redundant variant of law (23): equations by hand, and their properties."""
 
 import numpy as np
 import pytest
@@ -150,7 +150,7 @@ REPAIR = {"controller": {"kind": "payload-space", "gains": GAINS}}
 
 
 def test_repair_keeps_the_papers_internal_force_small():
-    """At the same alpha: less internal-force error than the printed law, tracking under half a millimetre, and it settles."""
+    """At the same alpha: less internal-force error than the printed law, tracking below 0.5 mm, settled."""
     printed = cp.run("adept-paper")
     repaired = cp.run("adept-paper", REPAIR)
     assert repaired.internal_force().force_rms_error < 0.6 * printed.internal_force().force_rms_error
@@ -160,7 +160,7 @@ def test_repair_keeps_the_papers_internal_force_small():
 
 
 def test_repair_carries_gravity():
-    """Two UR5 and a box, unequal shares: the integral carries the weight, which law (23) with alpha = 0 cannot."""
+    """Two UR5 and a box, unequal shares: the integral carries the weight; law (23) with alpha = 0 cannot."""
     scenario = SCENARIOS["spatial"]().replace(duration=5.0)
     gains = {
         "pose_gain": 5,
@@ -183,7 +183,10 @@ def biased_run(name, controller, bias):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_a_constant_rate(name):
-    """Two arms at rest: the mean of their errors stays zero, each integral grows with its own: f' = c_1 c_2 K_x alpha gamma b / width."""
+    """Two arms at rest: f' = c_1 c_2 K_x alpha gamma b / width.
+
+    The mean of their errors stays zero, and each integral grows with its own error.
+    """
     gains = (
         GAINS
         if name == "planar"

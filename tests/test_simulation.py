@@ -1,4 +1,4 @@
-"""The loop: the paper's experiment as a whole, reproducibility, exact events, energy, force paths, friction."""
+"""Simulation: the paper's experiment, reproducibility, exact events, energy, force paths, friction."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.chain import CellChain
-from coop_pin.control import CellController, Command
+from coop_pin.control import CellCommand, CellController
 from coop_pin.controller_factory import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
@@ -46,7 +46,7 @@ def test_two_runs_give_the_same_bits(cell):
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_energy_equals_power_in(cell, payload, integrator):
-    """Through a push, a mass drop and friction; semi-implicit Euler is first order and gets a first-order tolerance."""
+    """Through a push, a mass drop and friction; semi-implicit Euler has a first-order tolerance."""
     scenario = SCENARIOS[cell]()
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
     events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))
@@ -94,7 +94,7 @@ def test_timeline_cuts_steps_at_events():
 
 
 def test_push_between_ticks_has_its_exact_impulse():
-    """The work of a push depends on its exact times: halving the plant step changes nothing that RK4 would not change."""
+    """The work of a push depends on its exact times; a smaller plant step changes it by RK4's error only."""
     push = {
         "events": [
             {"kind": "wrench-pulse", "time": 0.1031, "duration": 0.0507, "wrench": [200, 100, 0, 0, 0, 2]}
@@ -128,7 +128,7 @@ class Spy(CellController):
 @pytest.mark.parametrize("cell", SCENARIOS)
 @pytest.mark.parametrize("pole", [0.0, 0.6])
 def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
-    """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d: f(t_k^-) recomputed from the recorded state and last torque."""
+    """f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d; f(t_k^-) from state and last torque."""
     scenario = SCENARIOS[cell]().replace(duration=0.1, events=())
     scenario = scenario.override(
         {"controller.force_path": {"kind": "low-pass", "pole": pole}, "controller.gains.force_gain": 0.5}
@@ -154,9 +154,8 @@ def test_friction_acts_in_drive_coordinates(cell):
     chain = CellChain(scenario.cell)
     drives = Transmission(scenario.cell, chain.tree.arms, chain.tree.model.nv)
     v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
-    for place, speeds in zip(chain.tree.arms, drives.velocities(v), strict=True):
-        friction = scenario.cell.arms[place.name].friction
-        assert_allclose(speeds, place.drive @ v[place.v])
+    for place in chain.tree.arms:
+        friction, speeds = scenario.cell.arms[place.name].friction, place.drive @ v[place.v]
         at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(
             speeds / friction.coulomb_velocity
         )
@@ -170,7 +169,36 @@ class Nothing(CellController):
         return None
 
     def step(self, measurements, references, state):
-        return Command([np.zeros(len(m.v)) for m in measurements], None)
+        return CellCommand([np.zeros(len(m.v)) for m in measurements], None)
+
+
+class Started(Nothing):
+    """Counts the calls of init, which returns None."""
+
+    def __init__(self, scenario):
+        self.starts = 0
+
+    def init(self, measurements, references):
+        self.starts += 1
+
+
+def test_a_controller_without_state_starts_once():
+    scenario = cp.Scenario.load("adept-paper").replace(events=(), duration=0.1)
+    controller = Started(scenario)
+    cp.simulate(scenario, controller)
+    assert controller.starts == 1
+
+
+def test_a_controller_in_python_is_the_one_of_a_scenario_file():
+    scenario = cp.Scenario.load("adept-paper")
+    gains = cp.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
+    law = cp.PayloadSpace(gains=gains, switching=cp.Tanh(width=0.1), force_path=cp.LowPassForcePath(pole=0.5))
+    typed = scenario.override({"controller": law})
+    assert typed == scenario.override({"controller": law.model_dump()})
+    assert typed.controller is law
+    user = cp.UserController(target=Started)
+    assert user == cp.UserController(target=f"{__name__}:Started")
+    assert isinstance(build_controller(scenario.override({"controller": user})), Started)
 
 
 def test_time_is_counted_from_tick_numbers(paper):

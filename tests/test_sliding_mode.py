@@ -1,4 +1,4 @@
-"""Law (23): every sum written out by hand, its discrete conventions, and its behaviour in closed loop on both cells."""
+"""Law (23): every sum by hand, the sampled-time conventions, and the closed loop on both cells."""
 
 import numpy as np
 import pytest
@@ -117,8 +117,8 @@ def test_first_tick_leaves_the_sign_integral_at_zero(name):
 def test_switching_functions():
     s = np.array([-2.0, -0.05, 0.0, 0.05, 2.0])
     assert Sign()(s).tolist() == [-1, -1, 0, 1, 1]
-    assert_allclose(Saturation(0.1)(s), [-1, -0.5, 0, 0.5, 1])
-    assert_allclose(Tanh(0.1)(s), np.tanh(s / 0.1))
+    assert_allclose(Saturation(width=0.1)(s), [-1, -0.5, 0, 0.5, 1])
+    assert_allclose(Tanh(width=0.1)(s), np.tanh(s / 0.1))
 
 
 def test_singular_jacobian_is_refused_with_numbers():
@@ -135,7 +135,7 @@ def test_singular_jacobian_is_refused_with_numbers():
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_law_holds_a_squeezed_payload(cell):
-    """Without gravity and friction's stiction at rest, alpha = 0 leaves the internal wrench at f_d and the payload where it is."""
+    """At rest without gravity, alpha = 0 keeps the internal wrench at f_d and the payload in place."""
     scenario = SCENARIOS[cell]()
     hold = {"kind": "hold", "pose": scenario.start.model_dump()}
     changes = {
@@ -153,7 +153,7 @@ def test_law_holds_a_squeezed_payload(cell):
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_law_brings_an_open_start_back(cell):
-    """The transient follows xtildedot = -gamma xtilde + ..., so that the error shrinks to a small part of its start."""
+    """The transient follows xtildedot = -gamma xtilde + ...: the error shrinks to a small fraction."""
     scenario = SCENARIOS[cell]()
     away = scenario.start.replace(xyz=np.array(scenario.start.xyz) + np.array((0.02, -0.02, 0.0)))
     changes = {
@@ -168,11 +168,12 @@ def test_law_brings_an_open_start_back(cell):
 
 def test_arms_do_not_see_each_other():
     """Changing what the right arm measures leaves the left arm's torque as it is, bit for bit."""
-    team = build_controller(cp.Scenario.load("adept-paper"))
+    controller = build_controller(cp.Scenario.load("adept-paper"))
     rows = task_rows("planar")
     left, right, other = inputs(rows, 0.0, 0, False), inputs(rows, 0.0, 1, False), inputs(rows, 0.0, 2, False)
     torques = []
     for second in (right, other):
         measurements, references = (left[0], second[0]), (left[1], second[1])
-        torques.append(team.step(measurements, references, team.init(measurements, references)).torque[0])
+        state = controller.init(measurements, references)
+        torques.append(controller.step(measurements, references, state).torques[0])
     assert np.array_equal(*torques)

@@ -28,7 +28,7 @@ class Push(cp.CellController):
         return None
 
     def step(self, measurements, references, state):
-        return cp.Command([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
+        return cp.CellCommand([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
 """
 
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen
-from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.arrays import Array
 from coop_pin.controller_factory import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
@@ -66,8 +65,8 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
         SingularArmError: an arm is singular there.
     """
     simulation = Simulation(scenario, build_controller(scenario))
-    plant, chain = simulation.plant, simulation.chain.chain
-    torque = _answers(scenario, simulation)
+    plant, chain = simulation.plant, simulation.plant.chain.chain
+    torque = _torque_of(simulation)
     rest = np.zeros(len(plant.v))
 
     def acceleration(v: Array) -> Array:
@@ -92,34 +91,19 @@ def _held(entry: complex) -> float:
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")
 
 
-def _answers(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Array]:
-    """Return the controller's generalised force at the start as a function of the speeds; internal wrenches are as desired."""
-    rows, plant = scenario.cell.task_rows, simulation.plant
-    target, squeeze = simulation.motion.at(0.0), simulation.squeeze.at(0.0)
-    twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
-    references = [
-        ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze
-    ]
+def _torque_of(simulation: Simulation) -> Callable[[Array], Array]:
+    """Return the controller's generalised force at the start as a function of the velocity.
 
-    def measured(v: Array) -> list[ArmMeasurement]:
-        found = []
-        for sensor, reference, saturated in zip(
-            simulation.sensors, references, simulation.saturated, strict=True
-        ):
-            measurement = sensor.measure(0.0, plant.q, v, None, saturated)
-            desired = rows.turn(measurement.payload_pose, reference.internal_wrench)
-            found.append(
-                measurement._replace(
-                    internal_wrench=frozen(desired) if simulation.force_sensor.is_needed else None
-                )
-            )
-        return found
-
-    state = simulation.controller.init(measured(np.zeros(len(plant.v))), references)
+    Measured internal wrenches are as desired. Torque limits play no part.
+    """
+    plant, references = simulation.plant, simulation.references(0.0)
+    at_rest = simulation.sensing.start(plant.q, np.zeros(len(plant.v)), references)
+    state = simulation.controller.init(at_rest, references)
 
     def torque(v: Array) -> Array:
-        answer = simulation.controller.step(measured(v), references, state)
-        return plant.drives.torque(simulation.actuation.commands(answer.torque))
+        measurements = simulation.sensing.start(plant.q, v, references)
+        command = simulation.controller.step(measurements, references, state)
+        return plant.transmission.torque(simulation.actuation.commanded(command))
 
     return torque
 
@@ -128,7 +112,7 @@ def _moving(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move most in a mode, the fastest first."""
     speeds = {
         name: float(speed)
-        for place in simulation.chain.tree.arms
+        for place in simulation.plant.chain.tree.arms
         for name, speed in zip(place.angles.names, mode[place.v], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])

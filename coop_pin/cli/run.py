@@ -92,7 +92,7 @@ def run_into_folder(command: Run) -> int:
     watch = Stopwatch()
     try:
         with ProgressBar(scenario.name, command.quiet) as bar:
-            result = simulate(scenario, build_controller(scenario), bar.show)
+            result = simulate(scenario, build_controller(scenario), progress=bar.show)
     except (CoopPinError, RunInterruptedError) as error:
         if error.result is None:
             raise

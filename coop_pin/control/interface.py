@@ -1,4 +1,8 @@
-"""Arms that are controlled one by one, seen as one controller of the cell."""
+"""Interface between plant and controller: measurements and references in, commands out.
+
+An ArmController sees one arm, a CellController all arms; DecentralisedController combines one ArmController
+for each arm into a CellController. State is a value: ``init`` and ``step`` return it, ``step`` takes it.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +15,19 @@ from coop_pin.errors import SingularArmError, SingularJacobianError
 
 
 class ArmMeasurement(NamedTuple):
-    """One arm at one tick, in drive coordinates and the cell's k_0 task rows. The arrays are read-only.
+    """Measurement of one arm at one tick, in drive coordinates and task rows; the arrays are read-only.
+
+    The arm has k drives, the cell k_0 task rows.
 
     Attributes:
         time: t_k, s.
-        q: drive angles, rad, shape (nq,).
-        v: drive rates, rad/s, shape (k,).
-        payload_pose: X_WP as this arm's own forward kinematics sees it, shape (4, 4).
+        q: drive coordinates T @ joint angles, rad, shape (k,).
+        v: drive velocities T @ joint velocities, rad/s, shape (k,).
+        payload_pose: X_WP by this arm's own forward kinematics, shape (4, 4).
         payload_twist: V_WP likewise, in world axes, shape (k_0,).
         payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
-        internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,), or None
-            where the scenario's force path provides none.
+        internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
+            when the scenario's force path provides none.
         saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at
             the first.
     """
@@ -37,7 +43,7 @@ class ArmMeasurement(NamedTuple):
 
 
 class ArmReference(NamedTuple):
-    """What is desired of one arm at one tick.
+    """Desired motion and internal wrench of one arm at one tick; the arrays are read-only.
 
     Attributes:
         pose: X_WP_d, shape (4, 4).
@@ -52,32 +58,45 @@ class ArmReference(NamedTuple):
     internal_wrench: Array
 
 
-class Command(NamedTuple):
-    """What a controller answers.
+class ArmCommand(NamedTuple):
+    """Controller output for one arm.
 
     Attributes:
-        torque: drive torques, N m; shape (k,) for one arm, a list of them for a cell.
+        torque: drive torques to hold until the next tick, N m, shape (k,).
         state: the controller's state for the next tick.
     """
 
-    torque: Any
+    torque: Array
+    state: Any
+
+
+class CellCommand(NamedTuple):
+    """Controller output for a cell.
+
+    Attributes:
+        torques: drive torques of each arm to hold until the next tick, in the order of the arms, N m, shape
+            (k,) each.
+        state: the controller's state for the next tick.
+    """
+
+    torques: Sequence[Array]
     state: Any
 
 
 class ArmController(ABC):
-    """Controls one arm from its own measurements: the decentralised laws. Immutable; state goes in and comes out."""
+    """Controller of one arm from its own measurements: the decentralised laws. Immutable."""
 
     @abstractmethod
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
         """Return the state at the first tick."""
 
     @abstractmethod
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Command:
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
         """Return the torque to hold until the next tick, and the state for it."""
 
 
 class CellController(ABC):
-    """Controls all arms from all measurements: the centralised and model-based laws."""
+    """Controller of all arms from all measurements: the centralised and model-based laws."""
 
     @abstractmethod
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
@@ -86,8 +105,8 @@ class CellController(ABC):
     @abstractmethod
     def step(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> Command:
-        """Return one torque for each arm to hold until the next tick, and the state for it."""
+    ) -> CellCommand:
+        """Return each arm's torque to hold until the next tick, and the state for it."""
 
 
 class DecentralisedController(CellController):
@@ -103,10 +122,14 @@ class DecentralisedController(CellController):
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Any, ...]:
-        """Return every arm's first state."""
+        """Return the first state of each arm.
+
+        Raises:
+            SingularArmError: an arm's Jacobian is singular.
+        """
         return tuple(
-            self._for_arm(name, controller.init, measurement, reference)
-            for (name, controller), measurement, reference in zip(
+            self._for_arm(name, controller.init, *inputs)
+            for (name, controller), *inputs in zip(
                 self.controllers.items(), measurements, references, strict=True
             )
         )
@@ -116,8 +139,8 @@ class DecentralisedController(CellController):
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
         state: tuple[Any, ...],
-    ) -> Command:
-        """Return every arm's torque and next state.
+    ) -> CellCommand:
+        """Return the torque and the next state of each arm.
 
         Raises:
             SingularArmError: an arm's Jacobian is singular.
@@ -128,11 +151,11 @@ class DecentralisedController(CellController):
                 self.controllers.items(), measurements, references, state, strict=True
             )
         ]
-        return Command([command.torque for command in commands], tuple(command.state for command in commands))
+        return CellCommand([torque for torque, _ in commands], tuple(state for _, state in commands))
 
     @staticmethod
     def _for_arm(name: str, function: Any, *inputs: Any) -> Any:
-        """Call an arm's controller; a singular Jacobian is reported with the arm's name, which the arm does not know."""
+        """Call an arm's controller and put the arm's name, which it does not know, into its error."""
         try:
             return function(*inputs)
         except SingularJacobianError as error:

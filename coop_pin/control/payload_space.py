@@ -1,4 +1,4 @@
-"""The payload-space law: sliding and integral terms act on the payload and are shared like its load."""
+"""Payload-space law: sliding and integral terms act on the payload's motion and are shared like its load."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, Command
-from coop_pin.control.terms import Posture, Switching, force_term, right_inverse
+from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
+from coop_pin.control.switching import Switching
+from coop_pin.control.terms import Posture, force_term, right_inverse
 from coop_pin.spatial.task_rows import TaskRows
 
 
@@ -30,7 +31,9 @@ class PayloadSpaceState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PayloadSpaceController(ArmController):
-    """A repair of law (23) that leaves no internal wrench of its own making; no model, decentralised, any number of joints.
+    """A repair of law (23) whose motion terms leave no internal wrench; decentralised, without a model.
+
+    For any number of joints k >= k_0.
 
     ::
 
@@ -41,10 +44,10 @@ class PayloadSpaceController(ArmController):
 
     When all arms see the same payload pose, the bracketed motion terms differ between arms only by their
     shares c: their internal part is zero by construction, and the three-parameter family of rest states of
-    law (23) is gone. What is left in the internal wrench is what the arms' own friction and weight put there,
-    and what a kinematic bias winds up.
+    law (23) is gone. What is left in the internal wrench comes from the arms' own friction and weight, and
+    from a kinematic bias, which the integral winds up.
 
-    The integral stands still while a torque of the arm is saturated.
+    The integral is held while a torque of the arm is saturated.
 
     Attributes:
         rows: the k_0 task rows.
@@ -75,7 +78,9 @@ class PayloadSpaceController(ArmController):
         s_x = self._surface(measurement, reference)
         return PayloadSpaceState(measurement.time, s_x, np.zeros_like(s_x))
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState) -> Command:
+    def step(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState
+    ) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next."""
         J = measurement.payload_jacobian
         s_xd = state.start_surface * math.exp(-self.transient_rate * (measurement.time - state.start_time))
@@ -90,7 +95,7 @@ class PayloadSpaceController(ArmController):
             )
         held = measurement.saturated.any()
         sigma = state.sign_integral if held else state.sign_integral + self.period * self.switching(s)
-        return Command(tau, PayloadSpaceState(state.start_time, state.start_surface, sigma))
+        return ArmCommand(tau, PayloadSpaceState(state.start_time, state.start_surface, sigma))
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""

@@ -1,4 +1,9 @@
-"""The decentralised sliding-mode law, exactly as printed: Gueaieb et al. (2007), eqs. (18)-(23)."""
+"""Decentralised sliding-mode law of Gueaieb et al. (2007), eqs. (18)-(23), as printed and for redundant arms.
+
+SlidingModeController is the printed law for arms with as many joints as task rows (k = k_0).
+RedundantSlidingModeController is the same law with the right pseudo-inverse of the payload Jacobian and a
+posture term for the spare joints (k > k_0); its docstring states what the proof loses.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, Command
-from coop_pin.control.terms import Posture, Switching, force_term, jacobian_inverse, right_inverse
+from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
+from coop_pin.control.switching import Switching
+from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
 from coop_pin.spatial.task_rows import TaskRows
 
 
@@ -42,8 +48,8 @@ class SlidingModeController(ArmController):
         tau     = -K_d s_r - J^T (f_d - K_f ftilde)                (23)
         sigma[k+1] = sigma[k] + T sgn(s_q[k]),  sigma[0] = 0       (18)
 
-    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j stands still where the torque of joint
-    j is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
+    The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j is held while the torque of joint j
+    is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
 
     Attributes:
         rows: the k_0 task rows.
@@ -73,7 +79,9 @@ class SlidingModeController(ArmController):
         """
         return self.init_through(_inverse(measurement), measurement, reference)
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
+    def step(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
+    ) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next.
 
         Raises:
@@ -92,7 +100,7 @@ class SlidingModeController(ArmController):
 
     def step_through(
         self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
-    ) -> Command:
+    ) -> ArmCommand:
         """Return the command for a stated inverse of the payload Jacobian, shape (k, k_0)."""
         # dot, not @: for a 3x3 matrix it costs a third.
         t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
@@ -106,7 +114,7 @@ class SlidingModeController(ArmController):
             force_term(self.rows, self.force_gain, measurement, reference)
         )
         sigma = state.sign_integral + self.period * (self.switching(s_q) * ~measurement.saturated)
-        return Command(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
+        return ArmCommand(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
 
 
 def _inverse(measurement: ArmMeasurement) -> Array:
@@ -115,9 +123,13 @@ def _inverse(measurement: ArmMeasurement) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RedundantSlidingModeController(ArmController):
-    """Law (23) with the right pseudo-inverse J^+ = J^T (J J^T + damping^2 I)^-1, for k > k_0, plus a posture term.
+    """Law (23) for a redundant arm (k > k_0): right pseudo-inverse and posture term, in sampled time.
 
-    The paper prints J^+ = (J^T J)^-1 J^T, which is singular for k > k_0. Equations as in
+    ::
+
+        J^+ = J^T (J J^T + damping^2 I)^-1
+
+    The paper prints J^+ = (J^T J)^-1 J^T, which is singular for k > k_0. The other equations are those of
     SlidingModeController.
 
     **What the proof loses.** For k > k_0, ``s_r = qdot - qdot_r = s_q + alpha sigma + (I - J^+ J) qdot``: eq.
@@ -125,10 +137,10 @@ class RedundantSlidingModeController(ArmController):
     Theorem 2 stay bounded; but s_q now differs from s_r - alpha sigma by the null-space motion, whose
     derivative is not bounded by the gains: the sliding condition ``s_q^T s_q' <= -epsilon |s_q|`` is not
     proven. K_d damps the null space too. With ``inverse_damping`` > 0, J J^+ is not the identity either, and
-    x follows x_d only up to that damping: a run that asks for it carries the flag in its scenario.
+    x follows x_d only up to that damping; the scenario of the run records it.
 
     Attributes:
-        printed: the law as printed, which takes J^+ from here.
+        printed: the printed law, evaluated with this J^+.
         posture: what the spare joints do.
         inverse_damping: of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
     """
@@ -141,20 +153,22 @@ class RedundantSlidingModeController(ArmController):
         """Return the state at t_0: the surface there, and sigma = 0.
 
         Raises:
-            SingularJacobianError: the payload Jacobian loses rank and no damping was asked for.
+            SingularJacobianError: the payload Jacobian loses rank and the damping is zero.
         """
         return self.printed.init_through(self._inverse(measurement), measurement, reference)
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState) -> Command:
+    def step(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
+    ) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next.
 
         Raises:
-            SingularJacobianError: the payload Jacobian loses rank and no damping was asked for.
+            SingularJacobianError: the payload Jacobian loses rank and the damping is zero.
         """
         J_plus = self._inverse(measurement)
         command = self.printed.step_through(J_plus, measurement, reference, state)
         posture = self.posture.torque(measurement.q, measurement.v, measurement.payload_jacobian, J_plus)
-        return Command(command.torque + posture, command.state)
+        return ArmCommand(command.torque + posture, command.state)
 
     def _inverse(self, measurement: ArmMeasurement) -> Array:
         return right_inverse(measurement.payload_jacobian, measurement.time, self.inverse_damping)

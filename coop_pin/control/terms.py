@@ -1,8 +1,7 @@
-"""The inverse of a payload Jacobian, refused near singular poses."""
+"""Terms shared by the laws: inverses of the payload Jacobian, force term, posture term, bound on K_f."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,55 +13,8 @@ from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
 
-
-class Switching(ABC):
-    """A function of the surface s that is odd and stays within [-1, 1]."""
-
-    @abstractmethod
-    def __call__(self, surface: Array) -> Array:
-        """Return the switching value of every entry."""
-
-
-@dataclass(frozen=True)
-class Sign(Switching):
-    """sgn(s), with sgn(0) = 0."""
-
-    def __call__(self, surface: Array) -> Array:
-        """Return -1, 0 or 1."""
-        return np.sign(surface)
-
-
-@dataclass(frozen=True)
-class Saturation(Switching):
-    """s / width within the boundary layer, sgn(s) outside.
-
-    Attributes:
-        width: half width of the layer, in the unit of s.
-    """
-
-    width: float
-
-    def __call__(self, surface: Array) -> Array:
-        """Return s / width cut at -1 and 1."""
-        return np.minimum(np.maximum(surface / self.width, -1.0), 1.0)
-
-
-@dataclass(frozen=True)
-class Tanh(Switching):
-    """tanh(s / width).
-
-    Attributes:
-        width: in the unit of s.
-    """
-
-    width: float
-
-    def __call__(self, surface: Array) -> Array:
-        """Return tanh(s / width)."""
-        return np.tanh(surface / self.width)
-
-
 CONDITION_LIMIT = 1e6
+"""Payload Jacobians with a larger condition number count as singular."""
 
 
 def jacobian_inverse(J: Array, time: float) -> Array:
@@ -159,11 +111,6 @@ class Posture:
         """
         pull = -self.stiffness * (q - self.angles) - self.damping * v
         return pull - J.T @ (J_plus.T @ pull)
-
-
-def no_posture(joints: int) -> Posture:
-    """Return the posture of an arm without spare joints: no spring, no damper."""
-    return Posture(np.zeros(joints), np.zeros(joints), np.zeros(joints))
 
 
 def force_gain_bound(pole: float) -> float:

@@ -30,7 +30,6 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
-from coop_pin.description.switching import Saturation, Sign, Tanh
 from coop_pin.schema.pose import Pose
 
 __all__ = [
@@ -55,15 +54,12 @@ __all__ = [
     "PostureGains",
     "RampSqueeze",
     "RedundantSlidingMode",
-    "Saturation",
     "Scenario",
-    "Sign",
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
     "SteadySqueeze",
     "SwingMotion",
-    "Tanh",
     "TurnMotion",
     "UserController",
     "UserMotion",

@@ -1,4 +1,4 @@
-"""Gains as a user says them: a number, a diagonal, or rows."""
+"""Gains of the laws as a scenario states them: a number, a diagonal, or rows of a matrix."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator
 
-from coop_pin.arrays import Array
 from coop_pin.errors import FieldError, FieldShapeError, SignGainError
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 
@@ -16,8 +15,9 @@ Gain = NumberVectorOrMatrix
 
 
 def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
+    """Refuse an alpha that is not diagonal or has a negative entry."""
     rows = np.array(alpha)
-    if rows.ndim == 2 and (rows.shape[0] != rows.shape[1] or np.any(rows != np.diag(np.diag(rows)))):
+    if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
         raise SignGainError(
             f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
         )
@@ -27,20 +27,18 @@ def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
 
 
 def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
+    """Refuse a gain that is not positive, or a matrix whose symmetric part is not positive definite."""
     rows = np.array(gain, dtype=float)
     if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
         raise FieldShapeError(f"has shape {rows.shape}; a gain matrix is square")
-    if rows.ndim < 2:
-        if np.min(rows) <= 0.0:
-            raise FieldError(
-                f"is {rows.tolist()}; it must be positive" + (" in every entry" if rows.ndim else "")
-            )
-        return gain
-    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0])
+    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0]) if rows.ndim == 2 else float(np.min(rows))
     if smallest <= 0.0:
-        raise FieldError(
-            f"is {rows.tolist()}; it must be positive definite (smallest eigenvalue {smallest:g})"
+        wanted = (
+            "positive",
+            "positive in every entry",
+            f"positive definite (smallest eigenvalue {smallest:g})",
         )
+        raise FieldError(f"is {rows.tolist()}; it must be {wanted[rows.ndim]}")
     return gain
 
 
@@ -49,7 +47,7 @@ SignGain = Annotated[Gain, AfterValidator(_diagonal)]
 
 
 class Gains(Description):
-    """Gains that every law here has.
+    """Gains common to the laws.
 
     Attributes:
         pose_gain: gamma, how fast pose errors decay, 1/s; one for all task rows (6, or 3 for a planar cell)
@@ -81,15 +79,15 @@ class PayloadSpaceGains(Gains):
     """Gains of the payload-space law.
 
     Attributes:
-        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation, N
-            m s/rad.
+        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation,
+            N m s/rad.
     """
 
     sliding_gain: PositiveGain
 
 
 class PostureGains(Description):
-    """What the spare joints of redundant arms do: a spring towards the arm's posture, and a damper, in the null space.
+    """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
 
     Attributes:
         stiffness: N m/rad, one value for all joints or one for each.
@@ -98,15 +96,3 @@ class PostureGains(Description):
 
     stiffness: NotNegative | Vector = 40.0
     damping: NotNegative | Vector = 8.0
-
-
-def gain_matrix(gain: float | tuple[Any, ...], size: int, name: str) -> Array:
-    """Return a gain as a (size, size) matrix.
-
-    Raises:
-        FieldShapeError: its number of entries does not fit.
-    """
-    rows = np.array(gain, dtype=float)
-    if rows.ndim and len(rows) != size:
-        raise FieldShapeError(f"has {len(rows)} entries; it must be a number or have {size}", name)
-    return rows * np.eye(size) if rows.ndim < 2 else rows

@@ -1,4 +1,4 @@
-"""From a scenario and a controller to a recorded run: sensing, actuation, events and the loop."""
+"""Simulation of a scenario: plant, sensing, actuation, events and recording."""
 
 from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulate import simulate

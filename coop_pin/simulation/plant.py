@@ -1,4 +1,10 @@
-"""The plant between two ticks: held torques, friction and pushes on the closed chain."""
+"""Plant between two ticks: held torques, friction and external wrench on the closed chain.
+
+For speed, plant and chain hold state that changes in place: ``Plant.advance`` replaces q, v and work,
+``hold`` and ``push`` the forces, ``CellChain.set_payload`` the payload's inertia, and each call of the
+dynamics overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything else that a simulation
+hands out (measurements, references, controller states, snapshots, results) is a value.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +23,11 @@ _ALL = np.ones(len(CHANNELS))
 
 
 class Plant:
-    """The moving state of a cell.
+    """Closed chain in motion: its state and the forces on it.
 
     Attributes:
         chain: the cell's closed chain.
-        drives: its drives.
+        transmission: between its drives and joints, with friction.
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
         external: wrench on the payload about P in world axes, N and N m, shape (6,).
@@ -29,8 +35,15 @@ class Plant:
     """
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
+        """Start at rest, without torques.
+
+        Args:
+            chain: the cell's closed chain.
+            options: for the integrator and the projection.
+            q: configuration on the closures, shape (nq,).
+        """
         model = chain.tree.model
-        self.chain, self.drives = chain, Transmission(chain.cell, chain.tree.arms, model.nv)
+        self.chain, self.transmission = chain, Transmission(chain.cell, chain.tree.arms, model.nv)
         self.q, self.v = q, np.zeros(model.nv)
         self.external, self.work = np.zeros(6), np.zeros(len(CHANNELS))
         self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False
@@ -38,12 +51,12 @@ class Plant:
         self._project = options.project == "step"
         self._solve = chain.chain.solver.acceleration
 
-    def hold(self, drive_torques: list[Array]) -> None:
-        """Hold drive torques from now on."""
-        self._forces[0] = self.drives.torque(drive_torques)
+    def hold(self, force: Array) -> None:
+        """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
+        self._forces[0] = force
 
     def push(self, external: Array) -> None:
-        """Push the payload with a constant wrench from now on."""
+        """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
         self.external, self._pushed = external, bool(external.any())
         self._forces[2] = 0.0
 
@@ -52,7 +65,7 @@ class Plant:
         return _ALL.dot(self._apply(self.q, self.v))
 
     def observe(self) -> Observation:
-        """Return what the chain does at the present state, under the present forces."""
+        """Return poses, wrenches and energy of the chain at the present state, under the present forces."""
         return self.chain.observe(self.q, self.v, self.generalised_force(), self.external)
 
     def interaction_wrenches(self) -> Array:
@@ -60,7 +73,7 @@ class Plant:
         return self.chain.interaction_wrenches(self.q, self.v, self.generalised_force(), self.external)
 
     def advance(self, h: float) -> None:
-        """Move on by h seconds."""
+        """Integrate over h seconds."""
         step = self._integrator.step(self._rate, self.q, self.v, h)
         self.q, self.v = step.q, step.v
         self.work = self.work + step.work
@@ -69,13 +82,14 @@ class Plant:
             self.v = self.chain.chain.project_velocity(self.q, self.v)
 
     def _rate(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the acceleration, shape (nv,), and the power of each channel, shape (3,)."""
         forces = self._apply(q, v)
         return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of each channel, shape (3, nv)."""
         forces = self._forces
-        forces[1] = self.drives.friction(v)
+        forces[1] = self.transmission.friction(v)
         if self._pushed:
             forces[2] = self.chain.payload_jacobian(q).T.dot(self.external)
         return forces

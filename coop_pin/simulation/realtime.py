@@ -1,4 +1,4 @@
-"""Simulated time against the time on the wall."""
+"""Real-time pacing of a simulation."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ import time
 from coop_pin.errors import NotPositiveError
 
 _LOST_S = 0.1
+"""A longer delay counts as lost, s."""
 
 
 class RealtimePacer:
-    """Waits so that simulated time goes by evenly.
+    """Real-time pacing: sleeps so that simulated time passes at a constant rate.
 
-    Where the computer cannot keep up, the time that it lost is not made up for by running faster afterwards.
+    Time lost on a slow computer is not made up for by running faster afterwards.
 
     Attributes:
         rate: simulated seconds in one second of wall time; inf never waits.
     """
 
     def __init__(self, rate: float) -> None:
-        """Start when the first time is waited for.
+        """Set the rate; time starts to count at the first wait.
 
         Raises:
             NotPositiveError: the rate is not greater than zero.
@@ -31,7 +32,7 @@ class RealtimePacer:
         self._origin: float | None = None
 
     def wait_until(self, simulated: float) -> None:
-        """Sleep until it is time for a simulated time, s."""
+        """Sleep until wall time has reached a simulated time, s."""
         if math.isinf(self.rate):
             return
         now, due = time.monotonic(), simulated / self.rate

@@ -1,4 +1,4 @@
-"""Keeps what happens at every tick, and hands it over as a result."""
+"""Recorder: the samples of a run at its ticks, and the result made of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from coop_pin.spatial import internal_wrenches, rotate_vector6
 
 
 class Recorder:
-    """Samples a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
+    """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
     Attributes:
         count: ticks recorded so far.
@@ -67,12 +67,11 @@ class Recorder:
         tick: int,
         time: float,
         measurements: Sequence[ArmMeasurement],
-        commanded: Sequence[Array],
         applied: Applied,
         target: PoseTarget,
         squeeze: Array,
     ) -> None:
-        """Keep the sample of one tick; its torques are already held."""
+        """Record one tick; the plant already holds its torques."""
         kept, plant = self._samples, self._plant
         kept.time[tick] = time
         kept.configuration[tick], kept.velocity[tick] = plant.q, plant.v
@@ -91,13 +90,13 @@ class Recorder:
         for index, measurement in enumerate(measurements):
             drives = len(measurement.v)
             kept.torque[tick, index, :drives] = applied.torques[index]
-            kept.commanded_torque[tick, index, :drives] = commanded[index]
+            kept.commanded_torque[tick, index, :drives] = applied.commanded[index]
             kept.saturated[tick, index, :drives] = applied.saturated[index]
             kept.drive_velocity[tick, index, :drives] = measurement.v
             self._jacobians[index][tick] = measurement.payload_jacobian
         self.count = tick + 1
 
-    def moment(self) -> Snapshot:
+    def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         kept, last = self._samples, self.count - 1
         interaction, pose = (

@@ -1,20 +1,23 @@
-"""The one door from plant to controller: what each arm measures at a tick."""
+"""Sensing: what each arm measures at a tick, the only path from plant to controller."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
-from coop_pin.control.interface import ArmMeasurement
+from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.model.arm_kinematics import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
+from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import internal_wrenches
 
 
 class ArmSensor:
-    """Encoders and kinematics of one arm."""
+    """Encoders of one arm, and its payload kinematics."""
 
     def __init__(self, cell: Cell, place: ArmPlace) -> None:
         self._place = place
@@ -27,9 +30,9 @@ class ArmSensor:
     def measure(
         self, time: float, q: Array, v: Array, internal_wrench: Array | None, saturated: Mask
     ) -> ArmMeasurement:
-        """Return this arm's measurement from the state of the whole tree.
+        """Return this arm's measurement from the state of the whole cell.
 
-        Encoders lose no turn: the angle of a continuous joint starts within half a turn of the posture and
+        Encoders count turns: the angle of a continuous joint starts within half a turn of the posture and
         never jumps.
         """
         own, T = q[self._place.q], self._place.drive
@@ -48,35 +51,58 @@ class ArmSensor:
         )
 
 
-class ForceSensor:
-    """Measures internal wrenches over a force path: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
+class Sensing:
+    """Sensors of all arms, and the force path f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
-    f(t_k^-) is the wrench just before tick k: it still carries the torque of tick k - 1.
+    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1.
+
+    Attributes:
+        arms: the sensors, in the order of the arms.
     """
 
-    def __init__(self, cell: Cell, path: NoForcePath | LateForcePath | LowPassForcePath) -> None:
+    def __init__(
+        self, cell: Cell, places: Sequence[ArmPlace], path: NoForcePath | LateForcePath | LowPassForcePath
+    ) -> None:
+        """Start without a measured wrench.
+
+        Args:
+            cell: for kinematics, task rows and load shares.
+            places: of the arms in the cell's model.
+            path: of the internal wrench.
+        """
+        self.arms = [ArmSensor(cell, place) for place in places]
+        self._sizes = [len(place.drive) for place in places]
         self._rows, self._shares = cell.task_rows, cell.shares
         self._pole = None if isinstance(path, NoForcePath) else path.pole
-        self._last: list[Array] | None = None
+        self._wrenches: list[Array] = []
 
-    @property
-    def is_needed(self) -> bool:
-        """Whether anything is measured."""
-        return self._pole is not None
-
-    def start(self, desired: list[Array]) -> list[Array]:
-        """Return f_m[0] = f_d for every arm, in world axes."""
-        self._last = [frozen(np.array(f_d)) for f_d in desired]
-        return self._last
-
-    def measure(self, interaction: Array) -> list[Array]:
-        """Return f_m[k] for every arm from the interaction wrenches just before the tick, shape (m, 6)."""
-        internal = internal_wrenches(interaction, self._shares)
-        assert self._last is not None
-        assert self._pole is not None
-        p = self._pole
-        self._last = [
-            frozen(p * old + (1.0 - p) * self._rows.select(new))
-            for old, new in zip(self._last, internal, strict=True)
+    def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
+        """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all."""
+        measurements = [
+            sensor.measure(0.0, q, v, None, frozen(np.zeros(size, dtype=bool)))
+            for sensor, size in zip(self.arms, self._sizes, strict=True)
         ]
-        return self._last
+        if self._pole is None:
+            return measurements
+        self._wrenches = [
+            frozen(np.array(self._rows.turn(measurement.payload_pose, reference.internal_wrench)))
+            for measurement, reference in zip(measurements, references, strict=True)
+        ]
+        return [
+            measurement._replace(internal_wrench=wrench)
+            for measurement, wrench in zip(measurements, self._wrenches, strict=True)
+        ]
+
+    def measure(self, time: float, plant: Plant, saturated: Sequence[Mask]) -> list[ArmMeasurement]:
+        """Return the measurements of a later tick; ``saturated`` is that of the tick before."""
+        wrenches: Sequence[Array | None] = [None] * len(self.arms)
+        if self._pole is not None:
+            p, internal = self._pole, internal_wrenches(plant.interaction_wrenches(), self._shares)
+            wrenches = self._wrenches = [
+                frozen(p * old + (1.0 - p) * self._rows.select(new))
+                for old, new in zip(self._wrenches, internal, strict=True)
+            ]
+        return [
+            sensor.measure(time, plant.q, plant.v, wrench, cut)
+            for sensor, wrench, cut in zip(self.arms, wrenches, saturated, strict=True)
+        ]

@@ -1,4 +1,4 @@
-"""From a scenario and a controller to a result: every tick of a simulation, watched and paced if wanted."""
+"""Simulation of a whole scenario, from the first tick to the result."""
 
 from __future__ import annotations
 
@@ -19,50 +19,53 @@ Progress = Callable[[int, int], None]
 def simulate(
     scenario: Scenario,
     controller: CellController,
+    *,
     progress: Progress | None = None,
     view: Observer | None = None,
     realtime_rate: float | None = None,
 ) -> RunResult:
-    """Run a controller on the plant of a scenario.
+    """Return the result of a controller on the plant of a scenario.
 
     Args:
         scenario: what to run.
-        controller: who decides; it sees measurements only.
+        controller: it sees measurements only, and need not be the one that the scenario names.
         progress: called after every tick.
-        view: sees every tick, for example what coop_pin.viz.open_view returns.
+        view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
         SingularArmError: an arm became singular.
-        DivergedError: the motion left the range of finite, closed motion.
+        DivergedError: the run diverged.
         UserCodeError: the controller, motion or squeeze raised something else.
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
     run = Simulation(scenario, controller)
-    steady = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
+    pacer = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
     try:
         while not run.is_finished:
-            steady.wait_until(run.time)
+            pacer.wait_until(run.time)
             run.tick()
             if view is not None:
-                view(run.moment())
+                view(run.snapshot())
             if progress is not None:
                 progress(run.ticks_done - 1, run.timeline.ticks)
         if isinstance(view, ThrottledObserver):
-            view.show(run.moment())
+            view.show(run.snapshot())
     except CoopPinError as error:
-        error.result = run.result() if run.ticks_done else None
+        error.result = _result_so_far(run)
         raise
-    except (
-        Exception
-    ) as error:  # a user's controller, motion or squeeze may raise anything; nothing computed is lost
-        broken = UserCodeError(run.time, error)
-        broken.result = run.result() if run.ticks_done else None
-        raise broken from error
+    except Exception as error:  # a user's controller, motion or squeeze may raise anything
+        user_error = UserCodeError(run.time, error)
+        user_error.result = _result_so_far(run)
+        raise user_error from error
     except KeyboardInterrupt:
-        kept = run.result() if run.ticks_done else None
-        raise RunInterruptedError(kept.end if kept else math.nan, kept) from None
+        result = _result_so_far(run)
+        raise RunInterruptedError(result.end if result else math.nan, result) from None
     return run.result()
+
+
+def _result_so_far(run: Simulation) -> RunResult | None:
+    return run.result() if run.ticks_done else None

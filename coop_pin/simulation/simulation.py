@@ -1,15 +1,18 @@
-"""A run under way, one tick at a time: measure, decide, hold, move; the controller is handed in, never looked up."""
+"""Simulation of a scenario with a controller, one tick at a time.
+
+A tick measures, steps the controller, applies the torques and integrates the plant to the next tick, with the
+torques held (zero-order hold).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellController
+from coop_pin.control.interface import ArmReference, CellController
 from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
@@ -18,20 +21,26 @@ from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.simulation.actuation import Actuation
+from coop_pin.simulation.actuation import Actuation, Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.sensing import ArmSensor, ForceSensor
+from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.timeline import Timeline
 
+# A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
 _SPEED_LIMIT = 1e3
 _CLOSURE_ERROR_LIMIT = 1e-2
-_TORQUE_LIMIT = 1e7
 _OPEN_START = 1e-6
+"""Stated starting angles may leave a closure error of this, m or rad; the rest is projected out."""
 
 
 def _start(chain: CellChain, scenario: Scenario) -> Array:
-    """Return the configuration at t = 0: found for the starting pose, or as stated, on the closures or projected onto them."""
+    """Return the configuration at t = 0 by inverse kinematics, or from the stated angles.
+
+    Raises:
+        UnreachablePoseError: the starting pose is out of an arm's reach.
+        OpenClosureError: the stated angles leave a grasp open.
+    """
     X_WP = scenario.start.matrix
     if not scenario.start_angles:
         return chain.configuration(X_WP)
@@ -42,52 +51,46 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
 
 
 class Simulation:
-    """A run under way. What is replaced between two ticks acts from the next tick on.
+    """A run, tick by tick. A controller, motion or squeeze that is replaced acts from the next tick on.
 
     Attributes:
-        scenario: what is run, with the events that were added on the way.
-        controller: who decides; it sees measurements only.
+        scenario: what is run, with the events added since the start.
+        controller: it sees measurements only.
+        controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.
-        chain: the cell as a closed chain, with the payload as it is now.
-        payload: the payload as it is now.
-        plant: the chain in motion: q, v and what drives them between two ticks.
-        limits: the joint limits of each arm.
-        actuation: what the motors make of commanded torques.
-        saturated: which drives were at their limit in the last tick.
-        sensors: what each arm measures of itself.
-        force_sensor: what the force path lets through of the internal wrenches.
-        motion: the desired motion; its successor acts from the next tick on.
-        squeeze: the desired internal wrenches, likewise.
+        plant: the closed chain in motion; mutable, see its module.
+        sensing: what the arms measure.
+        actuation: torque limits and transmission.
+        motion: the desired motion.
+        squeeze: the desired internal wrenches.
         recorder: what was recorded so far.
-        state: the controller's memory.
     """
 
     def __init__(self, scenario: Scenario, controller: CellController) -> None:
-        """Stand at t = 0, at rest.
+        """Start at t = 0, at rest.
 
         Args:
             scenario: what to run.
-            controller: who decides.
+            controller: it need not be the one that the scenario names.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
-            OpenClosureError: the stated starting angles leave a grasp open, with the gap.
+            OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
         """
         self.scenario, self.controller = scenario, controller
-        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
-        self.chain = CellChain(scenario.cell, scenario.plant)
-        self.payload: Payload = scenario.cell.payload
-        self.plant = Plant(self.chain, scenario.plant, _start(self.chain, scenario))
-        self.limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
-        self.actuation = Actuation(scenario.cell, self.limits)
-        self.saturated = self.actuation.idle
-        self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
-        self.force_sensor = ForceSensor(scenario.cell, scenario.controller.force_path)
-        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
-        self.recorder = Recorder(scenario, self.plant, self.timeline, self.limits)
-        self.state: Any = None
+        self.controller_state: Any = None
         self.ticks_done = 0
+        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
+        chain = CellChain(scenario.cell, scenario.plant)
+        self.plant = Plant(chain, scenario.plant, _start(chain, scenario))
+        limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
+        self.actuation = Actuation(scenario.cell, limits, self.plant.transmission)
+        self.sensing = Sensing(scenario.cell, chain.tree.arms, scenario.controller.force_path)
+        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
+        self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
+        self._payload: Payload = scenario.cell.payload
+        self._applied: Applied | None = None
         self._replaced: list[str] = []
 
     @property
@@ -97,33 +100,33 @@ class Simulation:
 
     @property
     def is_finished(self) -> bool:
-        """Whether the run has come to its end."""
+        """Whether the last tick is done."""
         return self.ticks_done > self.timeline.ticks
 
     def tick(self) -> None:
-        """Do the next tick: measure, let events happen, decide, record, and move on to the tick after it.
+        """Do the next tick: measure, apply events, step the controller, record, integrate over the period.
 
         Raises:
-            RunFinishedError: the run has come to its end.
+            RunFinishedError: the last tick is done.
+            ShapeError: the controller returned torques of a wrong shape.
             SingularArmError: an arm became singular.
             DivergedError: the motion left the range of finite, closed motion.
         """
         if self.is_finished:
             raise RunFinishedError(self.timeline.time(self.timeline.ticks))
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # what runs away is refused with its time, not warned of
+        # A diverging run is refused with its time, not warned of.
+        with np.errstate(over="ignore", invalid="ignore"):
             self._tick(self.ticks_done)
 
-    def moment(self) -> Snapshot:
-        """Return the run at its last recorded tick; there must be one."""
-        return self.recorder.moment()
+    def snapshot(self) -> Snapshot:
+        """Return the state of the run at its last recorded tick; there must be one."""
+        return self.recorder.snapshot()
 
     def result(self) -> RunResult:
         """Return the result up to the last recorded tick; there must be one.
 
-        Its scenario holds the events that were added, so it can be run again; where controller or squeeze
-        were replaced, the summary says when, and it cannot.
+        Its scenario holds the events that were added, so that it can be run again. A run with a replaced
+        controller or squeeze cannot: the summary says when that was.
         """
         if not self._replaced:
             return self.recorder.result(self.scenario)
@@ -131,7 +134,7 @@ class Simulation:
         return self.recorder.result(self.scenario.replace(summary=summary))
 
     def add_event(self, event: Event) -> None:
-        """Let something happen to the payload, at the next tick or later.
+        """Add an event on the payload, at the next tick or later.
 
         Raises:
             EventTimeError: it starts before the next tick, or ends after the run.
@@ -144,12 +147,15 @@ class Simulation:
         self.timeline = Timeline(self.scenario.clock, self.scenario.duration, self.scenario.events)
 
     def replace_controller(self, controller: CellController) -> None:
-        """Hand over to another controller of the same kind, for example one with other gains; it takes over the state."""
+        """Replace the controller by one with the same kind of state, for example with other gains.
+
+        It takes over the state.
+        """
         self.controller = controller
         self._replaced.append(f"controller replaced at t = {self.time:g} s")
 
     def replace_squeeze(self, squeeze: SteadySqueeze | RampSqueeze | UserSqueeze) -> None:
-        """Ask for other internal wrenches.
+        """Replace the desired internal wrenches.
 
         Raises:
             SqueezeError: it does not name the arms of the cell.
@@ -157,24 +163,29 @@ class Simulation:
         self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze.build(list(self.scenario.cell.arms))
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")
 
+    def references(self, time: float) -> list[ArmReference]:
+        """Return the reference of each arm at a time, s."""
+        return self._references(self.motion.at(time), self.squeeze.at(time))
+
     def _tick(self, tick: int) -> None:
         time = self.timeline.time(tick)
         target, squeeze = self.motion.at(time), self.squeeze.at(time)
         references = self._references(target, squeeze)
-        measurements = self._measure(tick, time, references)
-        self._happen(time)
-        if self.state is None:
-            self.state = self.controller.init(measurements, references)
-        answer, self.state = self.controller.step(measurements, references, self.state)
-        commanded = self.actuation.commands(answer)
-        self._require_finite(time, commanded)
-        applied = self.actuation.apply(commanded)
-        self.plant.hold(applied.torques)
-        self.saturated = applied.saturated
-        self.recorder.record(tick, time, measurements, commanded, applied, target, squeeze)
+        if self._applied is None:
+            measurements = self.sensing.start(self.plant.q, self.plant.v, references)
+            self._apply_events(time)
+            self.controller_state = self.controller.init(measurements, references)
+        else:
+            measurements = self.sensing.measure(time, self.plant, self._applied.saturated)
+            self._apply_events(time)
+        command = self.controller.step(measurements, references, self.controller_state)
+        self.controller_state = command.state
+        self._applied = self.actuation.apply(time, command)
+        self.plant.hold(self._applied.force)
+        self.recorder.record(tick, time, measurements, self._applied, target, squeeze)
         self.ticks_done = tick + 1
         if tick < self.timeline.ticks:
-            self._move(tick)
+            self._advance(tick)
 
     def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
         rows = self.scenario.cell.task_rows
@@ -184,52 +195,30 @@ class Simulation:
             for wrench in squeeze
         ]
 
-    def _measure(self, tick: int, time: float, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
-        wrenches: Sequence[Array | None] = [None] * len(self.sensors)
-        if self.force_sensor.is_needed and tick > 0:
-            wrenches = self.force_sensor.measure(self.plant.interaction_wrenches())
-        measurements = [
-            sensor.measure(time, self.plant.q, self.plant.v, wrench, saturated)
-            for sensor, wrench, saturated in zip(self.sensors, wrenches, self.saturated, strict=True)
-        ]
-        if not self.force_sensor.is_needed or tick > 0:
-            return measurements
-        rows = self.scenario.cell.task_rows
-        desired = [
-            rows.turn(m.payload_pose, r.internal_wrench)
-            for m, r in zip(measurements, references, strict=True)
-        ]
-        started = self.force_sensor.start(desired)
-        return [m._replace(internal_wrench=wrench) for m, wrench in zip(measurements, started, strict=True)]
-
-    def _happen(self, time: float) -> None:
-        """Let the events of this instant happen."""
+    def _apply_events(self, time: float) -> None:
+        """Change the payload and the external wrench as the events at this time say."""
+        plant, mechanism = self.plant, self.plant.chain.chain
         for change in self.timeline.changes_at(time):
-            before = self.chain.chain.energy(self.plant.q, self.plant.v).total
-            self.payload = change.apply(self.payload)
-            self.chain.set_payload(self.payload)
-            self.recorder.payload_energy += self.chain.chain.energy(self.plant.q, self.plant.v).total - before
+            before = mechanism.energy(plant.q, plant.v).total
+            self._payload = change.apply(self._payload)
+            plant.chain.set_payload(self._payload)
+            self.recorder.payload_energy += mechanism.energy(plant.q, plant.v).total - before
         if self.timeline.happens_at(time):
-            self.plant.push(self.timeline.push_at(time))
+            plant.push(self.timeline.push_at(time))
 
-    def _move(self, tick: int) -> None:
+    def _advance(self, tick: int) -> None:
+        """Integrate the plant to the next tick, event times included."""
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
-                self._happen(step.start)
+                self._apply_events(step.start)
             self.plant.advance(step.length)
         self._require_closed(self.timeline.time(tick))
 
-    def _require_finite(self, time: float, torques: Sequence[Array]) -> None:
-        for name, torque in zip(self.scenario.cell.arms, torques, strict=True):
-            largest = float(np.abs(torque).max())
-            if not largest < _TORQUE_LIMIT:
-                raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, _TORQUE_LIMIT)
-
     def _require_closed(self, time: float) -> None:
-        """Refuse a state that ran away; ``not <`` also catches NaN."""
+        """Refuse a state that diverged; ``not <`` also catches NaN."""
         speed = float(np.abs(self.plant.v).max())
         if not speed < _SPEED_LIMIT:
             raise DivergedError(time, "joint speed, rad/s,", speed, _SPEED_LIMIT)
-        gap = max(max(gap) for gap in self.chain.closure_errors(self.plant.q))
-        if not gap < _CLOSURE_ERROR_LIMIT:
-            raise DivergedError(time, "closure error, m or rad,", gap, _CLOSURE_ERROR_LIMIT)
+        closure_error = max(max(error) for error in self.plant.chain.closure_errors(self.plant.q))
+        if not closure_error < _CLOSURE_ERROR_LIMIT:
+            raise DivergedError(time, "closure error, m or rad,", closure_error, _CLOSURE_ERROR_LIMIT)

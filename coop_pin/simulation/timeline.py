@@ -1,4 +1,4 @@
-"""When things happen: ticks, plant steps within them, and events at their exact times."""
+"""Timeline of a run: ticks, plant steps within them, and events at their exact times."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Timeline:
             yield PlantStep(left, right - left)
 
     def happens_at(self, time: float) -> bool:
-        """Say whether any event starts or ends at this time."""
+        """Return whether any event starts or ends at this time."""
         return any(self._same(time, instant) for instant in self._instants)
 
     def changes_at(self, time: float) -> list[PayloadChange]:

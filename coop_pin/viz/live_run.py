@@ -104,7 +104,7 @@ class LiveRun:
             if not self.is_finished:
                 self._simulation.tick()
                 if self._view is not None:
-                    self._view(self._simulation.moment())
+                    self._view(self._simulation.snapshot())
 
     def result(self) -> RunResult:
         """Return the recording since the last reset; at least one tick must have been done."""
