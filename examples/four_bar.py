@@ -30,7 +30,7 @@ def four_bars(loops, **options):
     urdf = "".join(('<robot name="four_bars"><link name="ground"/>', *uprights, *levels, "\n</robot>"))
     end = np.eye(4)
     end[0, 3] = 1.0
-    closures = [cp.Closure(f"level{i}", f"upright{i + 1}", "point", X_a=end, X_b=end) for i in range(loops)]
+    closures = [cp.Closure(f"level{i}", f"upright{i + 1}", "point", X_AC=end, X_BC=end) for i in range(loops)]
     return cp.ClosedChain.from_urdf(urdf, closures, gravity=(0.0, -GRAVITY, 0.0), **options)
 
 

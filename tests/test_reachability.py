@@ -127,7 +127,8 @@ def test_the_way_from_the_start_to_the_reference_comes_first(paper):
 
 def test_arrays_are_read_only(paper):
     assert not any(
-        array.flags.writeable for array in (paper.arms[0].q, paper.arms[0].times, paper.arms[0].sigma_min)
+        array.flags.writeable
+        for array in (paper.arms[0].q_slice, paper.arms[0].times, paper.arms[0].sigma_min)
     )
 
 

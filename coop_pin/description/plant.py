@@ -48,14 +48,17 @@ class Stabilisation(Description):
         return 2.0 * self.damping_ratio * self.frequency
 
 
+Formulation = Literal["auto", "proximal", "kkt"]
+
+
 class PlantOptions(Description):
     """How the plant is formulated and integrated.
 
     Attributes:
         payload: "welded" at the first arm's tip (m - 1 closures, faster) or "free" (a floating body, m
             closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver, slower, to
-            check the other by).
+        formulation: "proximal" (pinocchio.constraintDynamics), "kkt" (an independent solver, slower, to
+            check the other by), or "auto", which is "proximal" for the rows of grasps.
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: of the closures.
         project: when angles and speeds are moved onto the closed chain exactly: at the "start" only, or after
@@ -63,7 +66,7 @@ class PlantOptions(Description):
     """
 
     payload: Literal["welded", "free"] = "welded"
-    formulation: Literal["proximal", "kkt"] = "proximal"
+    formulation: Formulation = "auto"
     integrator: Literal["rk4", "semi-implicit-euler"] = "rk4"
     stabilisation: Stabilisation = Stabilisation()
     project: Literal["start", "step"] = "start"

@@ -92,7 +92,7 @@ class Transmission:
         viscous, coulomb, speeds = (np.zeros(sum(sizes)) for _ in range(3))
         for arm, rows in zip(arms, self._slices, strict=True):
             found = friction(cell.arms[arm.name], arm.name)
-            self._map[rows, arm.v], axes[rows, arm.v] = arm.drive, found.axes
+            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, found.axes
             viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
         self._viscous = -axes.T @ np.diag(viscous) @ axes
         self._to_scaled_speed = axes / speeds[:, None]

@@ -15,7 +15,7 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
-from coop_pin.model.joint_limits import joint_limits
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
@@ -38,7 +38,7 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.chain.project_configuration(q)
+    return chain.mechanism.project_configuration(q)
 
 
 class Simulation:
@@ -79,10 +79,10 @@ class Simulation:
         self.chain = CellChain(scenario.cell, scenario.plant)
         self.payload: Payload = scenario.cell.payload
         self.plant = Plant(self.chain, scenario.plant, _start(self.chain, scenario))
-        self.limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
+        self.limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario.cell, self.limits)
         self.saturated = self.actuation.idle
-        self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
+        self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.model.arms]
         self.force_sensor = ForceSensor(scenario.cell, scenario.controller.force_path)
         self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
         self.recorder = Recorder(scenario, self.plant, self.timeline, self.limits)
@@ -205,10 +205,10 @@ class Simulation:
     def _happen(self, time: float) -> None:
         """Let the events of this instant happen."""
         for change in self.timeline.changes_at(time):
-            before = self.chain.chain.energy(self.plant.q, self.plant.v).total
+            before = self.chain.mechanism.energy(self.plant.q, self.plant.v).total
             self.payload = change.apply(self.payload)
             self.chain.set_payload(self.payload)
-            self.recorder.payload_energy += self.chain.chain.energy(self.plant.q, self.plant.v).total - before
+            self.recorder.payload_energy += self.chain.mechanism.energy(self.plant.q, self.plant.v).total - before
         if self.timeline.happens_at(time):
             self.plant.push(self.timeline.push_at(time))
 
@@ -216,7 +216,7 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._happen(step.start)
-            self.plant.advance(step.length)
+            self.plant.advance(step.start, step.length)
         self._require_closed(self.timeline.time(tick))
 
     def _require_finite(self, time: float, torques: Sequence[Array]) -> None:

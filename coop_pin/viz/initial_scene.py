@@ -92,7 +92,7 @@ def _at_rest(cell: Cell, plant: PlantOptions, X_WP: Array, X_WP_d: Array, squeez
     q, arms, joints = (
         chain.configuration(X_WP),
         len(cell.arms),
-        max(len(place.drive) for place in chain.tree.arms),
+        max(len(place.drive) for place in chain.model.arms),
     )
     none = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
     return Snapshot(
