@@ -1,4 +1,4 @@
-"""All ways in which an arm can hold a payload: the eight of a UR5, and how near to singular each is."""
+"""Inverse-kinematics branches: the eight configurations of a UR5 for one pose, with condition numbers."""
 
 import numpy as np
 
@@ -12,5 +12,6 @@ for q in cp.ik_branches(model, payload.matrix, posture=arm.posture):
     gap = np.abs(model.payload_pose(q) - payload.matrix).max()
     condition = np.linalg.cond(model.payload_jacobian(q))
     print(
-        f"q = {np.array2string(q, precision=3, suppress_small=True, sign=' ')}  condition {condition:5.1f}  gap {gap:.0e}"
+        f"q = {np.array2string(q, precision=3, suppress_small=True, sign=' ')}"
+        f"  condition {condition:5.1f}  gap {gap:.0e}"
     )

@@ -37,8 +37,8 @@ from coop_pin.errors import (
 )
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
-from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import make_pose
 

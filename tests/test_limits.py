@@ -12,9 +12,9 @@ from coop_pin.control.interface import Command
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
 from coop_pin.errors import FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
-from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.model.friction import friction
 from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.actuation import Actuation, Transmission
 
 XARM = Arm.from_urdf("xarm7", "link_eef")

@@ -1,4 +1,4 @@
-"""Cell summary: arms, joints, limits and payload, closure rank and degrees of freedom; maximum reach of an arm."""
+"""Cell summary: arms, limits, payload, closure rank and degrees of freedom; maximum reach of an arm."""
 
 from __future__ import annotations
 

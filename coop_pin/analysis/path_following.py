@@ -1,4 +1,4 @@
-"""Path following of one arm: reach, singular poses, joint-limit margins and joint speeds along a payload path."""
+"""Path following of one arm: reach, singular poses, joint-limit margins and speeds along a payload path."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class PayloadPath(NamedTuple):
 
 
 def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
-    """Return the path of a scenario: straight to the reference, then along it at poses evenly spaced in time."""
+    """Return the path of a scenario: straight to the reference, then along it, evenly spaced in time."""
     reference = scenario.motion.build()
     times = np.linspace(0.0, scenario.duration, poses)
     targets = [reference.at(float(time)) for time in times]
@@ -164,7 +164,7 @@ class PathFollowing:
         self._rates = np.stack(drive_rates) @ from_drive.T
 
     def unreachable(self) -> Unreachable | None:
-        """Return the time from which the arm cannot follow, to a millionth of the spacing, and the largest gap."""
+        """Return when the arm first cannot follow, to a millionth of the spacing, and the largest gap."""
         if self._reached.all():
             return None
         gaps = [(solution.distance, solution.angle) for solution in self._solutions]
@@ -189,7 +189,7 @@ class PathFollowing:
         return self._time_between(first - 1, reached)
 
     def nearest_singularity(self) -> NearlySingular:
-        """Return the pose of the smallest singular value: zero if the Jacobian's determinant changes its sign."""
+        """Return the pose of the smallest singular value; it is zero if the determinant changes its sign."""
         if self._jacobians.shape[1] == self._jacobians.shape[2]:
             signs = np.sign(np.linalg.det(self._jacobians))
             changed = np.flatnonzero((signs[1:] != signs[:-1]) & self._reached[1:] & self._reached[:-1])
@@ -201,7 +201,7 @@ class PathFollowing:
         )
 
     def limit_violation(self) -> JointLimitMargin | None:
-        """Return the first joint that exceeds its position limits, at the time interpolated between two poses."""
+        """Return the first joint that exceeds its position limits; its time is interpolated."""
         limits = self._solver.limits
         violation = np.stack([limits.violation(q) for q in self.q]) * self._reached[:, None]
         outside = np.flatnonzero(violation.any(axis=1))
@@ -215,7 +215,7 @@ class PathFollowing:
         return self._margin(joint, self._time_between(max(index - 1, 0), part), limit)
 
     def smallest_margin(self) -> JointLimitMargin | None:
-        """Return the joint with the smallest margin to a position limit along the path; None without limits."""
+        """Return the joint with the smallest margin to a position limit; None without limits."""
         limits = self._solver.limits
         positions = limits.joints.of(self.q)
         margins = np.minimum(positions - limits.lower, limits.upper - positions)
@@ -231,7 +231,10 @@ class PathFollowing:
         return JointLimitMargin(joints.names[joint], time, value, lower, upper, joints.units[joint])
 
     def fastest_joint(self) -> FastestJoint | None:
-        """Return the joint with the largest speed relative to its limit; of a redundant arm, at the rates J^+ V_WP."""
+        """Return the joint with the largest speed relative to its limit, at the rates J^+ V_WP.
+
+        None without velocity limits.
+        """
         limits, joints = self._solver.limits.velocity, self._solver.limits.joints
         if not np.isfinite(limits).any():
             return None

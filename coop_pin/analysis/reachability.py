@@ -1,4 +1,4 @@
-"""Reachability of a scenario's reference: reach, singular poses, joint limits and speeds of all arms, without a run."""
+"""Reachability of a reference: reach, singular poses, joint limits and speeds of all arms, without a run."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ArmReach:
 
     @property
     def ok(self) -> bool:
-        """Whether the arm can follow within its position and velocity limits and away from singular poses."""
+        """Whether the arm can follow within its limits and away from singular poses."""
         return not any(self.problems())
 
     def problems(self) -> Iterator[str]:
@@ -121,7 +121,7 @@ class Reachability:
 
     @property
     def ok(self) -> bool:
-        """Whether every arm can follow within its position and velocity limits and away from singular poses."""
+        """Whether every arm can follow within its limits and away from singular poses."""
         return all(arm.ok for arm in self.arms)
 
     def summary(self) -> str:

@@ -56,11 +56,11 @@ class SampledStability(NamedTuple):
 
 
 def sampled_stability(scenario: Scenario) -> SampledStability:
-    """Return the stability of the controller's damping under zero-order hold, linearised at the start of the run.
+    """Return the stability of a controller's damping under zero-order hold, linearised at the start.
 
-    With D = -d(acceleration)/dv through the torques alone and the closures kept closed, v[k+1] = (I - T D) v[k]
-    from tick to tick. The mode of an eigenvalue lambda of D decays if ``|1 - T lambda| < 1``, that is, if
-    ``T |lambda|^2 / Re lambda < 2``.
+    With D = -d(acceleration)/dv through the torques alone and the closures kept closed, v[k+1] = (I - T D)
+    v[k] from tick to tick. The mode of an eigenvalue lambda of D decays if ``|1 - T lambda| < 1``, that is,
+    if ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
         scenario: what would be run. Friction, torque limits and integral terms are not considered.
@@ -77,7 +77,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     def acceleration(v: Array) -> Array:
         return chain.forward_dynamics(plant.q, rest, torque(v)).acceleration
 
-    # Laws are linear in the speeds but for bounded signs, which cancel between unit speeds of both directions.
+    # Laws are linear in the speeds but for bounded signs, which cancel between opposite unit speeds.
     speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
     D = np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
     eigenvalues, modes = np.linalg.eig(D)
@@ -97,7 +97,7 @@ def _stability_value(entry: complex) -> float:
 
 
 def _torque_law(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Array]:
-    """Return the controller's generalised force at the start as a function of v, with the desired internal wrenches."""
+    """Return the controller's generalised force at the start as a function of v, at the desired squeeze."""
     rows, plant = scenario.cell.task_rows, simulation.plant
     target, squeeze = simulation.motion.at(0.0), simulation.squeeze.at(0.0)
     twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))

@@ -1,4 +1,4 @@
-"""Closed chains: loop closures, constrained forward dynamics, projection, integration and inverse kinematics."""
+"""Closed chains: loop closures, constrained dynamics, projection, integration and inverse kinematics."""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.chain.cell_chain import CellChain
@@ -14,9 +14,9 @@ __all__ = [
     "ChainState",
     "ClosedChain",
     "Closure",
-    "Energy",
     "ClosureError",
+    "Energy",
     "Trajectory",
-    "solve_ik",
     "ik_branches",
+    "solve_ik",
 ]

@@ -54,8 +54,8 @@ class Observation(NamedTuple):
 class CellChain:
     """Closed chain of a cell: its model, loop closures and interaction wrenches.
 
-    The payload is welded to the first arm's tip (that arm's wrench follows from the equations of motion of the
-    payload), or free and held by m closures. Both are the same mechanism.
+    The payload is welded to the first arm's tip (that arm's wrench follows from the equations of motion of
+    the payload), or free and held by m closures. Both are the same mechanism.
 
     Attributes:
         cell: the description.
@@ -124,7 +124,7 @@ class CellChain:
         return self.model.configuration(stated, as_array("X_WP", X_WP, 4, 4))
 
     def require_held(self, q: Array, X_WP: Array, allowed: float) -> None:
-        """Raise an error if an arm's tip is farther from its grasp on the payload at X_WP than allowed, m or rad.
+        """Raise an error if a tip is farther from its grasp on the payload at X_WP than allowed, m or rad.
 
         Raises:
             OpenClosureError: with the arm and its closure error.
@@ -180,7 +180,7 @@ class CellChain:
     def observe(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH
     ) -> Observation:
-        """Return poses, wrenches and energy from one pass over the tree; arguments as of interaction_wrenches."""
+        """Return poses, wrenches and energy in one pass; arguments as of interaction_wrenches."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         external = as_array("external", external, 6)
@@ -233,7 +233,7 @@ class CellChain:
         return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
-        """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the resultant wrench on the payload, about P in its axes."""
+        """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the resultant wrench on the payload in its axes."""
         model, data = self.mechanism.model, self._data
         frame, inertia = self.model.payload_frame, self.model.payload_inertia
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
@@ -243,11 +243,11 @@ class CellChain:
 
 
 def determinate_rows(chain: CellChain, q: Array) -> Mask:
-    """Return which rows of the interaction wrenches (about P, in world axes) are statically determinate, shape (6,).
+    """Return which rows of the interaction wrenches, about P in world axes, are determinate, shape (6,).
 
-    Lagrange multipliers in the null space of J^T cause no joint torques. How the arms share the rows that such
-    multipliers reach depends on their elasticity, not on rigid-body dynamics: for example the weight of a bar
-    between two planar arms.
+    Lagrange multipliers in the null space of J^T cause no joint torques. How the arms share the rows that
+    such multipliers reach depends on their elasticity, not on rigid-body dynamics: for example the weight of
+    a bar between two planar arms.
 
     Args:
         chain: the closed cell.

@@ -32,8 +32,8 @@ class ChainDynamics(NamedTuple):
 
     Attributes:
         acceleration: a, shape (nv,).
-        closure_wrenches: on body a of each closure at frame a, in axes of a, N and N m, shape (closures, 6). If
-            rows are redundant, it is not unique for rigid bodies; this is the one of least multipliers.
+        closure_wrenches: on body a of each closure at frame a, in axes of a, N and N m, shape (closures, 6).
+            If rows are redundant, it is not unique for rigid bodies; this is the one of least multipliers.
         rank: number of independent closure rows.
         residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
     """
@@ -45,7 +45,7 @@ class ChainDynamics(NamedTuple):
 
 
 class ClosedChain:
-    """Mechanism with loop closures: any URDF tree and closures between its frames; arms or a payload are not needed.
+    """Mechanism with loop closures: any URDF tree, and closures between its frames.
 
     ::
 
@@ -53,11 +53,11 @@ class ClosedChain:
         start = chain.assemble(chain.configuration({"crank": 1.2}), chain.velocity({"crank": 2.0}))
         motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda t, q, v: -0.1 * v)
 
-    Redundant rows and singular poses are allowed. Joint limits, friction and effort limits of the URDF are not
-    applied; such forces can be added in ``torque``, a function of time and state.
+    Redundant rows and singular poses are allowed. Joint limits, friction and effort limits of the URDF are
+    not applied; such forces can be added in ``torque``, a function of time and state.
 
-    The solver and Pinocchio's data are working memory: methods return copies, but ``solver.wrenches()`` refers
-    to the last call of ``solver.acceleration``, and one chain must not be used by two threads at once.
+    The solver and Pinocchio's data are working memory: methods return copies, but ``solver.wrenches()``
+    refers to the last call of ``solver.acceleration``, and one chain must not be used by two threads at once.
 
     Attributes:
         model: the tree; ``model.names`` has its joints in the order of v.
@@ -141,7 +141,7 @@ class ClosedChain:
         return cls(model, closures, stabilisation=stabilisation, formulation=formulation)
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
-        """Return the configuration with named joints at given positions (rad, m), the others neutral, shape (nq,).
+        """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).
 
         Raises:
             JointNotFoundError: a joint does not exist.
@@ -150,7 +150,7 @@ class ClosedChain:
         return configuration_at(self.model, angles)
 
     def velocity(self, rates: Mapping[str, float]) -> Array:
-        """Return the velocity with named joints at given rates (rad/s, m/s), the others at rest, shape (nv,).
+        """Return v with named joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
 
         Raises:
             JointNotFoundError: a joint does not exist.
@@ -268,7 +268,10 @@ class ClosedChain:
         return self._projection.state(self._q(q), np.zeros(self.model.nv), _CLOSED).q
 
     def project_velocity(self, q: Array, v: Array) -> Array:
-        """Return the velocity nearest in kinetic energy that keeps the closures: v - M^-1 J^T (J M^-1 J^T)^+ J v."""
+        """Return the velocity nearest in kinetic energy that keeps the closures closed, shape (nv,).
+
+        v - M^-1 J^T (J M^-1 J^T)^+ J v
+        """
         return self._projection.velocity(q, v)
 
     def require_closed(self, q: Array, allowed: float) -> None:

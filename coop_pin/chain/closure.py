@@ -27,7 +27,7 @@ _MASKS: dict[str, RowMask] = {
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """Loop closure: a frame C, attached to a frame A and to a frame B of a tree, that must coincide with itself.
+    """Loop closure: a frame C on a frame A of a tree is held to the same frame C on a frame B.
 
     A and B are named frames (links or joints of the URDF, or the world); X_AC and X_BC place C anywhere on
     them, without a change to the URDF. "Frame a" of the closure is C as attached to A, "frame b" is C as

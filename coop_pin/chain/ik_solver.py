@@ -96,8 +96,8 @@ class IKSolver:
             target: desired tip pose X_WE_d.
             q: initial guess, shape (nq,).
             limited: whether to stay within the joint limits that restrict the workspace.
-            angle_weight: of the angle relative to the distance, m/rad. Far below one, the distance is minimised
-                first.
+            angle_weight: of the angle relative to the distance, m/rad. Far below one, the distance is
+                minimised first.
             steps: largest number of steps.
         """
         weights = np.repeat((1.0, angle_weight), 3)
@@ -126,8 +126,8 @@ class IKSolver:
     def nearest(self, target: pin.SE3, q: Array) -> IKSolution:
         """Return the configuration within the limits nearest to a target out of reach.
 
-        The distance is minimised first, then the angle: the weight of the angle falls from solve to solve, which
-        minimises the distance to a millionth. Arguments as of solve.
+        The distance is minimised first, then the angle: the weight of the angle falls from solve to solve,
+        which minimises the distance to a millionth. Arguments as of solve.
         """
         for angle_weight in (1.0, 0.1, 0.01, 0.001):
             solution = self.solve(target, q, angle_weight=angle_weight)
@@ -137,7 +137,7 @@ class IKSolver:
     def null_space_descent(
         self, target: pin.SE3, q: Array, near: Array, *, limited: bool = True, steps: int = 60
     ) -> Array:
-        """Return the configuration nearest to another that null-space motion reaches: dq = (I - A^+ A) (near - q).
+        """Return the configuration nearest to another by null-space motion, dq = (I - A^+ A) (near - q).
 
         Every step is followed by a solve that brings the tip back to the target, and is accepted only if it
         reduces the distance.
@@ -167,8 +167,9 @@ class IKSolver:
     def follow(self, poses: Sequence[Array], q: Array, near: Array) -> list[IKSolution]:
         """Return the solutions along a path, each continued from the one before, without joint limits.
 
-        If a pose is out of reach, the arm takes the nearest configuration, least distance first, and continues
-        from there. A redundant arm is drawn towards a posture, as by the posture term of its controller.
+        If a pose is out of reach, the arm takes the nearest configuration, least distance first, and
+        continues from there. A redundant arm is drawn towards a posture, as by the posture term of its
+        controller.
 
         Args:
             poses: payload poses X_WP, each shape (4, 4), close to each other.
@@ -210,7 +211,7 @@ class IKSolver:
         return self.solve(target, q, limited=False, angle_weight=_FOLLOW_ANGLE_WEIGHT, steps=_FOLLOW_STEPS)
 
     def _null_space_step(self, target: pin.SE3, q: Array, pull: Array, limited: bool) -> Array:
-        """Return the null-space part of a pull, shape (nv,); limited: without the joints that are at a limit."""
+        """Return the null-space part of a pull, without the joints at a limit if limited, shape (nv,)."""
         A = self._gap(target, q, _UNWEIGHTED)[1]
         stopped = np.zeros(len(pull), dtype=bool)
         while True:
@@ -222,7 +223,7 @@ class IKSolver:
             stopped |= further
 
     def _gap(self, target: pin.SE3, q: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted gap [p, log R] of X_EE_d in tip axes and the Jacobian of its decrease, shapes (6,) and (6, nv)."""
+        """Return the weighted gap [p, log R] of X_EE_d in tip axes and -d(gap)/dv, shapes (6,), (6, nv)."""
         # Not computeFrameJacobian, which in local axes does not update the placements.
         pin.computeJointJacobians(self.model, self._data, q)
         X_EE_d = pin.updateFramePlacement(self.model, self._data, self._tip).actInv(target)

@@ -1,4 +1,4 @@
-"""Inverse kinematics of one arm: solutions within the joint limits, nearest to a posture, and all branches."""
+"""Inverse kinematics of one arm: the solution within the joint limits nearest to a posture, and branches."""
 
 from __future__ import annotations
 
@@ -24,31 +24,32 @@ _SAME_DISTANCE = 1e-5
 
 
 def solve_ik(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None) -> Array:
-    """Return the configuration that holds the payload at a pose within the joint limits, nearest to a posture, shape (nq,).
+    """Return the configuration that holds the payload at a pose, nearest to a posture, within the limits.
 
-    Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint ranges. A
-    redundant arm then moves in its null space to the configuration nearest to the posture. Deterministic.
+    Shape (nq,). Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint
+    ranges. A redundant arm then moves in its null space to the configuration nearest to the posture.
+    Deterministic.
 
     Args:
         arm: the model, with its grasp.
         X_WP: payload pose, shape (4, 4).
-        posture: preferred angles, one for each joint, shape (nv,), or a configuration, shape (nq,); zeros when
-            omitted.
+        posture: preferred angles, one for each joint, shape (nv,), or a configuration, shape (nq,); zeros
+            when omitted.
 
     Raises:
         JointLimitError: only joint limits prevent a solution; with the joint.
-        UnreachablePoseError: there is no solution; with the least distance found between tip and grasp, and the
-            angle there.
+        UnreachablePoseError: there is no solution; with the least distance found between tip and grasp, and
+            the angle there.
     """
     return _branches(arm, X_WP, posture, _SEEDS, _FAMILIES)[0]
 
 
 def ik_branches(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None) -> list[Array]:
-    """Return all branches found that hold the payload at a pose within the joint limits, the nearest to a posture first.
+    """Return all branches found within the joint limits, the nearest to a posture first, each shape (nq,).
 
-    Two branches differ by more than whole turns; each is wrapped to be nearest to the posture. The branches of
-    a redundant arm are families: each is represented by its configuration nearest to the posture. The search
-    starts from 96 seeds; it is not certain that it finds all.
+    Two branches differ by more than whole turns; each is wrapped to be nearest to the posture. The branches
+    of a redundant arm are families: each is represented by its configuration nearest to the posture. The
+    search starts from 96 seeds; it is not certain that it finds all.
 
     Args:
         arm: the model, with its grasp.
@@ -64,7 +65,10 @@ def ik_branches(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = N
 def _branches(
     arm: ArmModel, X_WP: ArrayLike, posture: ArrayLike | None, seeds: int, families: int | None
 ) -> list[Array]:
-    """Return the distinct branches, sorted by distance to the posture; of a redundant arm, those of the nearest families."""
+    """Return the distinct branches, sorted by distance to the posture.
+
+    Of a redundant arm, only the given number of families nearest to the posture is kept (all if None).
+    """
     solver = IKSolver(arm)
     target = solver.tip_target(as_array("X_WP", X_WP, 4, 4))
     near = arm.posture(posture)
@@ -108,7 +112,7 @@ def _moved_near(
 def _unreachable(
     name: str, solver: IKSolver, target: pin.SE3, starts: list[Array], near: Array
 ) -> UnreachablePoseError:
-    """Return the error with the remaining gap, and the joint whose limit prevents a solution if only limits do."""
+    """Return the error with the remaining gap, and the joint if only its limit prevents a solution."""
     limits = solver.limits
     nearest = min((solver.nearest(target, start) for start in starts), key=_distance_then_angle)
     unlimited = [solver.solve(target, start, limited=False) for start in starts]

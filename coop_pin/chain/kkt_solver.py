@@ -1,4 +1,4 @@
-"""KKT solver for constrained forward dynamics, by a truncated SVD of the closure Jacobian in the mass metric."""
+"""KKT solver for constrained forward dynamics, by a truncated SVD of the closure Jacobian."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ConstraintSVD(NamedTuple):
         return x
 
     def least_motion(self, target: Array, damping: float = 0.0) -> Array:
-        """Return the joint motion x of least norm sqrt(x^T M x) with J x = target, in the range of J, shape (nv,).
+        """Return the x of least x^T M x with J x = target, as far as it is in the range of J, shape (nv,).
 
         x = M^-1 J^T (J M^-1 J^T)^+ target = L^-T V s^-1 U^T target
 
@@ -130,7 +130,7 @@ class KKTSolver:
         return svd.solve_LT(y + svd.right.dot(b))
 
     def wrenches(self) -> Array:
-        """Return the closure wrenches of the last call of acceleration, as ChainDynamics, shape (closures, 6)."""
+        """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""
         if self._solution is None:
             return np.zeros((len(self._closures.closures), 6))
         state, multipliers = self._solution

@@ -35,14 +35,14 @@ class Projected(NamedTuple):
 
 
 class Projection:
-    """Projection of states onto the closures of a tree by the least motion in the metric of its mass matrix."""
+    """Projection of states onto the closures of a tree by the least motion in the mass metric."""
 
     def __init__(self, model: pin.Model, closures: ClosureSet) -> None:
         self._model, self._data, self._closures = model, model.createData(), closures
         self._still = np.zeros(model.nv)
 
     def svd(self, q: Array, state: ClosureState) -> ConstraintSVD:
-        """Return the truncated SVD of the closure Jacobian at a configuration, in the metric of the mass matrix.
+        """Return the truncated SVD of the closure Jacobian at a configuration, in the mass metric.
 
         Raises:
             MassMatrixError: the mass matrix is not positive definite.
@@ -90,7 +90,7 @@ class Projection:
         return v - self.svd(q, state).least_motion(state.velocity)
 
     def descend(self, q: Array) -> Array:
-        """Return the configuration of least closure error that Levenberg-Marquardt finds from a guess, shape (nq,)."""
+        """Return q of least closure error near a guess, by Levenberg-Marquardt, shape (nq,)."""
         damping = _FIRST_DAMPING
         state = self._closures.state(q, self._still)
         for _ in range(_DESCENT_STEPS):

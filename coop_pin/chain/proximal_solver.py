@@ -1,4 +1,4 @@
-"""Proximal solver for constrained forward dynamics: pinocchio.constraintDynamics, for full and point closures."""
+"""Proximal solver for constrained forward dynamics with full and point closures, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -61,5 +61,5 @@ class ProximalSolver:
         return a
 
     def wrenches(self) -> Array:
-        """Return the closure wrenches of the last call of acceleration, as ChainDynamics, shape (closures, 6)."""
+        """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""
         return np.array([data.contact_force.vector for data in self._solution]).reshape(-1, 6)

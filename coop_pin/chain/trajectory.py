@@ -1,4 +1,4 @@
-"""Motion of a closed chain: its state, energy and trajectory, by Runge-Kutta steps projected onto the closures."""
+"""Motion of a closed chain: state, energy and trajectory, by Runge-Kutta steps with projection."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class Propagator:
 
 
 def time_grid(duration: float, step: float) -> Array:
-    """Return the times 0, step, 2 step, ... and duration; the last step is shorter if step does not divide duration.
+    """Return the times 0, step, 2 step, ... and duration; the last step may be shorter.
 
     Raises:
         ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than

@@ -1,7 +1,7 @@
 """Pinocchio models of arms, cells and mechanisms.
 
-Importing this package imports Pinocchio and checks its version. Packages that use Pinocchio import it first, so
-that a missing or unsuitable Pinocchio raises a helpful error.
+Importing this package imports Pinocchio and checks its version. Packages that use Pinocchio import it first,
+so that a missing or unsuitable Pinocchio raises a helpful error.
 """
 
 import importlib

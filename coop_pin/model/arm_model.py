@@ -28,13 +28,14 @@ from coop_pin.spatial.task_rows import TaskRows
 
 
 class ArmModel:
-    """Dynamics and kinematics of one arm fixed in the world, in joint coordinates q, v, tau, without friction.
+    """Dynamics and kinematics of one arm fixed in the world, in coordinates q, v, tau, without friction.
 
     The payload frame P is rigidly attached to the tip E.
 
     Attributes:
         name: of the arm, for error messages.
-        model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with "arm/".
+        model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with
+            "arm/".
         nq: size of q.
         nv: size of v.
         drive: drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
@@ -74,7 +75,7 @@ class ArmModel:
 
     @classmethod
     def from_cell(cls, cell: Cell, name: str) -> Self:
-        """Return the model of one arm of a cell, with its grasp, gravity and name; raises as the constructor."""
+        """Return the model of an arm of a cell with its grasp, gravity and name; raises as __init__."""
         return cls(cell.arms[name], cell.grasps[name].matrix, cell.gravity, name=name)
 
     @cached_property
@@ -104,7 +105,7 @@ class ArmModel:
         return np.array(pin.normalize(self.model, as_array(argument, posture, self.nq)))
 
     def joint_angles(self, q: ArrayLike) -> Array:
-        """Return the joint angles of q, those of continuous joints between -pi and pi, rad or m, shape (nv,)."""
+        """Return the joint angles of q, rad or m, of continuous joints between -pi and pi, shape (nv,)."""
         return self._angles.of(self._q(q))
 
     def mass_matrix(self, q: ArrayLike) -> Array:

@@ -21,7 +21,6 @@ from coop_pin.model.pinocchio_model import (
 )
 from coop_pin.spatial import inverse_pose
 
-
 PayloadAttachment: TypeAlias = Literal["welded", "free"]
 
 
@@ -71,8 +70,8 @@ class CellModel:
 
         Args:
             cell: the description.
-            payload: "welded" to the first arm's tip: m - 1 grasps need closures; or "free", on a free-flyer joint:
-                all m grasps need closures.
+            payload: "welded" to the first arm's tip: m - 1 grasps need closures; or "free", on a free-flyer
+                joint: all m grasps need closures.
         """
         self.model = model = _arms_tree(cell)
         first = next(iter(cell.arms))

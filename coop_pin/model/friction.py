@@ -8,8 +8,8 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm, JointFriction
-from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.model.joint_limits import per_joint
+from coop_pin.model.pinocchio_model import load_arm_model
 
 
 class Friction(NamedTuple):
@@ -30,7 +30,7 @@ class Friction(NamedTuple):
 
 
 def friction(arm: Arm, name: str = "arm") -> Friction:
-    """Return the friction of an arm: as described, or that of the URDF's <dynamics>, which acts at the joints.
+    """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.
 
     Args:
         arm: the description.

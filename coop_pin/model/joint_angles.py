@@ -56,7 +56,7 @@ class JointAngles:
         return angles
 
     def near(self, q: Array, reference: Array) -> Array:
-        """Return the angles of a configuration, continuous joints within half a turn of a reference, shape (k,)."""
+        """Return the angles of q, of continuous joints within half a turn of a reference, shape (k,)."""
         angles = self.of(q)
         return np.where(self.continuous, reference + (angles - reference + np.pi) % _TURN - np.pi, angles)
 

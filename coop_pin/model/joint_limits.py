@@ -22,12 +22,13 @@ _PERTURBATION = 0.5
 class JointLimits:
     """Joint, velocity and effort limits of an arm, infinite if there is none.
 
-    A velocity or effort of zero in the URDF means "not stated", as in many files: no limit. Efforts of the URDF
-    are limits of the drive torques only if each drive moves one joint; with a drive matrix they set no limit.
+    A velocity or effort of zero in the URDF means "not stated", as in many files: no limit. Efforts of the
+    URDF are limits of the drive torques only if each drive moves one joint; with a drive matrix they set no
+    limit.
 
-    Continuous joints have no position limits. A revolute joint reaches the same pose again after a whole turn:
-    if its range is a whole turn or more, every angle can be wrapped into it. Only narrower joints limit the
-    workspace.
+    Continuous joints have no position limits. A revolute joint reaches the same pose again after a whole
+    turn: if its range is a whole turn or more, every angle can be wrapped into it. Only narrower joints limit
+    the workspace.
 
     Attributes:
         joints: names and units of the joints, and their positions in a configuration.
@@ -59,7 +60,7 @@ class JointLimits:
         self.limited: Mask = ~(joints.continuous | is_wide)
 
     def violation(self, q: Array) -> Array:
-        """Return by how much each joint exceeds its limits, signed, rad or m, shape (k,); zero within them."""
+        """Return by how much each joint exceeds its limits (signed; zero within), rad or m, shape (k,)."""
         positions = self.joints.of(q)
         violation = positions - np.clip(positions, self.lower, self.upper)
         return np.where(np.abs(violation) > _ROUND_OFF, violation, 0.0)
@@ -77,7 +78,7 @@ class JointLimits:
         return self.limited & ((at_lower & (direction < 0.0)) | (at_upper & (direction > 0.0)))
 
     def wrap_near(self, q: Array, near: Array) -> Array:
-        """Return the same pose with every revolute joint wrapped into its limits, as near to another configuration as possible.
+        """Return the same pose with revolute joints wrapped into their limits, near another configuration.
 
         A joint that cannot be wrapped into its limits gets the angle with the least violation.
         """
@@ -97,7 +98,7 @@ class JointLimits:
         return [self.joints.configuration(generator.uniform(lower, upper)) for _ in range(count)]
 
     def perturb(self, q: Array, count: int) -> list[Array]:
-        """Return normally distributed configurations around q, standard deviation 0.5 rad or m, clipped; the seed is fixed."""
+        """Return q with normally distributed perturbations, 0.5 rad or m, clipped; the seed is fixed."""
         generator = np.random.default_rng(0)
         scale, size = _PERTURBATION, self._model.nv
         return [

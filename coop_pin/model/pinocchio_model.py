@@ -1,7 +1,7 @@
 """Pinocchio models of arms and mechanisms from URDF, and safe access to their frames and joints.
 
-Pinocchio reports some mistakes, such as a wrong frame name, only by undefined behaviour; the functions of this
-module raise typed errors instead.
+Pinocchio reports some mistakes, such as a wrong frame name, only by undefined behaviour; the functions of
+this module raise typed errors instead.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def empty_model(gravity: tuple[float, ...] | Array) -> pin.Model:
 
 
 def without_inertia(model: pin.Model) -> pin.Model:
-    """Return a copy for kinematics only: all inertias and gravity are zero, so that it contains no dynamics."""
+    """Return a copy for kinematics only: inertias and gravity are zero, so it contains no dynamics."""
     copy = model.copy()
     for joint in range(copy.njoints):
         copy.inertias[joint] = pin.Inertia.Zero()

@@ -60,7 +60,8 @@ class CellVisuals:
 
         Args:
             cell: the description.
-            payload: attachment of the payload, as in the scenario's plant options: it determines the layout of q.
+            payload: attachment of the payload, as in the scenario's plant options: it determines the layout
+                of q.
         """
         cell_model = CellModel(cell, payload)
         self.joints = {place.name: place.joint_names for place in cell_model.arms}
