@@ -77,7 +77,7 @@ def body_xml(model: pin.Model, joint: int) -> str:
 
 def mjcf(plant: Plant) -> str:
     """Return the same tree with one weld for each closure."""
-    tree = plant.chain.tree
+    tree = plant.chain.model
     roots = [joint for joint in range(1, tree.model.njoints) if tree.model.parents[joint] == 0]
     held = [arm.name for arm in tree.arms if arm.name not in tree.closed_by_tree]
     welds = "".join(
@@ -110,7 +110,7 @@ def chain_task(plant: Plant):
 
     def task() -> None:
         plant.q, plant.v = start, np.zeros(len(start))
-        plant.advance(STEP)
+        plant.advance(0.0, STEP)
 
     return task
 

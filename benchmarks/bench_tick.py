@@ -27,7 +27,7 @@ TICK = 40
 
 def constraint_dynamics(chain: CellChain, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> common.Task:
     """Return the bare Pinocchio call, with a weld of its own."""
-    model = chain.tree.model
+    model = chain.mechanism.model
     a, b = (model.frames[model.getFrameId(name)] for name in ("right/grasp", "payload/right"))
     kind = pin.ContactType.CONTACT_6D
     weld = pin.RigidConstraintModel(
@@ -59,10 +59,10 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         plant.generalised_force(),
         run.timeline.period / scenario.clock.steps_per_tick,
     )
-    angles = q[chain.tree.arms[0].q]
+    angles = q[chain.model.arms[0].q_slice]
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
-        "ProximalSolver.acceleration": lambda: chain.chain.solver.acceleration(q, v, tau),
+        "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),
         "one arm's tick of law (23), kinematics included": lambda: law.step(
             sensor.measure(t, q, v, None, free), references[0], state[0]
         ),
@@ -74,8 +74,8 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
         "Actuation.apply": lambda: run.actuation.apply(t, command),
         "references": lambda: run.references(t),
-        STEP: lambda: plant._integrator.step(plant._rate, q, v, h),
-        "  rate (one of its four)": lambda: plant._rate(q, v),
+        STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
+        "  rate (one of its four)": lambda: plant._rate(t, q, v),
         "    friction": lambda: plant.transmission.friction(v),
         RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze),
         "  CellChain.observe": lambda: plant.observe(),

@@ -114,7 +114,7 @@ def _users_controller(scenario: Scenario, chosen: UserController) -> CellControl
     An ArmController is called as ``Class(scenario, arm, **options)`` for each arm, a CellController as
     ``Class(scenario, **options)``.
     """
-    kind = load_class(chosen.target)
+    kind: Any = load_class(chosen.target)
     if issubclass(kind, CellController):
         return kind(scenario, **chosen.options)
     if issubclass(kind, ArmController):

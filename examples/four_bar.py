@@ -1,4 +1,4 @@
-"""A chain of N four-bar linkages: closed loops without arms, checked against the closed form as they pass their singular poses.
+"""N coupled four-bar linkages: closed loops without arms, through singular poses, against the closed form.
 
 N + 1 upright rods stand on ground pivots one metre apart, their tips linked by N level rods; all are uniform,
 1 m and 1 kg. The loops stay parallelograms, so that one angle theta tells everything: theta'' = -k cos theta
@@ -19,18 +19,19 @@ def rod(name, parent, x):
     return f"""
   <link name="{name}"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
     <inertia ixx="0.0001" iyy="{1 / 12}" izz="{1 / 12}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="{name}_pin" type="revolute"><parent link="{parent}"/><child link="{name}"/><origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
+  <joint name="{name}_pin" type="revolute"><parent link="{parent}"/><child link="{name}"/>
+    <origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
     <limit lower="-1e6" upper="1e6" effort="0" velocity="0"/></joint>"""
 
 
 def four_bars(loops, **options):
-    """N four-bars: each level rod is pinned to the upright rod on its left, and a closure holds its other end to the next one."""
+    """Return N four-bars: a level rod is pinned to the upright on its left and closed to the next one."""
     uprights = [rod(f"upright{i}", "ground", i) for i in range(loops + 1)]
     levels = [rod(f"level{i}", f"upright{i}", 1.0) for i in range(loops)]
     urdf = "".join(('<robot name="four_bars"><link name="ground"/>', *uprights, *levels, "\n</robot>"))
     end = np.eye(4)
     end[0, 3] = 1.0
-    closures = [cp.Closure(f"level{i}", f"upright{i + 1}", "point", X_a=end, X_b=end) for i in range(loops)]
+    closures = [cp.Closure(f"level{i}", f"upright{i + 1}", "point", X_AC=end, X_BC=end) for i in range(loops)]
     return cp.ClosedChain.from_urdf(urdf, closures, gravity=(0.0, -GRAVITY, 0.0), **options)
 
 
@@ -66,5 +67,6 @@ if __name__ == "__main__":
         error = np.linalg.norm(first_tip(chain, motion) - closed_form(loops, motion.time), axis=1).max()
         lost = chain.energy(motion.q[-1], motion.v[-1]).total - chain.energy(motion.q[0], motion.v[0]).total
         print(
-            f"{loops} loops, {step * 1e3:g} ms steps: tip within {error:.1e} m of the closed form, energy within {abs(lost):.1e} J"
+            f"{loops} loops, {step * 1e3:g} ms steps: tip within {error:.1e} m of the closed form,"
+            f" energy within {abs(lost):.1e} J"
         )

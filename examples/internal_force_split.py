@@ -13,14 +13,14 @@ v = np.zeros_like(q)
 
 torque = np.array([3.0, -1.0, 0.5, 2.0, 1.0, -0.5])
 squeezed = torque.copy()
-for place, w in zip(plant.tree.arms, ([10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]), strict=True):
+for place, w in zip(plant.model.arms, ([10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]), strict=True):
     arm = cp.ArmModel(cell.arms[place.name], cell.grasps[place.name].matrix)
-    squeezed[place.v] += rows.select(arm.payload_jacobian(q[place.q])).T @ np.array(w)
+    squeezed[place.v_slice] += rows.select(arm.payload_jacobian(q[place.q_slice])).T @ np.array(w)
 
 for name, tau in (("as it is", torque), ("squeezed", squeezed)):
     F = np.array([rows.select(wrench) for wrench in plant.interaction_wrenches(q, v, tau)])
     load, internal = load_wrenches(F, cell.shares)[0], internal_wrenches(F, cell.shares)[0]
-    acceleration = plant.chain.forward_dynamics(q, v, tau).acceleration
+    acceleration = plant.mechanism.forward_dynamics(q, v, tau).acceleration
     print(
         f"{name}: load {load.round(6)}, internal {internal.round(6)}, joint accelerations {acceleration[:3].round(6)}"
     )

@@ -114,7 +114,7 @@ w = {"left": np.array([10.0, 0.0, 0.0]), "right": np.array([-10.0, 0.0, 0.0])}
 squeezed = torque.copy()
 for name, place in zip(cell.arms, plant.tree.arms, strict=True):
     model = cp.ArmModel(cell.arms[name], cell.grasps[name].matrix)
-    squeezed[place.v] += rows.select(model.payload_jacobian(q[place.q])).T @ w[name]
+    squeezed[place.v_slice] += rows.select(model.payload_jacobian(q[place.q_slice])).T @ w[name]
 before, after = (plant.chain.forward_dynamics(q, rest, tau).acceleration for tau in (torque, squeezed))
 print(f"accelerations differ by {np.abs(after - before).max():.1e} rad/s²")
 print(

@@ -99,7 +99,7 @@ def sarrus(turn=1.9, **options):
         bar("foot", "down", (1, 0, 0), axis=y),
     ]
     hinge = make_pose((1, 0, 0), (np.pi / 2, 0, 0))  # z along the hinge
-    closure = cp.Closure("foot", "world", "axis", X_a=hinge, X_b=make_pose((0, 0, 0), (0, 0, turn)) @ hinge)
+    closure = cp.Closure("foot", "world", "axis", X_AC=hinge, X_BC=make_pose((0, 0, 0), (0, 0, turn)) @ hinge)
     chain = cp.ClosedChain.from_urdf(robot(*bars), [closure], **options)
     lean = SARRUS_LEAN
     angles = {
@@ -121,5 +121,5 @@ def bead(rows, X_b, kind="prismatic", **options):
     ]
     slides.append(joint("bead", "b", (0, 0, 0), axis="0 0 1", kind=kind))
     return cp.ClosedChain.from_urdf(
-        robot(*frames, *slides), [cp.Closure("universe", "bead", rows, X_a=X_b)], **options
+        robot(*frames, *slides), [cp.Closure("universe", "bead", rows, X_AC=X_b)], **options
     )

@@ -11,7 +11,7 @@ from coop_pin.description import Arm, Pose
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import FrameNotFoundError, NotFiniteError, ShapeError, UrdfNotFoundError
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_kinematics import ArmKinematics
+from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.spatial import inverse_pose, make_pose, pose_error, task_rows
 
 # The planar arm gets a turned base and gravity in its plane, so that nothing vanishes by chance.

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pinocchio as pin
 import pytest
-from cells import SCENARIOS, cell_and_start, random_velocity
+from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
@@ -52,30 +52,33 @@ def push_of(plant):
 
 
 def gathered(plant, arm_torques):
-    tau = np.zeros(plant.tree.model.nv)
-    for place, torque in zip(plant.tree.arms, arm_torques, strict=True):
-        tau[place.v] = torque
+    tau = np.zeros(plant.mechanism.model.nv)
+    for place, torque in zip(plant.model.arms, arm_torques, strict=True):
+        tau[place.v_slice] = torque
     return tau
 
 
 def free_state(welded, free, q, v):
     """The state of the free tree that is exactly the rooted one: the payload where the first arm holds it."""
-    angles = [q[place.q] for place in welded.tree.arms]
-    q_free, v_free = free.tree.configuration(angles, welded.payload_pose(q)), np.zeros(free.tree.model.nv)
-    for here, there in zip(welded.tree.arms, free.tree.arms, strict=True):
-        v_free[there.v] = v[here.v]
-    at = free.tree.model.idx_vs[free.tree.payload_joint]
+    angles = [q[place.q_slice] for place in welded.model.arms]
+    q_free, v_free = (
+        free.model.configuration(angles, welded.payload_pose(q)),
+        np.zeros(free.mechanism.model.nv),
+    )
+    for here, there in zip(welded.model.arms, free.model.arms, strict=True):
+        v_free[there.v_slice] = v[here.v_slice]
+    at = free.mechanism.model.idx_vs[free.model.payload_joint]
     v_free[at : at + 6] = rotate_vector6(welded.payload_pose(q)[:3, :3].T, welded.payload_twist(q, v))
     return q_free, v_free
 
 
 def off_states(plant, q_closed, gap):
     """States off every closure, within the rows of the cell: across a planar cell no arm could follow."""
-    model, rows = plant.tree.model, plant.cell.task_rows
+    model, rows = plant.mechanism.model, plant.cell.task_rows
     for q, v, torques in states(plant, q_closed, 0.0):
         off = np.random.default_rng(1).uniform(-gap, gap, model.nv)
-        if not plant.tree.closed_by_tree:
-            at = slice(model.idx_vs[plant.tree.payload_joint], None)
+        if not plant.model.closed_by_tree:
+            at = slice(model.idx_vs[plant.model.payload_joint], None)
             off[at] = rows.expand(rows.select(off[at]))
         yield pin.integrate(model, q, off), v + off, torques
 
@@ -83,12 +86,14 @@ def off_states(plant, q_closed, gap):
 def states(plant, q_closed, gap, count=4, seed=8):
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        q = pin.integrate(plant.tree.model, q_closed, gap * rng.uniform(-1.0, 1.0, plant.tree.model.nv))
-        v = rng.normal(size=plant.tree.model.nv)
+        q = pin.integrate(
+            plant.mechanism.model, q_closed, gap * rng.uniform(-1.0, 1.0, plant.mechanism.model.nv)
+        )
+        v = rng.normal(size=plant.mechanism.model.nv)
         yield (
             q,
-            v if gap else plant.chain.project_velocity(q, v),
-            [10.0 * rng.normal(size=len(place.drive)) for place in plant.tree.arms],
+            v if gap else plant.mechanism.project_velocity(q, v),
+            [10.0 * rng.normal(size=len(place.drive)) for place in plant.model.arms],
         )
 
 
@@ -106,8 +111,8 @@ def test_rooted_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(
         answers = []
         for plant, at, moving in ((welded, q, v), (free, q_free, v_free)):
             tau = gathered(plant, torques) + plant.payload_jacobian(at).T @ push
-            a = plant.chain.forward_dynamics(at, moving, tau).acceleration
-            arms = np.concatenate([a[place.v] for place in plant.tree.arms])
+            a = plant.mechanism.forward_dynamics(at, moving, tau).acceleration
+            arms = np.concatenate([a[place.v_slice] for place in plant.model.arms])
             answers.append(
                 (arms, np.array([rows.select(F) for F in plant.interaction_wrenches(at, moving, tau, push)]))
             )
@@ -123,18 +128,21 @@ def test_configurations_of_both_trees_hold_the_payload_at_the_pose_asked_for(nam
     _, start = cell_and_start(name)
     assert_allclose(plant.payload_pose(q), start, rtol=0, atol=1e-10)
     assert_allclose(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-11)
-    for arm, place, position in zip(arms_of(plant), plant.tree.arms, plant.tip_positions(q), strict=True):
-        assert_allclose(arm.payload_pose(q[place.q]), start, rtol=0, atol=1e-10)
-        assert_allclose(arm.tip_pose(q[place.q])[:3, 3], position, rtol=0, atol=1e-12)
+    for arm, place, position in zip(arms_of(plant), plant.model.arms, plant.tip_positions(q), strict=True):
+        assert_allclose(arm.payload_pose(q[place.q_slice]), start, rtol=0, atol=1e-10)
+        assert_allclose(arm.tip_pose(q[place.q_slice])[:3, 3], position, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])
 def test_the_trees_payload_twist_is_what_every_arm_sees(name, payload):
     plant, q = built(name, payload)
-    v = random_velocity(plant.chain, q, 3)
-    for arm, place in zip(arms_of(plant), plant.tree.arms, strict=True):
+    v = random_velocity(plant.mechanism, q, 3)
+    for arm, place in zip(arms_of(plant), plant.model.arms, strict=True):
         assert_allclose(
-            arm.payload_jacobian(q[place.q]) @ v[place.v], plant.payload_twist(q, v), rtol=0, atol=1e-10
+            arm.payload_jacobian(q[place.q_slice]) @ v[place.v_slice],
+            plant.payload_twist(q, v),
+            rtol=0,
+            atol=1e-10,
         )
 
 
@@ -146,7 +154,7 @@ def test_the_payload_obeys_newton_and_euler(name, payload, gap):
     Off the closures too: an open weld's wrench is still one wrench, on the arm and reversed on the payload.
     """
     plant, q_closed = built(name, payload)
-    body, model, push, h = plant.cell.payload, plant.tree.model, push_of(plant), 1e-6
+    body, model, push, h = plant.cell.payload, plant.mechanism.model, push_of(plant), 1e-6
 
     def momentum(q, v):
         R, V = plant.payload_pose(q)[:3, :3], plant.payload_twist(q, v)
@@ -154,7 +162,7 @@ def test_the_payload_obeys_newton_and_euler(name, payload, gap):
 
     for q, v, torques in off_states(plant, q_closed, gap):
         tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
-        a = plant.chain.forward_dynamics(q, v, tau).acceleration
+        a = plant.mechanism.forward_dynamics(q, v, tau).acceleration
         after, before = (momentum(pin.integrate(model, q, s * v + s * s / 2 * a), v + s * a) for s in (h, -h))
         weight = np.concatenate((body.mass * np.array(plant.cell.gravity), np.zeros(3)))
         total = push + weight - plant.interaction_wrenches(q, v, tau, push).sum(axis=0)
@@ -169,10 +177,10 @@ def test_every_arm_obeys_dalembert_with_its_own_model(name, payload, formulation
     push, arms = push_of(plant), arms_of(plant)
     for q, v, torques in states(plant, q_closed, 0.0):
         tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
-        a = plant.chain.forward_dynamics(q, v, tau).acceleration
+        a = plant.mechanism.forward_dynamics(q, v, tau).acceleration
         wrenches = plant.interaction_wrenches(q, v, tau, push)
-        for arm, place, F, torque in zip(arms, plant.tree.arms, wrenches, torques, strict=True):
-            needed = arm.inverse_dynamics(q[place.q], v[place.v], a[place.v], F)
+        for arm, place, F, torque in zip(arms, plant.model.arms, wrenches, torques, strict=True):
+            needed = arm.inverse_dynamics(q[place.q_slice], v[place.v_slice], a[place.v_slice], F)
             assert_allclose(needed, torque, rtol=0, atol=1e-9 * (1.0 + np.abs(F).max()))
 
 
@@ -180,22 +188,22 @@ def test_every_arm_obeys_dalembert_with_its_own_model(name, payload, formulation
 def test_power_of_the_wrenches_is_zero_in_all(name, payload):
     """Grasps are passive: what the arms give, the payload takes (the wrenches share one twist V_WP)."""
     plant, q = built(name, payload)
-    v = random_velocity(plant.chain, q, 5)
-    tau = gathered(plant, [np.ones(len(place.drive)) for place in plant.tree.arms])
+    v = random_velocity(plant.mechanism, q, 5)
+    tau = gathered(plant, [np.ones(len(place.drive)) for place in plant.model.arms])
     wrenches, V = plant.interaction_wrenches(q, v, tau), plant.payload_twist(q, v)
-    a = plant.chain.forward_dynamics(q, v, tau).acceleration
+    a = plant.mechanism.forward_dynamics(q, v, tau).acceleration
     arm_power = 0.0
-    for arm, place in zip(arms_of(plant), plant.tree.arms, strict=True):
-        q_i, v_i, a_i = q[place.q], v[place.v], a[place.v]
-        arm_power += v_i @ (arm.inverse_dynamics(q_i, v_i, a_i) - tau[place.v])
+    for arm, place in zip(arms_of(plant), plant.model.arms, strict=True):
+        q_i, v_i, a_i = q[place.q_slice], v[place.v_slice], a[place.v_slice]
+        arm_power += v_i @ (arm.inverse_dynamics(q_i, v_i, a_i) - tau[place.v_slice])
     assert_allclose(arm_power, wrenches.sum(axis=0) @ V, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])
 def test_the_wrenches_split_as_equations_7_to_12_say(name, payload):
     plant, q = built(name, payload)
-    v = random_velocity(plant.chain, q, 7)
-    tau = gathered(plant, [np.linspace(-3.0, 5.0, len(place.drive)) for place in plant.tree.arms])
+    v = random_velocity(plant.mechanism, q, 7)
+    tau = gathered(plant, [np.linspace(-3.0, 5.0, len(place.drive)) for place in plant.model.arms])
     F = plant.interaction_wrenches(q, v, tau)
     shares = plant.cell.shares
     f, delta = internal_wrenches(F, shares), load_wrenches(F, shares)
@@ -218,20 +226,22 @@ def squeeze_of(plant, X_WP):
 def test_a_static_squeeze_is_felt_as_commanded(name, payload, formulation):
     """tau_i = h_i - J_i^T (f_d_i + c_i m g): nothing moves and the internal wrench is f_d."""
     plant, q = built(name, payload, formulation)
-    rows, v = plant.cell.task_rows, np.zeros(plant.tree.model.nv)
+    rows, v = plant.cell.task_rows, np.zeros(plant.mechanism.model.nv)
     weight = np.concatenate((plant.cell.payload.mass * np.array(plant.cell.gravity), np.zeros(3)))
     desired = squeeze_of(plant, plant.payload_pose(q))
     torques = []
     for arm, place, f_d, share in zip(
-        arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True
+        arms_of(plant), plant.model.arms, desired, plant.cell.shares, strict=True
     ):
-        q_i = q[place.q]
+        q_i = q[place.q_slice]
         torques.append(
             arm.nonlinear_effects(q_i, np.zeros(arm.nv))
             - arm.payload_jacobian(q_i).T @ (f_d + share * weight)
         )
     tau = gathered(plant, torques)
-    assert_allclose(plant.chain.forward_dynamics(q, v, tau).acceleration, np.zeros(len(v)), rtol=0, atol=1e-9)
+    assert_allclose(
+        plant.mechanism.forward_dynamics(q, v, tau).acceleration, np.zeros(len(v)), rtol=0, atol=1e-9
+    )
     F = plant.interaction_wrenches(q, v, tau)
     measured = internal_wrenches(F, plant.cell.shares)
     assert_allclose([rows.select(f) for f in measured], [rows.select(f) for f in desired], rtol=0, atol=1e-8)
@@ -243,25 +253,25 @@ def test_a_squeeze_while_accelerating_and_pushed_is_felt_as_commanded(name, payl
     """Each arm gets the torque of its own motion and of F_i = f_d_i + c_i sum F: eq. (13) read forwards."""
     plant, q = built(name, payload)
     rows, push = plant.cell.task_rows, push_of(plant)
-    v, body, X = random_velocity(plant.chain, q, 9), plant.cell.payload, plant.payload_pose(q)
+    v, body, X = random_velocity(plant.mechanism, q, 9), plant.cell.payload, plant.payload_pose(q)
     V, A = plant.payload_twist(q, v), rows.expand(rows.select(np.array([0.7, -0.4, 0.5, 1.0, -0.8, 0.6])))
     inertia = X[:3, :3] @ body.inertia_matrix @ X[:3, :3].T
     gyroscopic = np.concatenate((body.mass * A[:3], inertia @ A[3:] + np.cross(V[3:], inertia @ V[3:])))
     total = push + np.concatenate((body.mass * np.array(plant.cell.gravity), np.zeros(3))) - gyroscopic
     desired, expected, torques = squeeze_of(plant, X), [], []
     for arm, place, f_d, share in zip(
-        arms_of(plant), plant.tree.arms, desired, plant.cell.shares, strict=True
+        arms_of(plant), plant.model.arms, desired, plant.cell.shares, strict=True
     ):
-        q_i, v_i = q[place.q], v[place.v]
+        q_i, v_i = q[place.q_slice], v[place.v_slice]
         a_i = np.linalg.lstsq(
             arm.payload_jacobian(q_i), A - arm.payload_acceleration_bias(q_i, v_i), rcond=None
         )[0]
         torques.append(arm.inverse_dynamics(q_i, v_i, a_i, f_d + share * total))
         expected.append(a_i)
     tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
-    a = plant.chain.forward_dynamics(q, v, tau).acceleration
-    for place, a_i in zip(plant.tree.arms, expected, strict=True):
-        assert_allclose(a[place.v], a_i, rtol=1e-9, atol=1e-8)
+    a = plant.mechanism.forward_dynamics(q, v, tau).acceleration
+    for place, a_i in zip(plant.model.arms, expected, strict=True):
+        assert_allclose(a[place.v_slice], a_i, rtol=1e-9, atol=1e-8)
     F = plant.interaction_wrenches(q, v, tau, push)
     assert_allclose(F.sum(axis=0), total, rtol=1e-9, atol=1e-8)
     measured = internal_wrenches(F, plant.cell.shares)
@@ -276,20 +286,20 @@ def test_a_payload_set_later_is_the_payload_built_in(name, payload):
     changed.set_payload(lighter.with_mass(40.0))
     changed.set_payload(lighter)
     fresh, _ = built(name, payload, body=lighter)
-    v = random_velocity(changed.chain, q, 1)
-    tau = gathered(changed, [np.ones(len(place.drive)) for place in changed.tree.arms])
+    v = random_velocity(changed.mechanism, q, 1)
+    tau = gathered(changed, [np.ones(len(place.drive)) for place in changed.model.arms])
     for ask in (
-        lambda plant: plant.chain.forward_dynamics(q, v, tau).acceleration,
-        lambda plant: plant.chain.with_kkt().forward_dynamics(q, v, tau).acceleration,
+        lambda plant: plant.mechanism.forward_dynamics(q, v, tau).acceleration,
+        lambda plant: kkt_of(plant.mechanism).forward_dynamics(q, v, tau).acceleration,
         lambda plant: plant.interaction_wrenches(q, v, tau),
-        lambda plant: plant.chain.energy(q, v),
+        lambda plant: plant.mechanism.energy(q, v),
     ):
         assert_allclose(ask(changed), ask(fresh), rtol=1e-9, atol=1e-9)
 
 
 def test_answers_do_not_change_when_the_plant_is_asked_again(name):
     plant, q = built(name)
-    v, tau = random_velocity(plant.chain, q, 1), np.ones(plant.tree.model.nv)
+    v, tau = random_velocity(plant.mechanism, q, 1), np.ones(plant.mechanism.model.nv)
     questions = [
         lambda q, _v: plant.payload_pose(q),
         lambda q, _v: plant.payload_jacobian(q),
@@ -320,9 +330,9 @@ def test_an_observation_is_what_each_question_answers(name, payload):
         held = [
             gap
             for key, gap in zip(plant.cell.arms, seen.closure_errors, strict=True)
-            if key not in plant.tree.closed_by_tree
+            if key not in plant.model.closed_by_tree
         ]
-        assert_allclose(held, plant.chain.closure_errors(q), rtol=0, atol=1e-14)
+        assert_allclose(held, plant.mechanism.closure_errors(q), rtol=0, atol=1e-14)
         assert_allclose(
             seen.interaction_wrenches, plant.interaction_wrenches(q, v, tau, push), rtol=1e-12, atol=1e-10
         )
@@ -337,15 +347,17 @@ def test_three_arms_share_a_payload(payload):
     cell = cell.replace(arms=dict(cell.arms) | {"third": third}, grasps=grasps, load_shares=None)
     plant = CellChain(cell, PlantOptions(payload=payload))
     q = plant.configuration(start)
-    v = random_velocity(plant.chain, q, 2)
+    v = random_velocity(plant.mechanism, q, 2)
     torques = [np.array([3.0, -2.0, 1.0])] * 3
     tau = gathered(plant, torques)
-    answer = plant.chain.forward_dynamics(q, v, tau)
+    answer = plant.mechanism.forward_dynamics(q, v, tau)
     assert answer.rank == (6 if payload == "welded" else 12)
     for arm, place, F in zip(
-        arms_of(plant), plant.tree.arms, plant.interaction_wrenches(q, v, tau), strict=True
+        arms_of(plant), plant.model.arms, plant.interaction_wrenches(q, v, tau), strict=True
     ):
-        needed = arm.inverse_dynamics(q[place.q], v[place.v], answer.acceleration[place.v], F)
+        needed = arm.inverse_dynamics(
+            q[place.q_slice], v[place.v_slice], answer.acceleration[place.v_slice], F
+        )
         assert_allclose(needed, torques[0], rtol=0, atol=1e-8)
 
 
@@ -357,11 +369,11 @@ def test_a_single_arm_carries_its_payload_alone(name):
     )
     welded, free = (CellChain(cell, PlantOptions(payload=payload)) for payload in ("welded", "free"))
     q = welded.configuration(start)
-    v = np.random.default_rng(0).normal(size=welded.tree.model.nv)
+    v = np.random.default_rng(0).normal(size=welded.mechanism.model.nv)
     answers = []
     for plant, (at, moving) in ((welded, (q, v)), (free, free_state(welded, free, q, v))):
         tau = gathered(plant, [np.linspace(-3.0, 5.0, len(v))])
-        a = plant.chain.forward_dynamics(at, moving, tau).acceleration[plant.tree.arms[0].v]
+        a = plant.mechanism.forward_dynamics(at, moving, tau).acceleration[plant.model.arms[0].v_slice]
         answers.append((a, cell.task_rows.select(plant.interaction_wrenches(at, moving, tau)[0])))
     assert_allclose(answers[0][0], answers[1][0], rtol=1e-9, atol=1e-9)
     assert_allclose(answers[0][1], answers[1][1], rtol=1e-9, atol=1e-8)
@@ -374,7 +386,7 @@ def test_what_rigid_bodies_determine_is_what_both_formulations_agree_on(name, pa
     determined = determinate_rows(plant, q)
     expected = [True, True, False, False, False, True] if name == "planar" else [True] * 6
     assert determined.tolist() == expected
-    v, tau = random_velocity(plant.chain, q, 4), np.ones(plant.tree.model.nv)
+    v, tau = random_velocity(plant.mechanism, q, 4), np.ones(plant.mechanism.model.nv)
     F, F_cut = (
         plant.interaction_wrenches(q, v, tau),
         built(name, payload, "kkt")[0].interaction_wrenches(q, v, tau),
@@ -384,7 +396,7 @@ def test_what_rigid_bodies_determine_is_what_both_formulations_agree_on(name, pa
 
 def test_grasps_sit_where_the_description_says(name):
     plant, q = built(name)
-    model, data = plant.tree.model, plant.tree.model.createData()
+    model, data = plant.mechanism.model, plant.mechanism.model.createData()
     pin.framesForwardKinematics(model, data, q)
     X_WP = data.oMf[model.getFrameId("payload")].homogeneous
     for key, grasp in plant.cell.grasps.items():

@@ -572,7 +572,7 @@ def test_show_prints_the_cell_as_a_tree(capsys):
     assert main(["show", "adept-paper"]) == 0
     printed = capsys.readouterr().out
     assert "2 arms, 6 joints" in printed
-    assert "12 rows, rank 9 (3 redundant); 3 degrees of freedom left" in printed
+    assert "12 rows, rank 9 (3 redundant); 3 degrees of freedom" in printed
 
 
 def test_check_ends_with_the_verdict(tmp_path, capsys):

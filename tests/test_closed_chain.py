@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from cells import SCENARIOS, cell_and_start, random_velocity
+from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
-from coop_pin.chain.integrators import RungeKutta4, configuration_space
+from coop_pin.chain.integrators import RungeKutta, configuration_space
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import ConstraintSolveError, NotFiniteError, ShapeError
 from coop_pin.model import ArmModel
@@ -46,8 +46,8 @@ def held_in_plane(case, q, v):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_constraint_dynamics_and_rank_cut_agree_on_and_off_the_closures(case, gap):
     plant, q_closed = chain_of(case)
-    chain, rows = plant.chain, list(plant.cell.task_rows.indices)
-    oracle = chain.with_kkt()
+    chain, rows = plant.mechanism, list(plant.cell.task_rows.indices)
+    oracle = kkt_of(chain)
     for q, v, tau in states(chain, q_closed, gap):
         q, v = held_in_plane(case, q, v)
         if gap == 0.0:
@@ -68,7 +68,7 @@ def test_the_solution_satisfies_the_equations_of_motion_and_the_stabilised_closu
     """M a + h = tau + J^T lambda and J a + gamma + 2 zeta omega e' + omega^2 e = 0, both written out here."""
     gains = Stabilisation(frequency=7.0, damping_ratio=0.4)
     plant, q_closed = chain_of(case, stabilisation=gains)
-    chain, data = plant.chain, plant.tree.model.createData()
+    chain, data = plant.mechanism, plant.mechanism.model.createData()
     for q, v, tau in states(chain, q_closed, 0.02):
         q, v = held_in_plane(case, q, v)
         answer, now = chain.forward_dynamics(q, v, tau), chain.closures.state(q, v)
@@ -96,8 +96,8 @@ def test_the_solution_satisfies_the_equations_of_motion_and_the_stabilised_closu
 def test_point_closures_agree_between_the_formulations_off_the_closure(name):
     cell, start = cell_and_start(name)
     tree = CellChain(cell, PlantOptions(payload="welded"))
-    chain = ClosedChain(tree.tree.model, [Closure("right/grasp", "payload/right", "point")])
-    oracle, q_closed = chain.with_kkt(), tree.configuration(start)
+    chain = ClosedChain(tree.mechanism.model, [Closure("right/grasp", "payload/right", "point")])
+    oracle, q_closed = kkt_of(chain), tree.configuration(start)
     for q, v, tau in states(chain, q_closed, 0.03):
         first, second = chain.forward_dynamics(q, v, tau), oracle.forward_dynamics(q, v, tau)
         assert_allclose(
@@ -116,11 +116,13 @@ def test_point_closures_agree_between_the_formulations_off_the_closure(name):
 def test_planar_rows_do_in_the_plane_what_full_rows_do():
     plant, q_closed = chain_of(("planar", "welded"))
     planar = ClosedChain(
-        plant.tree.model, [Closure("right/grasp", "payload/right", "planar")], plant.chain.stabilisation
+        plant.mechanism.model,
+        [Closure("right/grasp", "payload/right", "planar")],
+        stabilisation=plant.mechanism.stabilisation,
     )
-    for q, v, tau in states(plant.chain, q_closed, 0.0):
-        v = plant.chain.project_velocity(q, v)
-        full, few = plant.chain.forward_dynamics(q, v, tau), planar.forward_dynamics(q, v, tau)
+    for q, v, tau in states(plant.mechanism, q_closed, 0.0):
+        v = plant.mechanism.project_velocity(q, v)
+        full, few = plant.mechanism.forward_dynamics(q, v, tau), planar.forward_dynamics(q, v, tau)
         assert_allclose(few.acceleration, full.acceleration, rtol=1e-9, atol=1e-9)
         assert_allclose(
             few.closure_wrenches[0, [0, 1, 5]], full.closure_wrenches[0, [0, 1, 5]], rtol=1e-9, atol=1e-8
@@ -131,9 +133,9 @@ def test_planar_rows_do_in_the_plane_what_full_rows_do():
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_tree_without_closures_moves_as_aba_says(case):
     plant, q_closed = chain_of(case)
-    model = plant.tree.model
+    model = plant.mechanism.model
     chain = ClosedChain(model, [])
-    for solver in (chain, chain.with_kkt()):
+    for solver in (chain, kkt_of(chain)):
         for q, v, tau in states(chain, q_closed, 0.5):
             answer = solver.forward_dynamics(q, v, tau)
             assert_allclose(
@@ -148,14 +150,14 @@ def test_a_tree_without_closures_moves_as_aba_says(case):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_two_calls_give_the_same_bits_whatever_came_between(case, formulation):
     plant, q_closed = chain_of(case, formulation=formulation)
-    (q, v, tau), (q_2, v_2, tau_2), *_ = states(plant.chain, q_closed, 0.01)
+    (q, v, tau), (q_2, v_2, tau_2), *_ = states(plant.mechanism, q_closed, 0.01)
     q, v = held_in_plane(case, q, v)
     q_2, v_2 = held_in_plane(case, q_2, v_2)
-    first = plant.chain.forward_dynamics(q, v, tau)
+    first = plant.mechanism.forward_dynamics(q, v, tau)
     kept = [np.array(field) for field in first]
-    plant.chain.forward_dynamics(q_2, v_2, tau_2)
+    plant.mechanism.forward_dynamics(q_2, v_2, tau_2)
     again, fresh = (
-        plant.chain.forward_dynamics(q, v, tau),
+        plant.mechanism.forward_dynamics(q, v, tau),
         chain_of(case, formulation=formulation)[0].chain.forward_dynamics(q, v, tau),
     )
     for field, copy, second, third in zip(first, kept, again, fresh, strict=True):
@@ -174,10 +176,9 @@ def opened_by_a_decimetre(plant, name):
     beside[:3, 3] += (-0.06, 0.08, 0.0) if name == "planar" else (0.06, 0.0, -0.08)
     poses = dict(zip(cell.arms, (start, beside), strict=True))
     angles = [
-        solve_ik(arm, ArmModel(cell.arms[arm], cell.grasps[arm].matrix), X, cell.arms[arm].posture)
-        for arm, X in poses.items()
+        solve_ik(ArmModel.from_cell(cell, arm), X, posture=cell.arms[arm].posture) for arm, X in poses.items()
     ]
-    return plant.tree.configuration(angles, start)
+    return plant.model.configuration(angles, start)
 
 
 def gap_at(t, e_0, omega, zeta):
@@ -197,16 +198,16 @@ def test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate(case, fo
     plant, _ = chain_of(
         case, formulation=formulation, stabilisation=Stabilisation(frequency=omega, damping_ratio=zeta)
     )
-    model = plant.tree.model
+    model = plant.mechanism.model
     q, v = opened_by_a_decimetre(plant, name), np.zeros(model.nv)
-    integrator = RungeKutta4(configuration_space(model))
+    integrator = RungeKutta(configuration_space(model))
 
-    def unforced(q, v):
-        return plant.chain.solver.acceleration(q, v, np.zeros(model.nv)), np.zeros(0)
+    def unforced(_t, q, v):
+        return plant.mechanism.solver.acceleration(q, v, np.zeros(model.nv)), np.zeros(0)
 
     measured = [plant.closure_errors(q)]
     for _ in range(steps):
-        q, v, _ = integrator.step(unforced, q, v, h)
+        q, v, _ = integrator.step(unforced, 0.0, q, v, h)
         measured.append(plant.closure_errors(q))
     expected = np.abs(gap_at(h * np.arange(steps + 1), 0.1, omega, zeta))
     assert_allclose([closure_errors[1].distance for closure_errors in measured], expected, rtol=0, atol=1e-6)
@@ -222,15 +223,17 @@ def test_a_ball_joint_opened_by_a_decimetre_recovers_at_the_baumgarte_rate_too()
     cell, _ = cell_and_start("spatial")
     plant, omega, h, steps = CellChain(cell), 12.0, 2e-3, 150
     chain = ClosedChain(
-        plant.tree.model, [Closure("right/grasp", "payload/right", "point")], Stabilisation(frequency=omega)
+        plant.mechanism.model,
+        [Closure("right/grasp", "payload/right", "point")],
+        stabilisation=Stabilisation(frequency=omega),
     )
-    integrator = RungeKutta4(configuration_space(chain.model))
-    for solver in (chain.solver, chain.with_kkt().solver):
+    integrator = RungeKutta(configuration_space(chain.model))
+    for solver in (chain.solver, kkt_of(chain).solver):
         q, v = opened_by_a_decimetre(plant, "spatial"), np.zeros(chain.model.nv)
         measured = [chain.closure_errors(q)[0].distance]
         for _ in range(steps):
             q, v, _ = integrator.step(
-                lambda q, v, s=solver: (s.acceleration(q, v, np.zeros(len(v))), np.zeros(0)), q, v, h
+                lambda _t, q, v, s=solver: (s.acceleration(q, v, np.zeros(len(v))), np.zeros(0)), 0.0, q, v, h
             )
             measured.append(chain.closure_errors(q)[0].distance)
         assert_allclose(measured, gap_at(h * np.arange(steps + 1), 0.1, omega, 1.0), rtol=0, atol=1e-6)
@@ -312,14 +315,18 @@ def test_a_cut_and_closed_arm_moves_as_the_uncut_one(name, link, hinge):
     q_cut, v_cut = cut_state(arm, chain, cut, link, hinge, q, v)
     energy = uncut.energy(q, v).total
     assert_allclose(chain.energy(q_cut, v_cut), uncut.energy(q, v), rtol=1e-12)
-    whole, parts = RungeKutta4(configuration_space(arm.model)), RungeKutta4(configuration_space(chain.model))
+    whole, parts = RungeKutta(configuration_space(arm.model)), RungeKutta(configuration_space(chain.model))
     none = np.zeros(0)
     for step in range(400):
         q, v, _ = whole.step(
-            lambda q, v: (uncut.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, 2.5e-4
+            lambda _t, q, v: (uncut.solver.acceleration(q, v, np.zeros(len(v))), none), 0.0, q, v, 2.5e-4
         )
         q_cut, v_cut, _ = parts.step(
-            lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q_cut, v_cut, 2.5e-4
+            lambda _t, q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none),
+            0.0,
+            q_cut,
+            v_cut,
+            2.5e-4,
         )
         if step % 40 == 39:
             expected = end_motion(arm.model, arm.model.njoints - 1, q, v)
@@ -337,13 +344,13 @@ def test_a_cut_and_closed_arm_moves_as_the_uncut_one(name, link, hinge):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_bad_states_are_named(case):
     plant, q = chain_of(case)
-    model = plant.tree.model
+    model = plant.mechanism.model
     v, tau = np.zeros(model.nv), np.zeros(model.nv)
     for name, arguments in {"q": (q[:-1], v, tau), "v": (q, v[:-1], tau), "tau": (q, v, tau[:-1])}.items():
         with pytest.raises(ShapeError, match=f"^{name} has shape"):
-            plant.chain.forward_dynamics(*arguments)
+            plant.mechanism.forward_dynamics(*arguments)
     with pytest.raises(NotFiniteError, match=r"^tau\[0\] is nan"):
-        plant.chain.forward_dynamics(q, v, np.full(model.nv, np.nan))
+        plant.mechanism.forward_dynamics(q, v, np.full(model.nv, np.nan))
 
 
 def test_closures_that_contradict_each_other_are_refused():
@@ -351,11 +358,11 @@ def test_closures_that_contradict_each_other_are_refused():
     cell, start = cell_and_start("spatial")
     plant = CellChain(cell)
     chain = ClosedChain(
-        plant.tree.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")]
+        plant.mechanism.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")]
     )
     with pytest.raises(ConstraintSolveError):
         chain.forward_dynamics(
             plant.configuration(start),
-            random_velocity(plant.chain, plant.configuration(start), 0),
+            random_velocity(plant.mechanism, plant.configuration(start), 0),
             np.zeros(chain.model.nv),
         )

@@ -36,7 +36,7 @@ def tree(request):
     """A free payload and two arms: nothing is closed by the tree."""
     cell, start = cell_and_start(request.param)
     chain = CellChain(cell, PlantOptions(payload="free"))
-    return chain.tree.model, chain.configuration(start)
+    return chain.mechanism.model, chain.configuration(start)
 
 
 def random_states(tree, count=4, spread=0.4):

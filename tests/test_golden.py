@@ -22,7 +22,7 @@ from test_closed_chain import chain_of, cut_arm, cut_state, opened_by_a_decimetr
 from test_mechanisms import ladder, sled
 
 import coop_pin as cp
-from coop_pin.chain.integrators import RungeKutta4, configuration_space
+from coop_pin.chain.integrators import RungeKutta, configuration_space
 from coop_pin.description import Stabilisation
 from coop_pin.errors import ConstraintSolveError, UrdfWarning
 from coop_pin.spatial import make_pose
@@ -58,11 +58,15 @@ def motion_of(chain, q, v, duration=2.0, step=5e-3, torque=None, project=True):
 
 def recovery_of(plant, q, step=2e-3, duration=0.3):
     """Off the closures, which their stabilisation closes again."""
-    chain, v, states = plant.chain, np.zeros(plant.chain.model.nv), [(0.0, q, np.zeros(plant.chain.model.nv))]
-    integrator, none = RungeKutta4(configuration_space(chain.model)), np.zeros(0)
+    chain, v, states = (
+        plant.mechanism,
+        np.zeros(plant.mechanism.model.nv),
+        [(0.0, q, np.zeros(plant.mechanism.model.nv))],
+    )
+    integrator, none = RungeKutta(configuration_space(chain.model)), np.zeros(0)
     for k in range(round(duration / step)):
         q, v, _ = integrator.step(
-            lambda q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), q, v, step
+            lambda _t, q, v: (chain.solver.acceleration(q, v, np.zeros(len(v))), none), 0.0, q, v, step
         )
         states.append((step * (k + 1), q, v))
     return samples_of(chain, *(np.array(part) for part in zip(*states[:: round(EVERY / step)], strict=True)))
@@ -89,8 +93,12 @@ def samples_of(chain, time, q, v):
 def chain_of_cell(case, rows, formulation):
     """The arms and payload of a cell with its closures as they are, or with other rows."""
     plant, q = chain_of(case)
-    held = [cp.Closure(closure.frame_a, closure.frame_b, rows) for closure in plant.chain.closures.closures]
-    return cp.ClosedChain(plant.chain.model, held, plant.chain.stabilisation, formulation), q
+    held = [
+        cp.Closure(closure.frame_a, closure.frame_b, rows) for closure in plant.mechanism.closures.closures
+    ]
+    chain = plant.mechanism
+    gains = chain.stabilisation
+    return cp.ClosedChain(chain.model, held, stabilisation=gains, formulation=formulation), q
 
 
 # ---------------------------------------------------------------- mechanisms

@@ -29,7 +29,7 @@ def test_squeeze_is_what_the_torques_say(cell, moving, shares):
     described = scenario.cell.replace(load_shares=dict(zip(scenario.cell.arms, shares, strict=True)))
     chain = CellChain(described)
     q = chain.configuration(scenario.start.matrix)
-    v = random_velocity(chain.chain, q, 1) * moving
+    v = random_velocity(chain.mechanism, q, 1) * moving
     rows = described.task_rows
     X, V = chain.payload_pose(q), chain.payload_twist(q, v)
     acceleration = rows.expand(np.linspace(-1, 2, rows.size)) * moving
@@ -39,16 +39,16 @@ def test_squeeze_is_what_the_torques_say(cell, moving, shares):
     force = payload.mass * (acceleration[:3] - gravity)
     moment = inertia @ acceleration[3:] + np.cross(V[3:], inertia @ V[3:])
     f_d = rotate_vector6(R, scenario.squeeze_wrenches)
-    tau = np.zeros(chain.tree.model.nv)
-    for place, share, squeeze in zip(chain.tree.arms, shares, f_d, strict=True):
+    tau = np.zeros(chain.mechanism.model.nv)
+    for place, share, squeeze in zip(chain.model.arms, shares, f_d, strict=True):
         arm = ArmModel(described.arms[place.name], described.grasps[place.name].matrix)
-        J = rows.select(arm.payload_jacobian(q[place.q]))
-        drift = rows.select(arm.payload_acceleration_bias(q[place.q], v[place.v]))
+        J = rows.select(arm.payload_jacobian(q[place.q_slice]))
+        drift = rows.select(arm.payload_acceleration_bias(q[place.q_slice], v[place.v_slice]))
         a = np.linalg.solve(J, rows.select(acceleration) - drift)
         on_arm = squeeze - share * np.concatenate((force, moment))
-        tau[place.v] = (
-            arm.mass_matrix(q[place.q]) @ a
-            + arm.nonlinear_effects(q[place.q], v[place.v])
+        tau[place.v_slice] = (
+            arm.mass_matrix(q[place.q_slice]) @ a
+            + arm.nonlinear_effects(q[place.q_slice], v[place.v_slice])
             - J.T @ rows.select(on_arm)
         )
     internal = internal_wrenches(chain.interaction_wrenches(q, v, tau), described.shares)

@@ -12,9 +12,9 @@ from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
 from coop_pin.errors import DivergedError, FieldError, FieldShapeError, ShapeError
 from coop_pin.model import ArmModel
-from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.friction import friction
-from coop_pin.model.joint_limits import JointLimits, joint_limits
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.actuation import Actuation, Transmission
 
 XARM = Arm.from_urdf("xarm7", "link_eef")
@@ -64,11 +64,14 @@ def test_friction_of_the_urdf_acts_at_the_joints_whatever_the_drives(drive):
         arms={"one": XARM.replace(drive=drive)}, payload=Payload.bar(1.0, 0.2), grasps={"one": Pose()}
     )
     chain = CellChain(cell)
-    v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
+    v = np.random.default_rng(0).normal(size=chain.mechanism.model.nv)
     speed = JointFriction().coulomb_velocity
     expected = -(XARM_DAMPING * v + XARM_COULOMB * np.tanh(v / speed))
     assert_allclose(
-        Transmission(cell, chain.tree.arms, chain.tree.model.nv).friction(v), expected, rtol=0, atol=1e-12
+        Transmission(cell, chain.model.arms, chain.mechanism.model.nv).friction(v),
+        expected,
+        rtol=0,
+        atol=1e-12,
     )
 
 
@@ -84,7 +87,7 @@ def test_stated_friction_acts_at_the_drives_and_wins_over_the_urdf():
     w = T @ v
     expected = -T.T @ (np.arange(1.0, 8.0) * w + 0.5 * np.tanh(w / 0.2))
     assert_allclose(
-        Transmission(cell, CellChain(cell).tree.arms, 7).friction(v), expected, rtol=0, atol=1e-12
+        Transmission(cell, CellChain(cell).model.arms, 7).friction(v), expected, rtol=0, atol=1e-12
     )
 
 
@@ -113,11 +116,11 @@ def test_the_work_of_the_urdfs_friction_closes_the_energy_balance():
 
 
 def test_limits_are_those_of_the_urdf():
-    panda = joint_limits(Arm.from_urdf("panda", "panda_hand_tcp", locked={"panda_finger_joint1": 0.0}))
+    panda = JointLimits(Arm.from_urdf("panda", "panda_hand_tcp", locked={"panda_finger_joint1": 0.0}))
     assert_allclose(panda.torque, (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0))
     assert_allclose(panda.velocity, (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61))
     assert_allclose((panda.lower[3], panda.upper[3]), (-3.0718, -0.0698))
-    kinova = joint_limits(Arm.from_urdf("kinova", "j2s6s200_end_effector"))
+    kinova = JointLimits(Arm.from_urdf("kinova", "j2s6s200_end_effector"))
     assert (
         list(np.isinf(kinova.lower))
         == list(np.isinf(kinova.upper))
@@ -127,13 +130,11 @@ def test_limits_are_those_of_the_urdf():
 
 
 def test_torque_limits_are_stated_for_drives():
-    assert_allclose(joint_limits(XARM.replace(torque_limits=7.0)).torque, np.full(7, 7.0))
-    assert_allclose(joint_limits(XARM.replace(torque_limits=list(range(1, 8)))).torque, np.arange(1.0, 8.0))
-    assert np.isinf(joint_limits(XARM.replace(torque_limits="none")).torque).all()
-    assert np.isinf(
-        joint_limits(XARM.replace(drive=SHEAR)).torque
-    ).all()  # joint efforts are no drive torques
-    assert_allclose(joint_limits(XARM.replace(drive=SHEAR, torque_limits=3.0)).torque, np.full(7, 3.0))
+    assert_allclose(JointLimits(XARM.replace(torque_limits=7.0)).torque, np.full(7, 7.0))
+    assert_allclose(JointLimits(XARM.replace(torque_limits=list(range(1, 8)))).torque, np.arange(1.0, 8.0))
+    assert np.isinf(JointLimits(XARM.replace(torque_limits="none")).torque).all()
+    assert np.isinf(JointLimits(XARM.replace(drive=SHEAR)).torque).all()  # joint efforts are no drive torques
+    assert_allclose(JointLimits(XARM.replace(drive=SHEAR, torque_limits=3.0)).torque, np.full(7, 3.0))
     for wrong in ("some", 0.0, (1.0, -2.0), [[1.0]], float("nan")):
         with pytest.raises(FieldError, match="torque_limits"):
             XARM.replace(torque_limits=wrong)
@@ -144,7 +145,7 @@ def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
     <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="a"/>
     <child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" velocity="0"/></joint></robot>"""
     (tmp_path / "arm.urdf").write_text(text)
-    limits = joint_limits(Arm.from_urdf(tmp_path / "arm.urdf"))
+    limits = JointLimits(Arm.from_urdf(tmp_path / "arm.urdf"))
     assert np.isinf(limits.torque).all()
     assert np.isinf(limits.velocity).all()
 
@@ -154,9 +155,8 @@ def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
 
 def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     cell, _ = catalogue_cell("panda-ur5-bar")
-    free = np.full(6, np.inf)
-    limits = [joint_limits(cell.arms["left"]), JointLimits(-free, free, free, free)]
-    transmission = Transmission(cell, CellChain(cell).tree.arms, CellChain(cell).tree.model.nv)
+    limits = [JointLimits(cell.arms["left"]), JointLimits(cell.arms["right"].replace(torque_limits="none"))]
+    transmission = Transmission(cell, CellChain(cell).model.arms, CellChain(cell).mechanism.model.nv)
     motors, rng = Actuation(cell, limits, transmission), np.random.default_rng(0)
     applied = motors.apply(
         0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None)
@@ -186,7 +186,7 @@ def test_saturation_is_applied_recorded_and_told_at_the_next_tick():
 
     result, seen = run(cell, X_WP, swing)
     data = result.data
-    limit = joint_limits(cell.arms["left"]).torque
+    limit = JointLimits(cell.arms["left"]).torque
     commanded, applied, saturated = data.commanded_torque.values, data.torque.values, data.saturated.values
     assert_allclose(commanded[:, 0], [swing(measurements)[0] for measurements in seen], rtol=0, atol=0)
     assert_allclose(applied[:, 0], np.clip(commanded[:, 0], -limit, limit), rtol=0, atol=0)
@@ -228,7 +228,7 @@ def test_every_limit_that_a_falling_cell_breaks_is_reported_and_still_is_after_l
     data, names = result.data, list(load_arm_model(cell.arms["left"]).names)[1:]
     expected = set()
     for index, (arm, description) in enumerate(cell.arms.items()):
-        limits = joint_limits(description)
+        limits = JointLimits(description)
         for joint in range(7):
             position, velocity = (
                 data.joint_position.values[:, index, joint],

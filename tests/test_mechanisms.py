@@ -202,15 +202,15 @@ def four_bars_and_start():
     [four_bars_and_start, lambda: bennett("point"), lambda: bennett("full")],
     ids=["four-bars", "Bennett, point", "Bennett, full"],
 )
-def test_constraint_dynamics_and_the_rank_cut_agree_along_the_motion(mechanism):
+def test_constraint_dynamics_and_the_kkt_agree_along_the_motion(mechanism):
     chain, start = mechanism()
     motion = chain.integrate(*start, duration=2.0, step=2e-3)
     proximal = cp.ClosedChain(chain.model, chain.closures.closures, formulation="proximal")
-    rank_cut = cp.ClosedChain(chain.model, chain.closures.closures, formulation="kkt")
+    kkt = cp.ClosedChain(chain.model, chain.closures.closures, formulation="kkt")
     tau = 0.3 * np.arange(chain.model.nv)
     compared = 0
     for q, v in zip(motion.q[::7], motion.v[::7], strict=True):
-        two = rank_cut.forward_dynamics(q, v, tau)
+        two = kkt.forward_dynamics(q, v, tau)
         if two.rank < chain.forward_dynamics(*start, tau).rank or np.abs(np.sin(q[0])) < 1e-2:
             continue
         one = proximal.forward_dynamics(q, v, tau)
@@ -261,7 +261,7 @@ def ladder(**options):
     urdf = robot('<link name="a"/><link name="b"/>', *slides, bar("rod", "b", (0, 0, 0)))
     closures = [
         cp.Closure("world", "rod", (False, True, False, False, False, False)),
-        cp.Closure("world", "rod", (True, False, False, False, False, False), X_b=make_pose((1, 0, 0))),
+        cp.Closure("world", "rod", (True, False, False, False, False, False), X_BC=make_pose((1, 0, 0))),
     ]
     return cp.ClosedChain.from_urdf(urdf, closures, gravity=(0, -9.81, 0), **options)
 
@@ -284,13 +284,13 @@ def test_a_closure_may_be_named_from_either_side_and_the_world_has_two_names():
     chain = four_bar.four_bars(2)
     start = four_bar.start(chain, 2)
     end = make_pose((1, 0, 0))
-    loose = [cp.Closure(f"upright{i + 1}", f"level{i}", "point", X_a=end, X_b=end) for i in range(2)]
+    loose = [cp.Closure(f"upright{i + 1}", f"level{i}", "point", X_AC=end, X_BC=end) for i in range(2)]
     swapped = cp.ClosedChain(chain.model, loose)
     tau = np.arange(5.0)
     one, two = chain.forward_dynamics(*start, tau), swapped.forward_dynamics(*start, tau)
     assert_allclose(one.acceleration, two.acceleration, rtol=1e-10, atol=1e-10)
     held = [
-        cp.Closure("level1", world, "full", X_b=chain.frame_pose(start[0], "level1"))
+        cp.Closure("level1", world, "full", X_BC=chain.frame_pose(start[0], "level1"))
         for world in ("world", "universe")
     ]
     for closure in held:
@@ -314,7 +314,7 @@ def test_poses_of_a_closure_do_what_frames_of_the_urdf_do():
         answers = []
         for frame, X in (("tool", None), ("two", make_pose(xyz, rpy))):
             chain = cp.ClosedChain.from_urdf(
-                robot(*arm), [cp.Closure("world", frame, rows, X_a=make_pose((0.1, 0.2, 0.3)), X_b=X)]
+                robot(*arm), [cp.Closure("world", frame, rows, X_AC=make_pose((0.1, 0.2, 0.3)), X_BC=X)]
             )
             answers.append(chain.closures.state(q, v))
         for one, two in zip(*answers, strict=True):
@@ -446,12 +446,12 @@ def test_bad_closures_are_named():
         cp.ClosedChain(four_bar.four_bars(1).model, [cp.Closure("level0", "upright1", None)])
     with pytest.raises(FieldError, match="rows"):
         cp.ClosedChain(four_bar.four_bars(1).model, [cp.Closure("level0", "upright1", (1, 2, 0, 0, 0, 0))])
-    with pytest.raises(ShapeError, match="X_b has shape"):
-        cp.Closure("a", "b", X_b=np.eye(3))
-    with pytest.raises(NotFiniteError, match=r"X_a\[0, 3\]"):
-        cp.Closure("a", "b", X_a=make_pose() + np.pad([[np.nan]], ((0, 3), (3, 0))))
-    with pytest.raises(NotAPoseError, match="X_a"):
-        cp.Closure("a", "b", X_a=np.diag((1.0, 1.0, -1.0, 1.0)))
+    with pytest.raises(ShapeError, match="X_BC has shape"):
+        cp.Closure("a", "b", X_BC=np.eye(3))
+    with pytest.raises(NotFiniteError, match=r"X_AC\[0, 3\]"):
+        cp.Closure("a", "b", X_AC=make_pose() + np.pad([[np.nan]], ((0, 3), (3, 0))))
+    with pytest.raises(NotAPoseError, match="X_AC"):
+        cp.Closure("a", "b", X_AC=np.diag((1.0, 1.0, -1.0, 1.0)))
 
 
 def test_bad_urdfs_are_typed_errors():
@@ -545,7 +545,7 @@ def test_closures_that_contradict_each_other_are_refused():
     q, v = four_bar.start(chain, 1, angle=1.0)
     end = chain.frame_pose(q, "level0") @ END
     twice = cp.ClosedChain(
-        chain.model, [*chain.closures.closures, cp.Closure("world", "level0", "point", X_a=end, X_b=END)]
+        chain.model, [*chain.closures.closures, cp.Closure("world", "level0", "point", X_AC=end, X_BC=END)]
     )
     with pytest.raises(ConstraintSolveError):
         twice.forward_dynamics(q, v, np.zeros(3))

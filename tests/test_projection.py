@@ -35,7 +35,7 @@ def reachable(case, increment):
 
 def opened(case, gap, seed=0):
     plant, q = closed(case)
-    model, rng = plant.tree.model, np.random.default_rng(seed)
+    model, rng = plant.mechanism.model, np.random.default_rng(seed)
     return plant, pin.integrate(model, q, reachable(case, gap * rng.uniform(-1.0, 1.0, model.nv)))
 
 
@@ -48,17 +48,17 @@ def test_a_projected_configuration_lies_on_the_closures(case):
     for seed in range(4):
         plant, q_open = opened(case, 0.1, seed)
         assert max(max(gap) for gap in plant.closure_errors(q_open)) > 1e-2
-        q = plant.chain.project_configuration(q_open)
+        q = plant.mechanism.project_configuration(q_open)
         assert_allclose(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-11)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_projecting_twice_changes_nothing(case):
     plant, q_open = opened(case, 0.1)
-    q = plant.chain.project_configuration(q_open)
-    assert_allclose(plant.chain.project_configuration(q), q, rtol=0, atol=1e-12)
-    v = plant.chain.project_velocity(q, np.random.default_rng(2).normal(size=plant.tree.model.nv))
-    assert_allclose(plant.chain.project_velocity(q, v), v, rtol=0, atol=1e-12)
+    q = plant.mechanism.project_configuration(q_open)
+    assert_allclose(plant.mechanism.project_configuration(q), q, rtol=0, atol=1e-12)
+    v = plant.mechanism.project_velocity(q, np.random.default_rng(2).normal(size=plant.mechanism.model.nv))
+    assert_allclose(plant.mechanism.project_velocity(q, v), v, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -67,10 +67,10 @@ def test_a_small_correction_of_the_configuration_is_orthogonal_to_the_free_motio
     shares = []
     for gap in (1e-3, 1e-4):
         plant, q_open = opened(case, gap)
-        model = plant.tree.model
-        q = plant.chain.project_configuration(q_open)
+        model = plant.mechanism.model
+        q = plant.mechanism.project_configuration(q_open)
         step, M = pin.difference(model, q_open, q), mass_matrix(model, q)
-        free = null_space(plant.chain.closures.state(q, np.zeros(model.nv)).jacobian, rcond=1e-8)
+        free = null_space(plant.mechanism.closures.state(q, np.zeros(model.nv)).jacobian, rcond=1e-8)
         shares.append(np.linalg.norm(free.T @ M @ step) / np.linalg.norm(M @ step))
     assert shares[0] < 1e-2
     assert_allclose(shares[0] / shares[1], 10.0, rtol=0.2)
@@ -79,13 +79,13 @@ def test_a_small_correction_of_the_configuration_is_orthogonal_to_the_free_motio
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_projected_velocity_keeps_the_closures_closed_and_the_correction_costs_the_least_energy(case):
     plant, q = closed(case)
-    model, rng = plant.tree.model, np.random.default_rng(3)
+    model, rng = plant.mechanism.model, np.random.default_rng(3)
     M = mass_matrix(model, q)
-    jacobian = plant.chain.closures.state(q, np.zeros(model.nv)).jacobian
+    jacobian = plant.mechanism.closures.state(q, np.zeros(model.nv)).jacobian
     free = null_space(jacobian, rcond=1e-8)
     for _ in range(4):
         v = rng.normal(size=model.nv)
-        projected = plant.chain.project_velocity(q, v)
+        projected = plant.mechanism.project_velocity(q, v)
         assert_allclose(jacobian @ projected, np.zeros(len(jacobian)), atol=1e-12)
         assert_allclose(free.T @ M @ (projected - v), np.zeros(free.shape[1]), atol=1e-11)
         # The minimum itself: v* = N (N^T M N)^-1 N^T M v over the free motions N.
@@ -102,9 +102,9 @@ def test_a_projected_velocity_keeps_the_closures_closed_and_the_correction_costs
 def test_velocities_on_the_closures_survive_the_cut(case):
     """The rank cut must not mistake drift for a row: the number of free motions is the mechanism's mobility."""
     plant, q = closed(case)
-    model = plant.tree.model
+    model = plant.mechanism.model
     M = mass_matrix(model, q)
-    columns = np.array([plant.chain.project_velocity(q, unit) for unit in np.eye(model.nv)]).T
+    columns = np.array([plant.mechanism.project_velocity(q, unit) for unit in np.eye(model.nv)]).T
     assert np.linalg.matrix_rank(columns, tol=1e-8) == (3 if case[0] == "planar" else 6)
     assert_allclose(columns @ columns, columns, atol=1e-11)
     assert_allclose(M @ columns, (M @ columns).T, atol=1e-10)
@@ -116,7 +116,7 @@ def test_velocities_on_the_closures_survive_the_cut(case):
 def test_every_kind_of_rows_can_be_projected_onto(rows):
     plant, _ = closed(("spatial", "free"))
     chain = ClosedChain(
-        plant.tree.model,
+        plant.mechanism.model,
         [Closure("left/grasp", "payload/left", rows), Closure("right/grasp", "payload/right", rows)],
     )
     for seed in range(3):
@@ -127,14 +127,14 @@ def test_every_kind_of_rows_can_be_projected_onto(rows):
             np.zeros(chain.closures.rows),
             atol=1e-11,
         )
-        assert np.abs(plant.chain.closures.state(q, np.zeros(chain.model.nv)).position).max() > 1e-3
+        assert np.abs(plant.mechanism.closures.state(q, np.zeros(chain.model.nv)).position).max() > 1e-3
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])
 def test_a_closure_that_cannot_close_is_named_with_its_gap(payload):
     """The right arm's tip held to a point 3 m beyond its base: 0.8 m of reach leave 2.2 m."""
     plant, q = closed(("planar", payload))
-    model = plant.tree.model.copy()
+    model = plant.mechanism.model.copy()
     model.addFrame(
         pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME)
     )
@@ -151,16 +151,16 @@ def test_a_closure_that_cannot_close_is_named_with_its_gap(payload):
 def test_an_open_state_is_refused_where_a_closed_one_is_required():
     plant, q_open = opened(("spatial", "free"), 0.1)
     widest = max(max(gap) for gap in plant.closure_errors(q_open))
-    plant.chain.require_closed(q_open, allowed=1.001 * widest)
+    plant.mechanism.require_closed(q_open, allowed=1.001 * widest)
     with pytest.raises(OpenClosureError, match=r"left/grasp - payload/left|right/grasp - payload/right"):
-        plant.chain.require_closed(q_open, allowed=0.999 * widest)
+        plant.mechanism.require_closed(q_open, allowed=0.999 * widest)
 
 
 def test_a_nan_is_never_closed():
     plant, q = closed(("spatial", "welded"))
     with pytest.raises(OpenClosureError):
-        plant.chain.require_closed(np.full_like(q, np.nan), allowed=1.0)
+        plant.mechanism.require_closed(np.full_like(q, np.nan), allowed=1.0)
     with pytest.raises(NotFiniteError, match=r"^q"):
-        plant.chain.project_configuration(np.full_like(q, np.nan))
+        plant.mechanism.project_configuration(np.full_like(q, np.nan))
     with pytest.raises(ShapeError, match=r"^q"):
-        plant.chain.project_configuration(q[:-1])
+        plant.mechanism.project_configuration(q[:-1])

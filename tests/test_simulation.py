@@ -136,7 +136,7 @@ def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
     spy = Spy(build_controller(scenario))
     data = cp.simulate(scenario, spy).data
     chain = CellChain(scenario.cell, scenario.plant)
-    drives = Transmission(scenario.cell, chain.tree.arms, chain.tree.model.nv)
+    drives = Transmission(scenario.cell, chain.model.arms, chain.mechanism.model.nv)
     rows = scenario.cell.task_rows
     expected = rows.select(data.desired_internal_wrench.values[0, 0])
     assert_allclose(spy.seen[0][0].internal_wrench, expected, atol=1e-12)
@@ -152,14 +152,14 @@ def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
 def test_friction_acts_in_drive_coordinates(cell):
     scenario = SCENARIOS[cell]()
     chain = CellChain(scenario.cell)
-    drives = Transmission(scenario.cell, chain.tree.arms, chain.tree.model.nv)
-    v = np.random.default_rng(0).normal(size=chain.tree.model.nv)
-    for place in chain.tree.arms:
-        friction, speeds = scenario.cell.arms[place.name].friction, place.drive @ v[place.v]
+    drives = Transmission(scenario.cell, chain.model.arms, chain.mechanism.model.nv)
+    v = np.random.default_rng(0).normal(size=chain.mechanism.model.nv)
+    for place in chain.model.arms:
+        friction, speeds = scenario.cell.arms[place.name].friction, place.drive @ v[place.v_slice]
         at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(
             speeds / friction.coulomb_velocity
         )
-        assert_allclose(drives.friction(v)[place.v], place.drive.T @ at_drive, atol=1e-12)
+        assert_allclose(drives.friction(v)[place.v_slice], place.drive.T @ at_drive, atol=1e-12)
 
 
 class Nothing(CellController):
@@ -218,7 +218,7 @@ def test_without_torque_the_planar_cell_rests():
 def test_gravity_is_the_scenarios():
     """pinocchio.appendModel forgets it."""
     moon = SCENARIOS["spatial"]().cell.replace(gravity=(0.1, 0.2, -1.6))
-    assert_allclose(CellChain(moon).tree.model.gravity.linear, [0.1, 0.2, -1.6])
+    assert_allclose(CellChain(moon).mechanism.model.gravity.linear, [0.1, 0.2, -1.6])
 
 
 class Broken(Nothing):
@@ -244,8 +244,8 @@ def open_start(scenario, by):
     moved = scenario.start.matrix.copy()
     moved[1, 3] += by
     apart = chain.configuration(moved)
-    first, last = chain.tree.arms[0], chain.tree.arms[-1]
-    return {first.name: q[first.q].tolist(), last.name: apart[last.q].tolist()}
+    first, last = chain.model.arms[0], chain.model.arms[-1]
+    return {first.name: q[first.q_slice].tolist(), last.name: apart[last.q_slice].tolist()}
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])

@@ -1,23 +1,22 @@
-"""What can be said about a scenario beyond running it."""
+"""Analysis of scenarios and cells without a run: reachability, sampled stability and summaries."""
 
-import coop_pin.model.require_pinocchio  # noqa: F401  first, so that a missing Pinocchio is told in words
-from coop_pin.analysis.arm_reach import ArmReach, FastestJoint, JointLimitMargin, NearlySingular, Unreachable
-from coop_pin.analysis.cell_summary import CellSummary, cell_summary
-from coop_pin.analysis.reachability import Reachability, reachability
-from coop_pin.analysis.sampled_damping import sampled_damping
+import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
+from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import SampledStability, sampled_stability
 
 __all__ = [
     "ArmReach",
     "CellSummary",
     "FastestJoint",
-    "SampledStability",
     "JointLimitMargin",
     "NearlySingular",
-    "Unreachable",
     "Reachability",
+    "SampledStability",
+    "Unreachable",
     "cell_summary",
-    "sampled_stability",
+    "maximum_reach",
     "reachability",
-    "sampled_damping",
+    "sampled_stability",
 ]

@@ -1,4 +1,4 @@
-"""A cell at a glance: what it is made of, and what its closures leave free."""
+"""Cell summary: arms, limits, payload, closure rank and degrees of freedom; maximum reach of an arm."""
 
 from __future__ import annotations
 
@@ -15,53 +15,54 @@ from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
-from coop_pin.model.arm_model import ArmModel, load_arm_model
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.model.joint_angles import JointAngles
-from coop_pin.model.joint_limits import JointLimits, joint_limits
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import frame_id, load_arm_model
 
 _SEEDS = 8
 
 
 def maximum_reach(arm: Arm) -> float:
-    """Return the greatest distance found between the first joint and the tip within the joint limits, m.
+    """Return the maximum reach of an arm, from its first joint to its tip within the joint limits, m.
 
-    Quasi-Newton ascent from eight configurations, the same at every call: a lower bound that is attained.
+    Quasi-Newton ascent from eight configurations with a fixed seed: the largest distance found, which is
+    attained.
 
     Raises:
         UrdfNotFoundError, UrdfError, FrameNotFoundError: the arm cannot be built.
     """
-    model, limits = load_arm_model(arm), joint_limits(arm)
-    data, tip, angles = model.createData(), frame_id(model, arm.tip), JointAngles(model)
+    model, limits = load_arm_model(arm), JointLimits(arm)
+    data, tip = model.createData(), frame_id(model, arm.tip)
     origin = np.array(model.jointPlacements[1].translation)
 
-    def nearness(q: Array) -> tuple[float, Array]:
+    def objective(angles: Array) -> tuple[float, Array]:
         """Return minus the distance and its gradient."""
-        J = pin.computeFrameJacobian(model, data, angles.configuration(q), tip, pin.LOCAL_WORLD_ALIGNED)
-        arm_vector = pin.updateFramePlacement(model, data, tip).translation - origin
-        distance = float(np.linalg.norm(arm_vector))
-        return -distance, -(arm_vector @ J[:3]) / max(distance, 1e-12)
+        q = limits.joints.configuration(angles)
+        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        p = pin.updateFramePlacement(model, data, tip).translation - origin
+        distance = float(np.linalg.norm(p))
+        return -distance, -(p @ J[:3]) / max(distance, 1e-12)
 
     lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     rng, bounds = np.random.default_rng(0), list(zip(lower, upper, strict=True))
-    tries = [
-        minimize(nearness, rng.uniform(lower, upper), jac=True, bounds=bounds, method="L-BFGS-B")
+    optima = [
+        minimize(objective, rng.uniform(lower, upper), jac=True, bounds=bounds, method="L-BFGS-B")
         for _ in range(_SEEDS)
     ]
-    return -min(float(found.fun) for found in tries)
+    return -min(float(optimum.fun) for optimum in optima)
 
 
 class JointSummary(NamedTuple):
-    """One joint of an arm.
+    """Position and limits of one joint of an arm.
 
     Attributes:
         name: of the joint.
         angle: at the payload pose, rad or m.
-        lower: limit, -inf where there is none.
-        upper: likewise.
-        velocity: limit, inf where there is none.
-        torque: limit of the drive of that number, inf where there is none.
+        lower: position limit, -inf if there is none.
+        upper: position limit, inf if there is none.
+        velocity: limit, inf if there is none.
+        torque: limit of the drive with the same index, inf if there is none.
     """
 
     name: str
@@ -76,14 +77,14 @@ class ArmSummary(NamedTuple):
     """One arm of a cell, closed at the payload pose.
 
     Attributes:
-        name: the arm.
+        name: of the arm.
         urdf: its file or name.
-        tip: frame that grips.
+        tip: frame that holds the payload.
         base: position of its root link in the world, m.
-        locked: joints that do not move.
-        joints: those that do.
-        mass: of everything that moves, kg.
-        extent: greatest distance between its first joint and its tip, m.
+        locked: fixed joints.
+        joints: moving joints.
+        mass: of all moving links, kg.
+        maximum_reach: largest distance between its first joint and its tip, m.
         smallest_singular_value: of its payload Jacobian in the cell's task rows and drive coordinates.
     """
 
@@ -94,21 +95,21 @@ class ArmSummary(NamedTuple):
     locked: tuple[str, ...]
     joints: tuple[JointSummary, ...]
     mass: float
-    extent: float
+    maximum_reach: float
     smallest_singular_value: float
 
 
 class CellSummary(NamedTuple):
-    """A cell, closed at a payload pose.
+    """Summary of a cell at a payload pose.
 
     Attributes:
         arms: in the order of the cell.
         payload: the held object.
         gravity: m/s^2.
-        task_rows: name of the rows the controllers work on.
-        closure_rows: rows of all grasps, six for each arm.
-        rank: how many of them are independent.
-        freedom: degrees of freedom that are left: joints plus six of the payload minus rank.
+        task_rows: name of the cell's task rows.
+        closure_rows: number of rows of all grasps, six for each arm.
+        rank: number of independent closure rows.
+        freedom: degrees of freedom: joints plus six of the payload minus rank.
     """
 
     arms: tuple[ArmSummary, ...]
@@ -119,21 +120,24 @@ class CellSummary(NamedTuple):
     rank: int
     freedom: int
 
-    def lines(self) -> tuple[str, ...]:
-        """Return the cell as a tree of text."""
+    def summary(self) -> str:
+        """Return the cell as a text tree."""
         joints = sum(len(arm.joints) for arm in self.arms)
         shape = f"{self.payload.shape} of {_numbers(self.payload.size)} m"
         redundant = self.closure_rows - self.rank
-        return (
-            f"cell: {len(self.arms)} arms, {joints} joints, gravity {_numbers(self.gravity)} m/s^2, task rows {self.task_rows!r}",
+        lines = (
+            f"cell: {len(self.arms)} arms, {joints} joints, gravity {_numbers(self.gravity)} m/s^2,"
+            f" task rows {self.task_rows!r}",
             *(line for arm in self.arms for line in _arm_lines(arm)),
             f"├─ payload: {self.payload.mass:g} kg, {shape}",
-            f"└─ closures: {self.closure_rows} rows, rank {self.rank} ({redundant} redundant); {self.freedom} degrees of freedom left",
+            f"└─ closures: {self.closure_rows} rows, rank {self.rank} ({redundant} redundant);"
+            f" {self.freedom} degrees of freedom",
         )
+        return "\n".join(lines)
 
 
 def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
-    """Return a cell at a glance, closed at a payload pose.
+    """Return a summary of a cell at a payload pose.
 
     Args:
         cell: the description.
@@ -144,9 +148,9 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
     """
     chain = CellChain(cell, PlantOptions(payload="free"))
-    q, still = chain.configuration(X_WP), np.zeros(chain.tree.model.nv)
-    rank = chain.chain.forward_dynamics(q, still, still).rank
-    arms = tuple(_arm_summary(cell, place, q[place.q]) for place in chain.tree.arms)
+    q, still = chain.configuration(X_WP), np.zeros(chain.mechanism.model.nv)
+    rank = chain.mechanism.forward_dynamics(q, still, still).rank
+    arms = tuple(_arm_summary(cell, place, q[place.q_slice]) for place in chain.model.arms)
     return CellSummary(
         arms,
         cell.payload,
@@ -154,33 +158,29 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         cell.rows,
         closure_rows=6 * len(arms),
         rank=rank,
-        freedom=int(chain.tree.model.nv) - rank,
+        freedom=int(chain.mechanism.model.nv) - rank,
     )
 
 
 def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
-    arm, limits = cell.arms[place.name], joint_limits(cell.arms[place.name], place.name)
-    J = cell.task_rows.select(
-        ArmModel(arm, cell.grasps[place.name].matrix).payload_jacobian(q)
-    ) @ np.linalg.inv(place.drive)
+    arm, model = cell.arms[place.name], ArmModel.from_cell(cell, place.name)
+    J = cell.task_rows.select(model.payload_jacobian(q)) @ np.linalg.inv(place.drive)
     return ArmSummary(
         name=place.name,
         urdf=arm.urdf,
         tip=arm.tip,
         base=arm.base.xyz,
         locked=tuple(arm.locked),
-        joints=_joints(place, limits, q),
+        joints=_joints(place, model.limits, q),
         mass=float(sum(inertia.mass for inertia in list(load_arm_model(arm).inertias)[1:])),
-        extent=maximum_reach(arm),
+        maximum_reach=maximum_reach(arm),
         smallest_singular_value=float(np.linalg.svd(J, compute_uv=False)[-1]),
     )
 
 
 def _joints(place: ArmPlace, limits: JointLimits, q: Array) -> tuple[JointSummary, ...]:
-    names = [name.removeprefix(f"{place.name}/") for name in place.angles.names]
-    rows = zip(
-        names, place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque, strict=True
-    )
+    columns = place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque
+    rows = zip(place.joint_names, *columns, strict=True)
     return tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows)
 
 
@@ -188,7 +188,8 @@ def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
     locked = f", locked: {', '.join(arm.locked)}" if arm.locked else ""
     return (
         f"├─ {arm.name}: {arm.urdf}, base at {_numbers(arm.base)} m, tip {arm.tip!r}{locked}",
-        f"│  ├─ {len(arm.joints)} joints, {arm.mass:.3g} kg moving, reach {arm.extent:.3g} m, sigma_min {arm.smallest_singular_value:.3g}",
+        f"│  ├─ {len(arm.joints)} joints, {arm.mass:.3g} kg moving, reach {arm.maximum_reach:.3g} m,"
+        f" sigma_min {arm.smallest_singular_value:.3g}",
         *(_joint_line(joint, last=joint is arm.joints[-1]) for joint in arm.joints),
     )
 
@@ -197,7 +198,7 @@ def _joint_line(joint: JointSummary, last: bool) -> str:
     span = (
         f"in {joint.lower:.3g} .. {joint.upper:.3g}"
         if np.isfinite((joint.lower, joint.upper)).all()
-        else "without stops"
+        else "without limits"
     )
     speed = f"speed up to {joint.velocity:.3g}" if np.isfinite(joint.velocity) else "any speed"
     torque = f"torque up to {joint.torque:.3g}" if np.isfinite(joint.torque) else "any torque"

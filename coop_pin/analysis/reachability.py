@@ -1,29 +1,117 @@
-"""Before a run: can the arms follow the whole reference, and how close do they come to what they must not reach?"""
+"""Reachability of a reference: reach, singular poses, joint limits and speeds of all arms, without a run."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from coop_pin.analysis.arm_reach import ArmReach
-from coop_pin.analysis.path_following import ArmWalk, Route, route_of
-from coop_pin.arrays import frozen
+from coop_pin.analysis.path_following import (
+    FastestJoint,
+    JointLimitMargin,
+    NearlySingular,
+    PathFollowing,
+    PayloadPath,
+    Unreachable,
+    payload_path,
+)
+from coop_pin.arrays import Array, frozen
 from coop_pin.chain.inverse_kinematics import solve_ik
+from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 
 
 @dataclass(frozen=True, eq=False)
+class ArmReach:
+    """Reachability of the reference for one arm.
+
+    Attributes:
+        arm: its name.
+        times: of the poses, s, shape (n,). The first ones, at t = 0, lead from the scenario's start to the
+            reference.
+        q: configurations that hold the payload there, shape (n, nq); the nearest ones out of reach.
+        sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
+            (n,).
+        condition: its condition number, shape (n,).
+        start_error: the arm cannot hold the start; then the arrays are empty and nothing else is known.
+        unreachable: the arm cannot follow; None if it can.
+        nearest_singularity: pose closest to a singular one.
+        limit_violation: the first joint that exceeds its position limits; None if there is none.
+        smallest_margin: the joint with the smallest margin to a position limit; None without limits.
+        fastest_joint: the joint closest to its velocity limit; None without limits.
+    """
+
+    arm: str
+    times: Array
+    q: Array
+    sigma_min: Array
+    condition: Array
+    start_error: UnreachablePoseError | None = None
+    unreachable: Unreachable | None = None
+    nearest_singularity: NearlySingular | None = None
+    limit_violation: JointLimitMargin | None = None
+    smallest_margin: JointLimitMargin | None = None
+    fastest_joint: FastestJoint | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the arm can follow within its limits and away from singular poses."""
+        return not any(self.problems())
+
+    def problems(self) -> Iterator[str]:
+        """Yield one sentence for each reason why the arm cannot follow."""
+        if self.start_error is not None:
+            yield f"cannot hold the payload at the start: {self.start_error}"
+        if (gap := self.unreachable) is not None:
+            branch = " on this branch; another branch reaches the pose: change the posture"
+            yield (
+                f"cannot follow from t = {gap.time:.4g} s on: at t = {gap.gap_time:.4g} s it misses its grasp"
+                f" by {gap.gap_m:.3g} m and {gap.gap_rad:.3g} rad{branch if gap.other_branch else ''}"
+            )
+        if (near := self.nearest_singularity) is not None and not near.condition < CONDITION_LIMIT:
+            yield f"is singular at t = {near.time:.4g} s: no controller can follow through that pose"
+        if (at := self.limit_violation) is not None:
+            yield (
+                f"{at.joint} exceeds its limits {at.lower:.4g} to {at.upper:.4g} {at.unit}"
+                f" at t = {at.time:.4g} s"
+            )
+        if (fast := self.fastest_joint) is not None and fast.speed > fast.limit:
+            yield (
+                f"{fast.joint} must move at {fast.speed:.3g} {fast.unit} at t = {fast.time:.4g} s;"
+                f" its limit is {fast.limit:.3g}"
+            )
+
+    def margins(self) -> Iterator[str]:
+        """Yield one line for each margin: to singular poses, position limits and velocity limits."""
+        if (near := self.nearest_singularity) is not None:
+            yield (
+                f"closest to singular: sigma_min {near.sigma_min:.3g}, condition {near.condition:.3g}"
+                f" at t = {near.time:.4g} s"
+            )
+        if (at := self.smallest_margin) is not None:
+            yield (
+                f"smallest limit margin: {at.joint}, {at.margin:.3g} {at.unit} at t = {at.time:.4g} s"
+                f" (position {at.value:.4g})"
+            )
+        if (fast := self.fastest_joint) is not None:
+            yield (
+                f"fastest joint: {fast.joint}, {fast.speed:.3g} of {fast.limit:.3g} {fast.unit}"
+                f" at t = {fast.time:.4g} s"
+            )
+
+
+@dataclass(frozen=True, eq=False)
 class Reachability:
-    """Whether the arms of a scenario can follow its reference.
+    """Reachability of a scenario's reference for all arms.
 
     Attributes:
         scenario: its name.
         duration: s.
-        poses: how many poses of the reference were looked at.
-        arms: what is known of every arm.
+        poses: number of poses of the reference that were checked.
+        arms: in the order of the cell.
     """
 
     scenario: str
@@ -33,11 +121,11 @@ class Reachability:
 
     @property
     def ok(self) -> bool:
-        """Whether every arm can follow within its position and velocity limits and away from singular poses."""
+        """Whether every arm can follow within its limits and away from singular poses."""
         return all(arm.ok for arm in self.arms)
 
-    def text(self) -> str:
-        """Return the findings for people, some lines for each arm."""
+    def summary(self) -> str:
+        """Return the findings as text, some lines for each arm."""
         verdict = "every arm can follow" if self.ok else "not every arm can follow"
         lines = [
             f"{self.scenario}: {verdict} ({self.poses} poses of the reference, 0 to {self.duration:g} s)"
@@ -45,20 +133,20 @@ class Reachability:
         for arm in self.arms:
             lines.append(f"  {arm.arm}: {'ok' if arm.ok else 'not ok'}")
             lines += [f"    ! {problem}" for problem in arm.problems()]
-            lines += [f"    {number}" for number in arm.numbers()]
+            lines += [f"    {margin}" for margin in arm.margins()]
         return "\n".join(lines)
 
 
-def reachability(scenario: Scenario, poses: int = 401) -> Reachability:
-    """Follow the reference of a scenario with the arms' kinematics alone, from the start on the branches a run would take.
+def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
+    """Return the reachability of a scenario's reference, on the branches that a run would start on.
 
-    The path leads from the scenario's start straight to where the reference begins, and then along the
-    reference. Gains, friction, torques and collisions play no part.
+    The path leads from the scenario's start straight to the beginning of the reference, and then along the
+    reference. Gains, friction, torques and collisions are not considered.
 
     Args:
         scenario: what would be run.
-        poses: how many poses of the reference to look at, evenly spaced in time; what is shorter than the
-            spacing is not seen.
+        poses: number of poses of the reference to check, evenly spaced in time; anything shorter than the
+            spacing is missed.
 
     Raises:
         ArgumentError: fewer than two poses.
@@ -67,30 +155,28 @@ def reachability(scenario: Scenario, poses: int = 401) -> Reachability:
     """
     if poses < 2:
         raise ArgumentError(f"poses is {poses}; it must be at least 2")
-    route = route_of(scenario, poses)
-    arms = tuple(_arm_reach(scenario, name, route) for name in scenario.cell.arms)
+    path = payload_path(scenario, poses)
+    arms = tuple(_arm_reach(scenario, name, path) for name in scenario.cell.arms)
     return Reachability(scenario.name, scenario.duration, poses, arms)
 
 
-def _arm_reach(scenario: Scenario, name: str, route: Route) -> ArmReach:
-    """Return what is known of one arm."""
-    arm = scenario.cell.arms[name]
-    model = ArmModel(arm, scenario.cell.grasps[name].matrix)
+def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
+    model = ArmModel.from_cell(scenario.cell, name)
     try:
-        q = solve_ik(name, model, route.poses[0], arm.posture)
+        q = solve_ik(model, path.poses[0], posture=scenario.cell.arms[name].posture)
     except UnreachablePoseError as error:
-        nothing = frozen(np.zeros(0))
-        return ArmReach(name, nothing, frozen(np.zeros((0, model.nq))), nothing, nothing, refusal=error)
-    walk = ArmWalk(scenario, name, model, route, q)
+        empty = frozen(np.zeros(0))
+        return ArmReach(name, empty, frozen(np.zeros((0, model.nq))), empty, empty, start_error=error)
+    following = PathFollowing(scenario, model, path, q)
     return ArmReach(
         name,
-        route.times,
-        walk.q,
-        walk.sigma_min,
-        walk.condition,
-        loss=walk.loss(),
-        singular=walk.singular(),
-        crossing=walk.crossing(),
-        closest=walk.closest(),
-        fastest=walk.fastest(),
+        path.times,
+        following.q,
+        following.sigma_min,
+        following.condition,
+        unreachable=following.unreachable(),
+        nearest_singularity=following.nearest_singularity(),
+        limit_violation=following.limit_violation(),
+        smallest_margin=following.smallest_margin(),
+        fastest_joint=following.fastest_joint(),
     )

@@ -1,4 +1,4 @@
-"""Whether a control rate can bear the damping that a controller asks for: any law, any arms, at the start of a run."""
+"""Stability of a controller's damping under zero-order hold: T lambda < 2, for any controller and arms."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from coop_pin.controller_factory import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
 
-BOUND = 2.0
-"""Held damping is stable below this: v[k+1] = (1 - value) v[k]."""
+STABILITY_LIMIT = 2.0
+"""Sampled damping is stable below this: v[k+1] = (1 - value) v[k]."""
 
-_NOTHING = 1e-6
+_UNDAMPED = 1e-6
 _SHARE_OF_MODE = 0.3
 
 
 class SampledStability(NamedTuple):
-    """How near the held torques come to shaking the cell.
+    """Stability of sampled damping, with the critical mode.
 
     Attributes:
-        value: ``T |lambda|^2 / Re lambda``, the largest of all ways to move; T lambda where lambda is real.
-            Below 2 the motion decays.
+        value: ``T |lambda|^2 / Re lambda``, the largest of all modes; T lambda for a real lambda. The motion
+            decays if it is below 2.
         rate_hz: the control rate, Hz.
-        joints: the joints that move most in that way, as arm/joint.
+        joints: the joints that move most in that mode, as arm/joint.
     """
 
     value: float
@@ -36,57 +36,61 @@ class SampledStability(NamedTuple):
     @property
     def ok(self) -> bool:
         """Whether the motion decays from tick to tick."""
-        return self.value < BOUND
+        return self.value < STABILITY_LIMIT
 
-    def text(self) -> str:
-        """Return the finding for people, in one line."""
+    def summary(self) -> str:
+        """Return the finding as text, in one line."""
+        limit, joints = f"the stability limit {STABILITY_LIMIT:g}", ", ".join(self.joints)
+        hold = f"with zero-order hold at {self.rate_hz:g} Hz"
         if self.ok:
-            return f"held damping: {self.value:.3g} of less than {BOUND:g} at {self.rate_hz:g} Hz, most in {', '.join(self.joints)}"
-        least = f" above {self.rate_hz * self.value / BOUND:.4g} Hz" if np.isfinite(self.value) else ""
+            return f"T*lambda = {self.value:.3g} is below {limit} {hold}; largest in {joints}"
+        rate = (
+            f" above {self.rate_hz * self.value / STABILITY_LIMIT:.4g} Hz" if np.isfinite(self.value) else ""
+        )
+        subject = f"joint {joints} is" if len(self.joints) == 1 else f"joints {joints} are"
         return (
-            f"! held damping is {self.value:.3g}; it must be less than {BOUND:g}: torques held over a tick of {self.rate_hz:g} Hz shake "
-            f"{', '.join(self.joints)}. Raise clock.rate_hz{least}, or lower the gains (posture damping included)"
+            f"! T*lambda = {self.value:.3g} exceeds {limit}: {hold}, {subject} unstable."
+            f" Raise clock.rate_hz{rate}, or lower the gains (posture damping included)"
         )
 
 
 def sampled_stability(scenario: Scenario) -> SampledStability:
-    """Return how much damping the controller holds over a tick, at the start of the run and to first order.
+    """Return the stability of a controller's damping under zero-order hold, linearised at the start.
 
-    With D = -d(acceleration)/dv through the torques alone, closures kept, the speeds go from tick to tick as
-    v[k+1] = (I - T D) v[k]. The mode of an eigenvalue lambda of D decays while ``|1 - T lambda| < 1``, which
-    is ``T |lambda|^2 / Re lambda < 2``.
+    With D = -d(acceleration)/dv through the torques alone and the closures kept closed, v[k+1] = (I - T D)
+    v[k] from tick to tick. The mode of an eigenvalue lambda of D decays if ``|1 - T lambda| < 1``, that is,
+    if ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
-        scenario: what would be run. Friction, torque limits and what a law adds up over many ticks play no
-            part.
+        scenario: what would be run. Friction, torque limits and integral terms are not considered.
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.
         SingularArmError: an arm is singular there.
     """
     simulation = Simulation(scenario, build_controller(scenario))
-    plant, chain = simulation.plant, simulation.plant.chain.chain
+    plant, chain = simulation.plant, simulation.plant.chain.mechanism
     torque = _torque_of(simulation)
     rest = np.zeros(len(plant.v))
 
     def acceleration(v: Array) -> Array:
         return chain.forward_dynamics(plant.q, rest, torque(v)).acceleration
 
-    # Laws are linear in the speeds, but for signs of bounded size: unit speeds both ways leave those out.
+    # Laws are linear in the speeds but for bounded signs, which cancel between opposite unit speeds.
     speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
     D = np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
     eigenvalues, modes = np.linalg.eig(D)
     T = scenario.clock.period
-    values = np.array([_held(T * entry) for entry in eigenvalues])
+    values = np.array([_stability_value(T * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
     return SampledStability(
-        float(values[worst]), scenario.clock.rate_hz, _moving(simulation, np.abs(modes[:, worst]))
+        float(values[worst]), scenario.clock.rate_hz, _fastest_joints(simulation, np.abs(modes[:, worst]))
     )
 
 
-def _held(entry: complex) -> float:
-    """Return ``|T lambda|^2 / Re(T lambda)``; nothing where there is no damping, infinity where it drives the motion."""
-    if abs(entry) < _NOTHING:
+def _stability_value(entry: complex) -> float:
+    """Return ``|T lambda|^2 / Re(T lambda)``: zero without damping, infinity if the motion is driven."""
+    if abs(entry) < _UNDAMPED:
         return 0.0
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")
 
@@ -108,12 +112,12 @@ def _torque_of(simulation: Simulation) -> Callable[[Array], Array]:
     return torque
 
 
-def _moving(simulation: Simulation, mode: Array) -> tuple[str, ...]:
-    """Return the joints that move most in a mode, the fastest first."""
+def _fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
+    """Return the joints that move fastest in a mode, the fastest first."""
     speeds = {
         name: float(speed)
-        for place in simulation.plant.chain.tree.arms
-        for name, speed in zip(place.angles.names, mode[place.v], strict=True)
+        for place in simulation.plant.chain.model.arms
+        for name, speed in zip(place.angles.names, mode[place.v_slice], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])
     return tuple(name for name in fastest if speeds[name] >= _SHARE_OF_MODE * speeds[fastest[0]])[:4]

@@ -1,13 +1,12 @@
-"""Closed chains: closures, stabilisation and projection, constrained forward dynamics, motion, grasps, closing, energy."""
+"""Closed chains: loop closures, constrained dynamics, projection, integration and inverse kinematics."""
 
-import coop_pin.model.require_pinocchio  # noqa: F401  first, so that a missing Pinocchio is told in words
+import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
-from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.chain.closed_chain import ChainDynamics, ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.inverse_kinematics import ik_branches, solve_ik
-from coop_pin.chain.trajectory import Trajectory
+from coop_pin.chain.trajectory import ChainState, Energy, Trajectory
 
 __all__ = [
     "CellChain",
@@ -15,9 +14,9 @@ __all__ = [
     "ChainState",
     "ClosedChain",
     "Closure",
-    "Energy",
     "ClosureError",
+    "Energy",
     "Trajectory",
-    "solve_ik",
     "ik_branches",
+    "solve_ik",
 ]

@@ -1,28 +1,26 @@
-"""A tree with closures: its forward dynamics, motion, assembly, closure errors, projection and energy."""
+"""Closed chain: a tree with loop closures, its forward dynamics, motion, assembly, projection and energy."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.chain.chain_dynamics import ChainDynamics, ChainState, Energy
 from coop_pin.chain.closure import Closure
-from coop_pin.chain.closure_set import ClosureError, ClosureSet, ClosureState
+from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import ProximalSolver
-from coop_pin.chain.trajectory import Propagator, TorqueLaw, Trajectory, time_grid
+from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.baumgarte import Stabilisation
+from coop_pin.description.plant import Formulation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.pinocchio_model import configuration_at, frame_id, mechanism_model, velocity_at
-
-Formulation = Literal["auto", "proximal", "kkt"]
 
 _RESIDUAL_ALLOWED = 1e-6
 _CLOSED = 1e-9
@@ -30,24 +28,44 @@ _START_ALLOWED = 1e-3
 _STEP_ALLOWED = 1e-6
 
 
+class ChainDynamics(NamedTuple):
+    """Forward dynamics of a closed chain.
+
+    Attributes:
+        acceleration: a, shape (nv,).
+        closure_wrenches: on body a of each closure at frame a, in axes of a, N and N m, shape (closures, 6).
+            If rows are redundant, it is not unique for rigid bodies; this is the one of least multipliers.
+        rank: number of independent closure rows.
+        residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
+    """
+
+    acceleration: Array
+    closure_wrenches: Array
+    rank: int
+    residual: float
+
+
 class ClosedChain:
-    """A tree whose closures hold frames together: any URDF with kinematic loops, no arms or payload needed.
+    """Mechanism with loop closures: any URDF tree, and closures between its frames.
 
     ::
 
-        chain = ClosedChain.from_urdf("four_bar.urdf", [Closure("coupler_end", "rocker_tip", "point")],
-        gravity=(0, 0, -9.81)) start = chain.assemble(chain.configuration({"crank": 1.2}),
-        chain.velocity({"crank": 2.0})) motion = chain.integrate(*start, duration=10.0, step=1e-3,
-        torque=lambda t, q, v: -0.1 * v)
+        chain = ClosedChain.from_urdf("four_bar.urdf", [Closure("coupler_end", "rocker_tip", "point")])
+        start = chain.assemble(chain.configuration({"crank": 1.2}), chain.velocity({"crank": 2.0}))
+        motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda t, q, v: -0.1 * v)
 
-    Redundant rows and singular poses are allowed. Joint limits, friction and effort of the URDF are not
-    applied: torque, a function of time and state, is the place for such forces.
+    Redundant rows and singular poses are allowed. Joint limits, friction and effort limits of the URDF are
+    not applied; such forces can be added in ``torque``, a function of time and state.
+
+    The solver and Pinocchio's data are working memory: methods return copies, but ``solver.wrenches()``
+    refers to the last call of ``solver.acceleration``, and one chain must not be used by two threads at once.
 
     Attributes:
         model: the tree; ``model.names`` has its joints in the order of v.
-        closures: the closures, resolved.
+        closures: the closures with their frames.
         stabilisation: Baumgarte frequency and damping ratio.
-        solver: what solves the constrained dynamics of a state.
+        formulation: as given to the constructor.
+        solver: of the constrained dynamics of a state.
     """
 
     solver: ProximalSolver | KKTSolver
@@ -56,6 +74,7 @@ class ClosedChain:
         self,
         model: pin.Model,
         closures: Sequence[Closure],
+        *,
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
     ) -> None:
@@ -63,13 +82,13 @@ class ClosedChain:
 
         Args:
             model: the tree; it is kept, not copied.
-            closures: what closes it.
-            stabilisation: Baumgarte's, with 10 rad/s and critical damping when omitted.
+            closures: between its frames.
+            stabilisation: Baumgarte's; 10 rad/s and critical damping when omitted.
             formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows
-                only), "kkt" (a KKT system cut at its rank, any rows), or "auto": the first for the dynamics
-                of one state where it can express the rows, the second elsewhere and for motions. A motion
-                leaves the closures a little within each step; the proximal method then takes redundant rows
-                of a spatial loop for independent ones and stops the mechanism.
+                only), "kkt" (a KKT system by truncated SVD, any rows), or "auto": "proximal" for the dynamics
+                of one state if it can express the rows, otherwise and for ``integrate`` "kkt". Within an
+                integration step a motion leaves the closures slightly; the proximal method then takes
+                redundant rows of a spatial loop for independent ones and stops the mechanism.
 
         Raises:
             FrameNotFoundError: a frame does not exist.
@@ -78,64 +97,65 @@ class ClosedChain:
         """
         self.model = model
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
-        self.closures = ClosureSet(model, closures)
+        self.closures, self.formulation = ClosureSet(model, closures), formulation
         self._data = model.createData()
         self._projection = Projection(model, self.closures)
-        self.solver = self._new_solver(formulation)
-        self._mover = (
-            KKTSolver(model, self.closures, self.stabilisation) if formulation == "auto" else self.solver
-        )
+        if formulation not in get_args(Formulation):
+            raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
+        can_be_proximal = ProximalSolver.can_solve(closures)
+        if formulation == "proximal" and not can_be_proximal:
+            raise ArgumentError(
+                "formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'"
+            )
+        kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
+        self.solver = kind(model, self.closures, self.stabilisation)
 
     @classmethod
     def from_urdf(
         cls,
         path_or_xml: str | Path,
         closures: Sequence[Closure] = (),
+        *,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
         mimic: Literal["refuse", "ignore"] = "refuse",
     ) -> Self:
-        """Close the tree of a URDF, whose root link stands in the world.
+        """Close the tree of a URDF, whose root link is fixed in the world.
 
         Args:
             path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text
                 itself.
-            closures: what closes it.
+            closures: between its frames.
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: as for the constructor.
             formulation: as for the constructor.
-            mimic: what to do about joints that mimic others: "refuse" the URDF, or "ignore" the coupling.
+            mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
 
         Raises:
             UrdfNotFoundError: there is no such file.
-            UrdfError: the URDF has structural defects; MimicJointError: joints mimic others.
+            UrdfError: the URDF has structural defects; MimicJointError: it has mimic joints.
             ShapeError, NotFiniteError: gravity is not three finite numbers.
             FrameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
-        return cls(
-            mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation
-        )
-
-    def with_kkt(self) -> ClosedChain:
-        """Return the same chain (sharing the tree) solved by the rank-cut KKT."""
-        return ClosedChain(self.model, self.closures.closures, self.stabilisation, "kkt")
+        model = mechanism_model(path_or_xml, gravity, mimic == "ignore")
+        return cls(model, closures, stabilisation=stabilisation, formulation=formulation)
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
-        """Return the configuration with some joints at given angles (rad, m) and the others neutral, shape (nq,).
+        """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).
 
         Raises:
             JointNotFoundError: a joint does not exist.
-            ArgumentError: a joint has more than one angle.
+            ArgumentError: a joint has more than one degree of freedom.
         """
         return configuration_at(self.model, angles)
 
     def velocity(self, rates: Mapping[str, float]) -> Array:
-        """Return the velocity with some joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
+        """Return v with named joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
 
         Raises:
             JointNotFoundError: a joint does not exist.
-            ArgumentError: a joint has more than one rate.
+            ArgumentError: a joint has more than one degree of freedom.
         """
         return velocity_at(self.model, rates)
 
@@ -150,7 +170,7 @@ class ClosedChain:
         return np.array(pin.updateFramePlacement(self.model, self._data, index).homogeneous)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> ChainDynamics:
-        """Return acceleration and closure wrenches, with rank and residual recomputed from the definitions.
+        """Return accelerations and closure wrenches, with rank and residual computed from their definitions.
 
         Args:
             q: configuration, shape (nq,).
@@ -163,47 +183,49 @@ class ClosedChain:
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         state = self.closures.state(q, v)
-        weighted = self._projection.weighted(q, state)
+        svd = self._projection.svd(q, state)
         a = np.array(self.solver.acceleration(q, v, tau))
-        residual = float(np.abs(self._stabilised(state, a)).max(initial=0.0))
-        allowed = self._residual_allowed(weighted, a)
+        residual = float(np.abs(state.stabilised(a, self.stabilisation)).max(initial=0.0))
+        allowed = self._residual_allowed(svd, a)
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
-        return ChainDynamics(a, self.solver.wrenches(), weighted.rank, residual)
+        return ChainDynamics(a, self.solver.wrenches(), svd.rank, residual)
 
     def integrate(
         self,
         q: ArrayLike,
         v: ArrayLike,
+        *,
         duration: float,
         step: float,
         torque: TorqueLaw | None = None,
         project: bool = True,
     ) -> Trajectory:
-        """Return the motion from a state, by Runge-Kutta 4.
+        """Return the motion from a state, by Runge-Kutta 4 with the KKT solver ("proximal": with that one).
 
         Args:
-            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian: see
+            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian, as returned by
                 ``assemble``.
             v: velocity at t = 0, shape (nv,).
             duration: s.
-            step: s; the last one is shorter where it does not divide duration.
-            torque: generalised force as a function of (t, q, v), shape (nv,), N m and N; none when omitted.
+            step: s; the last one is shorter if it does not divide duration.
+            torque: generalised force as a function of (t, q, v), shape (nv,), N m and N; zero when omitted.
             project: whether q and v are projected onto the closures, at the start and after every step.
-                Without it the closures drift, held by the stabilisation alone, and a mechanism may not
-                survive its singular poses.
+                Otherwise only the stabilisation counteracts drift, and a mechanism may break down at singular
+                poses.
 
         Raises:
-            OpenClosureError: the closures are open at the start.
-            IntegrationError: the motion breaks down: the step is too long, or torque runs away.
-            ArgumentError: torque cannot be called.
-            ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of
-                torque included.
+            OpenClosureError: the closures are not closed at the start.
+            IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
+            ArgumentError: torque is not callable.
+            ShapeError, NotFiniteError, NotPositiveError: an argument, or the value of torque, has a wrong
+                shape, is not finite or is not positive.
         """
         start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)
-        propagator = Propagator(
-            self.model, self._mover.acceleration, torque, self._after_step if project else None
-        )
+        solver = self.solver
+        if self.formulation == "auto":
+            solver = KKTSolver(self.model, self.closures, self.stabilisation)
+        propagator = Propagator(self.model, solver, torque, self._after_step if project else None)
         self.require_closed(start.q, _START_ALLOWED)
         if not project:
             return propagator.run(start, None, time)
@@ -211,14 +233,14 @@ class ClosedChain:
         return propagator.run(ChainState(*closed), rank, time)
 
     def assemble(self, q_guess: ArrayLike, v_guess: ArrayLike | None = None) -> ChainState:
-        """Return a state on the closures: a configuration near a guess, and the velocity nearest to a guess in kinetic energy.
+        """Return a closed state near a guess; its velocity is the nearest to the guess in kinetic energy.
 
         Args:
-            q_guess: configuration, shape (nq,), however far the closures are open.
+            q_guess: configuration, shape (nq,), with closure errors of any size.
             v_guess: velocity, shape (nv,); at rest when omitted.
 
         Raises:
-            OpenClosureError: no closed configuration was found from the guess; with the gap that is left.
+            OpenClosureError: no closed configuration was found; with the remaining closure error.
         """
         q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
         near = self._projection.descend(q)
@@ -233,60 +255,41 @@ class ClosedChain:
         return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
 
     def closure_errors(self, q: Array) -> list[ClosureError]:
-        """Return how far each closure stands open."""
+        """Return the closure error of each closure."""
         return self.closures.closure_errors(q)
 
     def project_configuration(self, q: ArrayLike) -> Array:
-        """Return the configuration on the closures that mass-weighted Newton steps reach from q.
+        """Return the configuration on the closures reached from q by mass-weighted Newton steps.
 
         dq = -M^-1 J^T (J M^-1 J^T)^+ e
 
         Raises:
-            OpenClosureError: the closures cannot be closed from here.
+            OpenClosureError: the steps do not converge to a closed configuration.
         """
         return self._projection.state(self._q(q), np.zeros(self.model.nv), _CLOSED).q
 
     def project_velocity(self, q: Array, v: Array) -> Array:
-        """Return v - M^-1 J^T (J M^-1 J^T)^+ J v: the nearest velocity, in kinetic energy, that keeps the closures."""
+        """Return the velocity nearest in kinetic energy that keeps the closures closed, shape (nv,).
+
+        v - M^-1 J^T (J M^-1 J^T)^+ J v
+        """
         return self._projection.velocity(q, v)
 
     def require_closed(self, q: Array, allowed: float) -> None:
-        """Refuse a configuration whose closures are open by more than allowed (m, rad).
+        """Raise an error if a closure error exceeds what is allowed (m, rad).
 
         Raises:
-            OpenClosureError: naming the widest gap.
+            OpenClosureError: with the largest closure error.
         """
         self._projection.require_closed(q, allowed)
-
-    def _new_solver(self, formulation: Formulation) -> ProximalSolver | KKTSolver:
-        can_be_proximal = ProximalSolver.can_solve(self.closures.closures)
-        if formulation not in ("auto", "proximal", "kkt"):
-            raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
-        if formulation == "proximal" and not can_be_proximal:
-            raise ArgumentError(
-                "formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'"
-            )
-        if can_be_proximal and formulation != "kkt":
-            return ProximalSolver(self.model, self.closures.closures, self.stabilisation)
-        return KKTSolver(self.model, self.closures, self.stabilisation)
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)
 
-    def _stabilised(self, state: ClosureState, a: Array) -> Array:
-        """Return J a + gamma + 2 zeta omega e' + omega^2 e, which a solution makes zero."""
-        gains = self.stabilisation
-        return (
-            state.jacobian @ a
-            + state.drift
-            + gains.velocity_gain * state.velocity
-            + gains.position_gain * state.position
-        )
-
-    def _residual_allowed(self, weighted: ConstraintSVD, a: Array) -> float:
-        """Return the largest residual that a solution may leave; rows dropped next to a singular pose still see the motion."""
-        seen = weighted.dropped * float(np.linalg.norm(weighted.factor.T @ a))
-        return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0))) + 10.0 * seen
+    def _residual_allowed(self, svd: ConstraintSVD, a: Array) -> float:
+        """Return the largest accepted residual; near a singular pose the truncated rows add to it."""
+        truncated = svd.dropped * float(np.linalg.norm(svd.factor.T @ a))
+        return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0))) + 10.0 * truncated
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.model.nq)

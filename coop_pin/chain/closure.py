@@ -1,4 +1,4 @@
-"""A closure: two frames of a tree that are held together in some rows."""
+"""Loop closure: two frames of a tree that are held together in some rows, and its error kinematics."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, frozen
-from coop_pin.errors import FieldError, NotAPoseError
+from coop_pin.arrays import Array, as_pose, frozen
+from coop_pin.errors import FieldError
 
 RowMask = tuple[bool, bool, bool, bool, bool, bool]
 NamedRows = Literal["full", "point", "planar", "axis"]
@@ -23,46 +23,43 @@ _MASKS: dict[str, RowMask] = {
     "planar": (True, True, False, False, False, True),
     "axis": (True, True, True, True, True, False),
 }
-_POSE_ALLOWED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """Frame a is held to frame b.
+    """Loop closure: a frame C on a frame A of a tree is held to the same frame C on a frame B.
 
-    Each frame is a named frame of the tree (a link or joint of the URDF, or the world), displaced by X_a or
-    X_b where one is
-    given: a closure can sit anywhere on a link without a change to the URDF.
+    A and B are named frames (links or joints of the URDF, or the world); X_AC and X_BC place C anywhere on
+    them, without a change to the URDF. "Frame a" of the closure is C as attached to A, "frame b" is C as
+    attached to B. When the closure is closed, X_WA X_AC = X_WB X_BC in the held rows.
 
-    Rows are counted in the axes of frame a: "full" (a weld), "point" (a ball joint), "planar" (x, y and the
-    turn about z), "axis" (a hinge about z), or six booleans, linear first: (True, False, False, False, False,
-    False) holds x alone.
+    The rows refer to the axes of frame a: "full" (a weld), "point" (a ball joint), "planar" (x, y and the
+    rotation about z), "axis" (a hinge about z), or six booleans, linear first: (True, False, False, False,
+    False, False) holds x alone.
 
     Attributes:
-        frame_a: name of a frame; "world" or "universe" is the world.
-        frame_b: name of the other frame, likewise.
+        frame_a: name of frame A; "world" or "universe" is the world.
+        frame_b: name of frame B, likewise.
         rows: which relative motions are held.
-        X_a: pose of the closure's frame a in the frame named frame_a, shape (4, 4); the frame itself when
-            omitted.
-        X_b: pose of the closure's frame b in the frame named frame_b, shape (4, 4); the frame itself when
-            omitted.
+        X_AC: pose of C in A, shape (4, 4); identity when omitted.
+        X_BC: pose of C in B, shape (4, 4); identity when omitted.
     """
 
     frame_a: str
     frame_b: str
     rows: NamedRows | Sequence[bool] = "full"
-    X_a: ArrayLike | None = None
-    X_b: ArrayLike | None = None
+    X_AC: ArrayLike | None = None
+    X_BC: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        """Check the poses.
+        """Validate the poses.
 
         Raises:
-            ShapeError, NotFiniteError, NotAPoseError: X_a or X_b is not a pose.
+            ShapeError, NotFiniteError, NotAPoseError: X_AC or X_BC is not a pose.
         """
-        for name in ("X_a", "X_b"):
+        for name in ("X_AC", "X_BC"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _pose(name, getattr(self, name)))
+                object.__setattr__(self, name, frozen(as_pose(name, getattr(self, name))))
 
     @property
     def mask(self) -> RowMask:
@@ -84,7 +81,8 @@ class Closure:
             or not any(rows)
         ):
             raise FieldError(
-                f"is {self.rows!r}; it must be six booleans, at least one of them true, or one of {list(_MASKS)}",
+                f"is {self.rows!r}; it must be six booleans, at least one of them true,"
+                f" or one of {list(_MASKS)}",
                 "rows",
             )
         x, y, z, rx, ry, rz = map(bool, rows)
@@ -92,29 +90,20 @@ class Closure:
 
     @property
     def name(self) -> str:
-        """A name for messages."""
+        """Name for error messages."""
         return f"{self.frame_a} - {self.frame_b}"
 
 
-def _pose(name: str, value: ArrayLike) -> Array:
-    X = as_array(name, value, 4, 4)
-    R = X[:3, :3]
-    deviation = float(
-        max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - np.eye(4)[3]).max(), abs(np.linalg.det(R) - 1.0))
-    )
-    if deviation > _POSE_ALLOWED:
-        raise NotAPoseError(name, deviation, _POSE_ALLOWED)
-    return frozen(X)
-
-
 class ClosureKinematics(NamedTuple):
-    """The errors of a closure with k rows.
+    """Error of a closure with k rows, and the coefficients of its second derivative.
+
+    With the spatial accelerations a_a and a_b of its frames, e'' = A_a a_a + A_b a_b + drift.
 
     Attributes:
         position: e, m and rad, shape (k,).
         A_a: shape (k, 6).
         A_b: shape (k, 6).
-        drift: what e'' holds besides A_a a_a + A_b a_b, shape (k,).
+        drift: shape (k,).
     """
 
     position: Array
@@ -137,14 +126,17 @@ def error_function(closure: Closure) -> ErrorFunction:
 
 
 def _weld(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureKinematics:
-    """Return e = -log6(X_ab), e' = V_a - Ad(X_ab) V_b: the error that pinocchio.constraintDynamics stabilises."""
+    """Return the kinematics of e = -log6(X_ab), e' = V_a - Ad(X_ab) V_b, as pinocchio.constraintDynamics."""
     V_b_in_a = X_ab.act(V_b)
     drift = (V_a - V_b_in_a).cross(V_b_in_a).vector
     return ClosureKinematics(-pin.log6(X_ab).vector, np.eye(6), -X_ab.toActionMatrix(), drift)
 
 
 def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureKinematics:
-    """Return e = R_WA^T (p_a - p_b) with derivatives taken in the world, so that e decays along a straight line."""
+    """Return the kinematics of e = R_Wa^T (p_a - p_b).
+
+    The derivatives are taken in the world, so that e decays along a straight line.
+    """
     R_ab = X_ab.rotation
     A_a, A_b = np.zeros((3, 6)), np.zeros((3, 6))
     A_a[:, :3], A_b[:, :3] = np.eye(3), -R_ab
@@ -153,7 +145,7 @@ def _point(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion) -> ClosureKinematics
 
 
 def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> ClosureKinematics:
-    """Return the held rows of [p_a - p_b, rotation error] counted in the turning axes of a."""
+    """Return the held rows of [p_a - p_b, rotation error], in the rotating axes of a."""
     R_ab, p_ab = X_ab.rotation, X_ab.translation
     w_a, w_b, v_b = V_a.angular, R_ab @ V_b.angular, R_ab @ V_b.linear
     rotation = _rotation_error(R_ab, w_b - w_a, mask[3:])
@@ -169,7 +161,7 @@ def _masked(X_ab: pin.SE3, V_a: pin.Motion, V_b: pin.Motion, mask: RowMask) -> C
 
 
 class _RotationError(NamedTuple):
-    """Rotation rows of a closure: e' = -G Omega, with Omega the angular velocity of b against a in axes a."""
+    """Rotation rows of a closure: e' = -G Omega, with Omega the angular velocity of b in a, in axes of a."""
 
     position: Array
     G: Array
@@ -177,13 +169,12 @@ class _RotationError(NamedTuple):
 
 
 def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _RotationError:
-    """Return the rotation error that fits the number of held turns; the log would turn with the free angles.
+    """Return the rotation error for the number of held rotations; the log would depend on the free angles.
 
-    With k the one axis that is free or held, u its unit vector, z = R_ab u and c = u . z:
+    With k the only axis that is free or held, u its unit vector, z = R_ab u and c = u . z:
 
     - two held, a hinge: e = z x u, the misalignment of the axes; G = c I - z u^T.
-    - one held, a joint that passes a turn on: e = -(twist of R_ab about u); row k of G is (u + z)^T / (1 +
-      c).
+    - one held, as by a universal joint: e = -(twist of R_ab about u); row k of G is (u + z)^T / (1 + c).
     - three held: e = -log(R_ab) and G = I, its derivative at small errors, as for a weld.
     """
     if sum(held) not in (1, 2):
@@ -202,6 +193,6 @@ def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _Rotat
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a x b; numpy's own takes twenty times as long."""
+    """Return a x b; np.cross takes twenty times as long."""
     product: Array = pin.skew(a).dot(b)
     return product

@@ -1,4 +1,4 @@
-"""All closures of a tree, stacked: errors, Jacobian and drift at a state."""
+"""Stacked kinematics of all closures of a tree: closure errors, Jacobian and drift at a state."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure, error_function
+from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.errors import FrameNotFoundError
 from coop_pin.model.pinocchio_model import frame_id
 
@@ -18,21 +19,21 @@ _UNIVERSE = 0
 
 
 class ClosureFrame:
-    """A frame C on a joint J of a tree.
+    """Closure frame C on a joint J of a tree.
 
     Attributes:
-        named: index of the frame that it was named by.
+        named: index of the named frame to which C is attached.
         joint: index of the joint; zero is the world.
-        X_JC: pose of the frame in the joint.
+        X_JC: pose of C in the joint's frame.
     """
 
-    def __init__(self, model: pin.Model, name: str, X: ArrayLike | None) -> None:
-        """Resolve a frame.
+    def __init__(self, model: pin.Model, name: str, X_FC: ArrayLike | None) -> None:
+        """Find the joint that carries a frame.
 
         Args:
             model: the tree.
-            name: of a frame, or "world".
-            X: pose of C in it, shape (4, 4); the frame itself when None.
+            name: of a frame F, or "world".
+            X_FC: pose of C in F, shape (4, 4); identity when None.
 
         Raises:
             FrameNotFoundError: the frame does not exist.
@@ -40,21 +41,21 @@ class ClosureFrame:
         self.named = _frame_id(model, name)
         frame = model.frames[self.named]
         self.joint = int(frame.parentJoint)
-        self.X_JC = frame.placement if X is None else frame.placement * pin.SE3(np.asarray(X))
+        self.X_JC = frame.placement if X_FC is None else frame.placement * pin.SE3(np.asarray(X_FC))
         self._to_frame = self.X_JC.toActionMatrixInverse()
 
     def pose(self, data: pin.Data) -> pin.SE3:
-        """Return the pose of C in the world."""
+        """Return X_WC."""
         return data.oMi[self.joint] * self.X_JC
 
     def twist(self, data: pin.Data) -> pin.Motion:
-        """Return the twist of C in its own axes."""
+        """Return the twist of C in the world, in axes of C."""
         return self.X_JC.actInv(data.v[self.joint])
 
     def add_jacobian(self, A: Array, model: pin.Model, data: pin.Data, jacobian: Array, drift: Array) -> None:
-        """Add A J_C to a Jacobian, shape (k, nv), and A a_C to a drift, shape (k,); the world adds nothing.
+        """Add A J_C to a Jacobian, shape (k, nv), and A a_C to a drift, shape (k,); zero for the world.
 
-        J_C is the Jacobian of C and a_C its spatial acceleration, both in its own axes.
+        J_C is the Jacobian of C and a_C its spatial acceleration, both in axes of C.
         """
         if self.joint == _UNIVERSE:
             return
@@ -64,7 +65,7 @@ class ClosureFrame:
 
 
 def _frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of a frame; "world" is the universe where no link has that name.
+    """Return the index of a frame; "world" is the universe if no link has that name.
 
     Raises:
         FrameNotFoundError: no frame has that name.
@@ -78,7 +79,7 @@ def _frame_id(model: pin.Model, name: str) -> int:
 
 
 class ClosureState(NamedTuple):
-    """The stacked closure errors at a state, r rows in all.
+    """Stacked closure errors of a state, with r rows, and their derivatives.
 
     Attributes:
         position: e, m and rad, shape (r,).
@@ -95,9 +96,18 @@ class ClosureState(NamedTuple):
     drift: Array
     wrench_map: Array
 
+    def stabilised(self, a: Array, gains: Stabilisation) -> Array:
+        """Return J a + gamma + 2 zeta omega e' + omega^2 e, shape (r,): zero for a solution."""
+        return (
+            self.jacobian @ a
+            + self.drift
+            + gains.velocity_gain * self.velocity
+            + gains.position_gain * self.position
+        )
+
 
 class ClosureError(NamedTuple):
-    """How far a closure stands open in its held rows.
+    """Closure error: distance and angle between the two frames of a closure in its held rows.
 
     Attributes:
         distance: m.
@@ -109,23 +119,23 @@ class ClosureError(NamedTuple):
 
 
 class ClosureSet:
-    """The closures of a tree.
+    """Closures of a tree, stacked.
 
     Attributes:
         closures: as given.
-        sides: their frames a and b, resolved.
+        sides: frames a and b of each closure.
         rows: total number of rows r.
     """
 
     def __init__(self, model: pin.Model, closures: Sequence[Closure]) -> None:
-        """Resolve every frame once.
+        """Find the frames of all closures.
 
         Raises:
             FrameNotFoundError: a frame does not exist.
         """
         self.closures = tuple(closures)
         self.sides = [
-            (ClosureFrame(model, c.frame_a, c.X_a), ClosureFrame(model, c.frame_b, c.X_b))
+            (ClosureFrame(model, c.frame_a, c.X_AC), ClosureFrame(model, c.frame_b, c.X_BC))
             for c in self.closures
         ]
         self._errors = [error_function(c) for c in self.closures]
@@ -152,14 +162,13 @@ class ClosureSet:
         return ClosureState(position, jacobian.dot(v), jacobian, drift, wrench_map)
 
     def closure_errors(self, q: Array) -> list[ClosureError]:
-        """Return how far each closure stands open at q."""
+        """Return the closure error of each closure at q."""
         pin.forwardKinematics(self._model, self._data, q)
-        nothing = pin.Motion.Zero()
-        closure_errors = []
+        still, closure_errors = pin.Motion.Zero(), []
         for index, (a, b) in enumerate(self.sides):
             X_ab = a.pose(self._data).actInv(b.pose(self._data))
             error = np.zeros(6)
-            error[list(self.closures[index].mask)] = self._errors[index](X_ab, nothing, nothing).position
+            error[list(self.closures[index].mask)] = self._errors[index](X_ab, still, still).position
             closure_errors.append(
                 ClosureError(float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:])))
             )

@@ -1,7 +1,8 @@
-"""Searching for joint angles that bring an arm's tip to its grasp."""
+"""Inverse-kinematics solver of one arm: Levenberg-Marquardt, nearest pose and null-space motion."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,19 +11,18 @@ from scipy.linalg.lapack import dposv
 
 from coop_pin.arrays import Array
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.model.joint_limits import JointRanges
 from coop_pin.model.pinocchio_model import frame_id
 
 CLOSED = 1e-9
-"""A gap below this is closed, m and rad."""
+"""A pose error below this counts as closed, m and rad."""
 
 
 class IKSolution(NamedTuple):
-    """Where a search ended.
+    """Result of an inverse-kinematics solve.
 
     Attributes:
-        q: joint angles, shape (nq,).
-        gap: where the grasp is, seen from the tip: [p, log R] of X_EE_d, m and rad, shape (6,).
+        q: configuration, shape (nq,).
+        gap: pose of the target in the tip's frame: [p, log R] of X_EE_d, m and rad, shape (6,).
     """
 
     q: Array
@@ -30,71 +30,78 @@ class IKSolution(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """Between tip and grasp, m."""
+        """Distance between tip and target, m."""
         return float(np.linalg.norm(self.gap[:3]))
 
     @property
     def angle(self) -> float:
-        """Between tip and grasp, rad."""
+        """Angle between tip and target, rad."""
         return float(np.linalg.norm(self.gap[3:]))
 
     @property
     def is_closed(self) -> bool:
-        """Whether nothing is left."""
+        """Whether the tip is at the target."""
         return bool(np.abs(self.gap).max() < CLOSED)
 
 
 _FINISHED = 1e-13
 _STALLED = 1e-6
 _LONGEST_STEP = 0.5
-_LONGEST_SLIDE = 0.3
+_LONGEST_NULL_SPACE_STEP = 0.3
 _STEPS_BACK = 12
-_RANK_CUT = 1e-6
-_EVEN = np.ones(6)
+_LONGEST_FOLLOW_STEP = 0.2
+_HALVINGS = 6
+_FOLLOW_STEPS = 40
+_FOLLOW_DESCENTS = 2
+_FOLLOW_ANGLE_WEIGHT = 1e-3
+_RANK_TOLERANCE = 1e-6
+_UNWEIGHTED = np.ones(6)
 
 
 class IKSolver:
-    """Searches on the kinematics of one arm, with Pinocchio called directly: some 30 microseconds a step.
+    """Inverse-kinematics solver of one arm; a step takes some 30 microseconds.
 
     Attributes:
         model: the arm's Pinocchio model.
-        ranges: its joint limits.
-        is_redundant: whether the arm can move while its tip stands still.
+        limits: its joint limits.
+        is_redundant: whether its Jacobian has a null space.
     """
 
     def __init__(self, arm: ArmModel) -> None:
         self.model = arm.model
-        self.ranges = JointRanges(arm.model)
+        self.limits = arm.limits
         self._data = arm.model.createData()
         self._tip = frame_id(arm.model, "tip")
         X_JE, X_JP = (arm.model.frames[frame_id(arm.model, name)].placement for name in ("tip", "payload"))
         self._X_PE = X_JP.actInv(X_JE)
-        A = self._gap(pin.SE3.Identity(), self.ranges.spread(1)[0], _EVEN)[1]
-        self.is_redundant = bool(np.linalg.matrix_rank(A, tol=_RANK_CUT) < self.model.nv)
+        A = self._gap(pin.SE3.Identity(), self.limits.random_configurations(1)[0], _UNWEIGHTED)[1]
+        self.is_redundant = bool(np.linalg.matrix_rank(A, tol=_RANK_TOLERANCE) < self.model.nv)
 
-    def grasp(self, X_WP: Array) -> pin.SE3:
-        """Return where the tip must be to hold the payload at a pose: X_WE_d = X_WP X_PE."""
+    def tip_target(self, X_WP: Array) -> pin.SE3:
+        """Return the tip pose that holds the payload at X_WP: X_WE_d = X_WP X_PE."""
         return pin.SE3(X_WP) * self._X_PE
 
     def distance(self, q: Array, near: Array) -> float:
-        """Return the length of the way from one configuration to another, rad."""
+        """Return the joint-space distance between two configurations, rad."""
         return float(np.linalg.norm(pin.difference(self.model, q, near)))
 
-    def descend(
+    def solve(
         self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200
     ) -> IKSolution:
-        """Return where Levenberg-Marquardt ends: dq = A^T (A A^T + lambda I)^-1 e, e the weighted gap and A = -de/dv.
+        """Return the solution by Levenberg-Marquardt from an initial guess.
+
+        dq = A^T (A A^T + lambda I)^-1 e, with e the weighted gap and A = -de/dv.
 
         Args:
-            target: wanted tip pose X_WE_d.
-            q: where to start, shape (nq,).
-            limited: keep the joints that limits can stop within them.
-            angle_weight: of the angle against the distance, m/rad. Far below one, the distance is made least
-                first.
-            steps: at most.
+            target: desired tip pose X_WE_d.
+            q: initial guess, shape (nq,).
+            limited: whether to stay within the joint limits that restrict the workspace.
+            angle_weight: of the angle relative to the distance, m/rad. Far below one, the distance is
+                minimised first.
+            steps: largest number of steps.
         """
         weights = np.repeat((1.0, angle_weight), 3)
-        q = self.ranges.hold(q) if limited else q
+        q = self.limits.clip(q) if limited else q
         damping = 1e-3
         gap, A = self._gap(target, q, weights)
         size = float(gap @ gap)
@@ -102,9 +109,9 @@ class IKSolver:
             if size < _FINISHED**2 or damping > 1e8:
                 break
             if limited:
-                A = np.where(self.ranges.stopped(q, A.T @ gap), 0.0, A)
+                A = np.where(self.limits.at_limit(q, A.T @ gap), 0.0, A)
             q_next = pin.integrate(self.model, q, _damped_step(A, gap, damping))
-            q_next = self.ranges.hold(q_next) if limited else q_next
+            q_next = self.limits.clip(q_next) if limited else q_next
             gap_next, A_next = self._gap(target, q_next, weights)
             size_next = float(gap_next @ gap_next)
             if size_next < size:
@@ -116,63 +123,109 @@ class IKSolver:
                 damping *= 10.0
         return IKSolution(q, gap / weights)
 
-    def approach(self, target: pin.SE3, q: Array) -> IKSolution:
-        """Return the angles within the limits that come nearest to a grasp out of reach: least distance first, then least angle.
+    def nearest(self, target: pin.SE3, q: Array) -> IKSolution:
+        """Return the configuration within the limits nearest to a target out of reach.
 
-        The weight of the angle falls from descent to descent, so that the distance is made least to a
-        millionth.
+        The distance is minimised first, then the angle: the weight of the angle falls from solve to solve,
+        which minimises the distance to a millionth. Arguments as of solve.
         """
         for angle_weight in (1.0, 0.1, 0.01, 0.001):
-            landing = self.descend(target, q, angle_weight=angle_weight)
-            q = landing.q
-        return landing
+            solution = self.solve(target, q, angle_weight=angle_weight)
+            q = solution.q
+        return solution
 
-    def slide(
+    def null_space_descent(
         self, target: pin.SE3, q: Array, near: Array, *, limited: bool = True, steps: int = 60
     ) -> Array:
-        """Return the configuration nearest to another that self-motion leads to: dq = (I - A^+ A) (near - q).
+        """Return the configuration nearest to another by null-space motion, dq = (I - A^+ A) (near - q).
 
-        Every step is closed again by a descent, and taken only if it comes nearer.
+        Every step is followed by a solve that brings the tip back to the target, and is accepted only if it
+        reduces the distance.
 
         Args:
-            target: wanted tip pose X_WE_d.
-            q: a configuration that is closed there, shape (nq,).
-            near: the configuration to come near to, shape (nq,).
-            limited: keep the joints that limits can stop within them.
-            steps: at most.
+            target: desired tip pose X_WE_d.
+            q: a solution for the target, shape (nq,).
+            near: the configuration to approach, shape (nq,).
+            limited: whether to stay within the joint limits that restrict the workspace.
+            steps: largest number of steps.
         """
         gain, distance = 1.0, self.distance(q, near)
         for _ in range(steps):
-            step = self._self_motion(target, q, pin.difference(self.model, q, near), limited)
+            step = self._null_space_step(target, q, pin.difference(self.model, q, near), limited)
             length = float(np.linalg.norm(step))
             if length < _STALLED or gain < _STALLED:
                 break
-            moved = pin.integrate(self.model, q, step * min(gain, _LONGEST_SLIDE / length))
-            landing = self.descend(target, moved, limited=limited, steps=_STEPS_BACK)
-            distance_there = self.distance(landing.q, near)
-            if landing.is_closed and distance_there < distance:
-                q, distance, gain = landing.q, distance_there, min(1.0, 2.0 * gain)
+            moved = pin.integrate(self.model, q, step * min(gain, _LONGEST_NULL_SPACE_STEP / length))
+            solution = self.solve(target, moved, limited=limited, steps=_STEPS_BACK)
+            new_distance = self.distance(solution.q, near)
+            if solution.is_closed and new_distance < distance:
+                q, distance, gain = solution.q, new_distance, min(1.0, 2.0 * gain)
             else:
                 gain *= 0.25
         return q
 
-    def _self_motion(self, target: pin.SE3, q: Array, pull: Array, limited: bool) -> Array:
-        """Return the part of a pull that leaves the tip still, shape (nv,); limited: without the joints it would drive beyond a limit."""
-        A = self._gap(target, q, _EVEN)[1]
+    def follow(self, poses: Sequence[Array], q: Array, near: Array) -> list[IKSolution]:
+        """Return the solutions along a path, each continued from the one before, without joint limits.
+
+        If a pose is out of reach, the arm takes the nearest configuration, least distance first, and
+        continues from there. A redundant arm is drawn towards a posture, as by the posture term of its
+        controller.
+
+        Args:
+            poses: payload poses X_WP, each shape (4, 4), close to each other.
+            q: a solution for the first, shape (nq,).
+            near: the posture, shape (nq,).
+        """
+        solutions: list[IKSolution] = []
+        last, halvings = self.tip_target(poses[0]), _HALVINGS
+        for X_WP in poses:
+            target = self.tip_target(X_WP)
+            solution = self.follow_step(last, target, q, halvings)
+            if solution.is_closed and self.is_redundant:
+                q = self.null_space_descent(target, solution.q, near, limited=False, steps=_FOLLOW_DESCENTS)
+                solution = solution._replace(q=q)
+            solutions.append(solution)
+            last, q, halvings = target, solution.q, _HALVINGS if solution.is_closed else 0
+        return solutions
+
+    def follow_step(self, last: pin.SE3, target: pin.SE3, q: Array, halvings: int = _HALVINGS) -> IKSolution:
+        """Return the solution after a step of the target, which is halved until no joint moves far at once.
+
+        Args:
+            last: tip pose before the step.
+            target: tip pose after the step.
+            q: configuration before the step, shape (nq,).
+            halvings: largest number of halvings.
+        """
+        solution = self.solve(target, q, limited=False, steps=_FOLLOW_STEPS)
+        moved = float(np.abs(pin.difference(self.model, q, solution.q)).max())
+        if solution.is_closed and moved < _LONGEST_FOLLOW_STEP:
+            return solution
+        if halvings:
+            middle = pin.SE3.Interpolate(last, target, 0.5)
+            halfway = self.follow_step(last, middle, q, halvings - 1)
+            if halfway.is_closed:
+                return self.follow_step(middle, target, halfway.q, halvings - 1)
+        if solution.is_closed:
+            return solution
+        return self.solve(target, q, limited=False, angle_weight=_FOLLOW_ANGLE_WEIGHT, steps=_FOLLOW_STEPS)
+
+    def _null_space_step(self, target: pin.SE3, q: Array, pull: Array, limited: bool) -> Array:
+        """Return the null-space part of a pull, without the joints at a limit if limited, shape (nv,)."""
+        A = self._gap(target, q, _UNWEIGHTED)[1]
         stopped = np.zeros(len(pull), dtype=bool)
         while True:
             A_held, held = np.where(stopped, 0.0, A), np.where(stopped, 0.0, pull)
-            step: Array = held - np.linalg.pinv(A_held, rcond=_RANK_CUT) @ (A_held @ held)
-            further = self.ranges.stopped(q, step) & ~stopped
+            step: Array = held - np.linalg.pinv(A_held, rcond=_RANK_TOLERANCE) @ (A_held @ held)
+            further = self.limits.at_limit(q, step) & ~stopped
             if not (limited and further.any()):
                 return step
             stopped |= further
 
     def _gap(self, target: pin.SE3, q: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted gap [p, log R] of X_EE_d in tip axes and the Jacobian of its decrease, shapes (6,) and (6, nv)."""
-        pin.computeJointJacobians(
-            self.model, self._data, q
-        )  # computeFrameJacobian in local axes would leave the placements stale
+        """Return the weighted gap [p, log R] of X_EE_d in tip axes and -d(gap)/dv, shapes (6,), (6, nv)."""
+        # Not computeFrameJacobian, which in local axes does not update the placements.
+        pin.computeJointJacobians(self.model, self._data, q)
         X_EE_d = pin.updateFramePlacement(self.model, self._data, self._tip).actInv(target)
         J = pin.getFrameJacobian(self.model, self._data, self._tip, pin.LOCAL)
         gap = np.concatenate((X_EE_d.translation, pin.log3(X_EE_d.rotation)))
@@ -183,7 +236,7 @@ class IKSolver:
 
 
 def _damped_step(A: Array, gap: Array, damping: float) -> Array:
-    """Return dq = A^T (A A^T + damping I)^-1 gap, cut to a longest entry."""
+    """Return dq = A^T (A A^T + damping I)^-1 gap, scaled down to a largest entry."""
     gram = A @ A.T
     gram.flat[:: len(gram) + 1] += damping
     _, solution, _ = dposv(gram, gap)

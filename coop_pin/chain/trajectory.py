@@ -1,38 +1,45 @@
-"""The motion of a closed chain over time."""
+"""Motion of a closed chain: state, energy and trajectory, by Runge-Kutta steps with projection."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
-from coop_pin.chain.chain_dynamics import ChainState
-from coop_pin.chain.integrators import INTEGRATORS, RUNGE_KUTTA_NODES, configuration_space
+from coop_pin.arrays import Array, as_array, as_positive
+from coop_pin.chain.integrators import INTEGRATORS, configuration_space
+from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.projection import Projected
-from coop_pin.errors import (
-    ArgumentError,
-    IntegrationError,
-    MassMatrixError,
-    NotPositiveError,
-    OpenClosureError,
-)
+from coop_pin.chain.proximal_solver import ProximalSolver
+from coop_pin.errors import ArgumentError, IntegrationError, MassMatrixError, OpenClosureError
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 """(t, q, v) -> generalised force tau, N m and N, shape (nv,)."""
 
-Acceleration = Callable[[Array, Array, Array, int | None], Array]
 Project = Callable[[Array, Array, int | None], Projected]
 
 _ROUNDING = 1e-9
 _NO_POWERS = np.zeros(0)
 
 
+class ChainState(NamedTuple):
+    """State of a closed chain: configuration and velocity.
+
+    Attributes:
+        q: configuration, shape (nq,).
+        v: velocity, shape (nv,).
+    """
+
+    q: Array
+    v: Array
+
+
 class Trajectory(NamedTuple):
-    """A motion, sampled at every step.
+    """Motion sampled at every integration step.
 
     Attributes:
         time: s, shape (n,).
@@ -45,41 +52,62 @@ class Trajectory(NamedTuple):
     v: Array
 
 
-class Propagator:
-    """Carries a state along by Runge-Kutta 4.
+class Energy(NamedTuple):
+    """Mechanical energy, J.
 
-    The rank of the closures where a step begins holds for the step. Its stages stand a little off the
-    closures, where redundant rows of an over-constrained loop look independent and would hold the mechanism
-    fast.
+    Attributes:
+        kinetic: J.
+        potential: J.
+    """
+
+    kinetic: float
+    potential: float
+
+    @property
+    def total(self) -> float:
+        """Kinetic plus potential energy, J."""
+        return self.kinetic + self.potential
+
+
+class Propagator:
+    """Integration of a closed chain by Runge-Kutta 4, with projection onto the closures after every step.
+
+    The KKT solver keeps the rank that the closures have at the beginning of a step for the whole step: the
+    stages lie slightly off the closures, and there the redundant rows of an over-constrained loop look
+    independent and would lock the mechanism.
     """
 
     def __init__(
-        self, model: pin.Model, acceleration: Acceleration, torque: TorqueLaw | None, project: Project | None
+        self,
+        model: pin.Model,
+        solver: ProximalSolver | KKTSolver,
+        torque: TorqueLaw | None,
+        project: Project | None,
     ) -> None:
-        """Take the parts of a motion.
+        """Prepare the integration.
 
         Args:
             model: the tree.
-            acceleration: (q, v, tau, rank) -> a.
-            torque: the generalised force; none when None.
-            project: (q, v, rank) -> state on the closures, done after every step; nothing is done when None.
+            solver: of the constrained dynamics.
+            torque: the generalised force; zero when None.
+            project: (q, v, rank) -> state on the closures, called after every step; no projection when None.
 
         Raises:
-            ArgumentError: torque cannot be called.
+            ArgumentError: torque is not callable.
         """
         if torque is not None and not callable(torque):
             raise ArgumentError(f"torque is {torque!r}; it must be a function of (t, q, v), or None")
-        self._acceleration, self._torque, self._project = acceleration, torque, project
+        self._solver, self._torque, self._project = solver, torque, project
         self._integrator = INTEGRATORS["rk4"](configuration_space(model))
-        self._nv, self._none = int(model.nv), np.zeros(model.nv)
-        self._errors = np.geterr()  # the caller's, in which the caller's torque runs
+        self._nv, self._zero = int(model.nv), np.zeros(model.nv)
+        self._caller_errstate = np.geterr()  # torque is user code and runs under the caller's settings
 
     def run(self, start: ChainState, rank: int | None, time: Array) -> Trajectory:
         """Return the motion from a state at the given times.
 
         Args:
             start: the state at the first time.
-            rank: of the closures there; unknown when None.
+            rank: of the closures there; None if unknown.
             time: s, shape (n,).
 
         Raises:
@@ -93,41 +121,40 @@ class Propagator:
                 with np.errstate(over="raise", invalid="raise"):
                     q, v, rank = self._step(t, h, q, v, rank)
             except (OpenClosureError, MassMatrixError, FloatingPointError, np.linalg.LinAlgError) as error:
-                raise IntegrationError(
-                    t, h, str(error), Trajectory(*(part[: k + 1] for part in motion))
-                ) from error
+                motion = Trajectory(*(part[: k + 1] for part in motion))
+                raise IntegrationError(t, h, str(error), motion) from error
             motion.q[k + 1], motion.v[k + 1] = q, v
         return motion
 
     def _step(
         self, t: float, h: float, q: Array, v: Array, rank: int | None
     ) -> tuple[Array, Array, int | None]:
-        nodes = iter(RUNGE_KUTTA_NODES)
+        acceleration = self._solver.acceleration
+        if isinstance(self._solver, KKTSolver):
+            acceleration = partial(self._solver.acceleration, max_rank=rank)
 
-        def rate(q: Array, v: Array) -> tuple[Array, Array]:
-            return self._acceleration(q, v, self._force(t + next(nodes) * h, q, v), rank), _NO_POWERS
+        def rate(t: float, q: Array, v: Array) -> tuple[Array, Array]:
+            return acceleration(q, v, self._force(t, q, v)), _NO_POWERS
 
-        moved = self._integrator.step(rate, q, v, h)
+        moved = self._integrator.step(rate, t, q, v, h)
         if not np.isfinite(moved.v).all():
             raise FloatingPointError("the velocity is no longer finite")
         return (moved.q, moved.v, rank) if self._project is None else self._project(moved.q, moved.v, rank)
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         if self._torque is None:
-            return self._none
-        with np.errstate(**self._errors):
+            return self._zero
+        with np.errstate(**self._caller_errstate):
             return as_array("torque(t, q, v)", self._torque(t, q.copy(), v.copy()), self._nv)
 
 
 def time_grid(duration: float, step: float) -> Array:
-    """Return the times 0, step, 2 step, ... and duration itself; the last step is shorter where step does not divide duration.
+    """Return the times 0, step, 2 step, ... and duration; the last step may be shorter.
 
     Raises:
         ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than
             zero.
     """
-    for name, value in (("duration", duration), ("step", step)):
-        if not float(as_array(name, value)) > 0.0:
-            raise NotPositiveError(name, float(value))
+    duration, step = as_positive("duration", duration), as_positive("step", step)
     whole = int(np.ceil(duration / step * (1.0 - _ROUNDING)))
     return np.append(step * np.arange(whole), duration)

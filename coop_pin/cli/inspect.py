@@ -60,7 +60,7 @@ class Show:
         from coop_pin.description import Scenario
 
         scenario = Scenario.load(self.scenario)
-        print("\n".join(cell_summary(scenario.cell, scenario.start.matrix).lines()))
+        print(cell_summary(scenario.cell, scenario.start.matrix).summary())
         return OK
 
 
@@ -85,12 +85,12 @@ class Check:
         from coop_pin.description import Scenario
 
         scenario = Scenario.load(self.scenario)
-        found = reachability(scenario, self.poses)
-        print(found.text())
+        found = reachability(scenario, poses=self.poses)
+        print(found.summary())
         if not found.ok or scenario.controller.kind == "user":
             return OK if found.ok else FAILED
         held = sampled_stability(scenario)
-        print(f"  {held.text()}")
+        print(f"  {held.summary()}")
         return OK if held.ok else FAILED
 
 

@@ -27,14 +27,17 @@ class Clock(Description):
         return 1.0 / self.rate_hz
 
 
+Formulation = Literal["auto", "proximal", "kkt"]
+
+
 class PlantOptions(Description):
     """Formulation and integration of the plant.
 
     Attributes:
         payload: "welded" to the first arm's tip (m - 1 loop closures for m arms, faster) or "free" (a
             floating body, m loop closures).
-        formulation: "proximal" (pinocchio.constraintDynamics) or "kkt" (an independent solver of the KKT
-            system, slower, for verification).
+        formulation: "proximal" (pinocchio.constraintDynamics), "kkt" (an independent solver of the KKT
+            system, slower, for verification), or "auto", which is "proximal" for rigid grasps.
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: Baumgarte stabilisation of the loop closures.
         project: when positions and velocities are projected onto the closed chain: at the "start" only, or
@@ -42,7 +45,7 @@ class PlantOptions(Description):
     """
 
     payload: Literal["welded", "free"] = "welded"
-    formulation: Literal["proximal", "kkt"] = "proximal"
+    formulation: Formulation = "auto"
     integrator: Literal["rk4", "semi-implicit-euler"] = "rk4"
     stabilisation: Stabilisation = Stabilisation()
     project: Literal["start", "step"] = "start"

@@ -1,10 +1,9 @@
-"""One arm alone: mass matrix, forward and inverse dynamics, payload kinematics, from Pinocchio."""
+"""Dynamics and kinematics of one arm with Pinocchio; payload kinematics without dynamics for controllers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -12,141 +11,57 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
-from coop_pin.description.urdf import UrdfFile, load_checked
-from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import LockedJointError, MimicJointError, UnsupportedJointError
+from coop_pin.description.cell import Cell
 from coop_pin.model.joint_angles import JointAngles
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import (
     add_frame,
     append_arm,
     empty_model,
     frame_id,
-    joint_id,
-    model_from_text,
+    load_arm_model,
     symmetric,
+    without_inertia,
 )
 from coop_pin.spatial import inverse_pose
-
-_SLACK = 1e-9
-_DRIVEN = ("revolute", "continuous", "prismatic")
-
-
-class UnreducedArm(NamedTuple):
-    """An arm before its joints are locked.
-
-    Attributes:
-        model: all joints of the URDF.
-        text: the URDF.
-        locked: indices of the joints to lock.
-        configuration: at which they are locked, shape (nq,).
-    """
-
-    model: pin.Model
-    text: str
-    locked: list[int]
-    configuration: Array
-
-
-def load_arm_model(arm: Arm) -> pin.Model:
-    """Return the model of an arm by itself, with its base at the origin: a copy, which the caller may change.
-
-    Models are built several times for a run; the file is read again only when it has changed.
-
-    Raises:
-        UrdfNotFoundError: the URDF does not exist.
-        UrdfError: it has structural defects; LockedJointError: a locked joint is out of its limits, or none
-            is left;
-            MimicJointError: joints mimic others and ``mimic`` refuses them; UnsupportedJointError: a joint is
-                planar or floating.
-        JointNotFoundError: a locked joint does not exist.
-    """
-    file = arm.file
-    version = file.path.stat()
-    return _reduced(
-        file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore"
-    ).copy()
-
-
-def load_unreduced_arm(arm: Arm) -> UnreducedArm:
-    """Return the model of an arm with all its joints, and which of them are locked where; raises as load_arm_model."""
-    return _whole(arm.file, arm.locked, arm.mimic == "ignore")
-
-
-@lru_cache(maxsize=64)
-def _reduced(
-    file: UrdfFile, version: tuple[int, int], locked: tuple[tuple[str, float], ...], ignore_mimic: bool
-) -> pin.Model:  # noqa: ARG001
-    whole = _whole(file, dict(locked), ignore_mimic)
-    return (
-        pin.buildReducedModel(whole.model, whole.locked, whole.configuration) if whole.locked else whole.model
-    )
-
-
-def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:
-    text = load_checked(file)
-    robot, model = Robot(text), model_from_text(text, file.path.name)
-    angles = robot.locked(locked)
-    q = pin.neutral(model)
-    for joint, angle in angles.items():
-        _lock(model, q, joint, angle)
-    moving = robot.unlocked(locked)
-    if not moving:
-        raise LockedJointError(
-            f"locks every joint of {file.path.name}; an arm must have one that moves", "locked"
-        )
-    for joint in moving:
-        if robot.joints[joint] not in _DRIVEN:
-            raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
-    followers = [joint for joint in moving if joint in robot.mimics]
-    if followers and not ignore_mimic:
-        raise MimicJointError(file.path.name, followers, "mimic")
-    return UnreducedArm(model, text, [joint_id(model, joint) for joint in angles], q)
-
-
-def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
-    index = joint_id(model, joint)
-    first, size = int(model.idx_qs[index]), int(model.nqs[index])
-    if size == 2:
-        q[first : first + 2] = np.cos(angle), np.sin(angle)
-    elif size > 2:
-        raise LockedJointError(
-            "has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}"
-        )
-    else:
-        lower, upper = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
-        if not lower - _SLACK <= angle <= upper + _SLACK:
-            raise LockedJointError(
-                f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
-            )
-        q[first] = angle
+from coop_pin.spatial.task_rows import TaskRows
 
 
 class ArmModel:
-    """Dynamics and kinematics of one arm standing in the world, in joint coordinates q, v, tau.
+    """Dynamics and kinematics of one arm fixed in the world, in coordinates q, v, tau, without friction.
 
-    Friction is not part of it. The payload frame P is rigidly attached to the tip: X_EP.
+    The payload frame P is rigidly attached to the tip E.
 
     Attributes:
-        model: the Pinocchio model.
+        name: of the arm, for error messages.
+        model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with
+            "arm/".
         nq: size of q.
         nv: size of v.
-        drive: drive matrix T with q_drive = T q, shape (nv, nv).
+        drive: drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
     """
 
     def __init__(
-        self, arm: Arm, X_PE: ArrayLike | None = None, gravity: ArrayLike = (0.0, 0.0, -9.81)
+        self,
+        arm: Arm,
+        X_PE: ArrayLike | None = None,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        *,
+        name: str = "arm",
     ) -> None:
         """Build the model.
 
         Args:
             arm: the description.
             X_PE: pose of the tip in the payload frame, shape (4, 4); identity when omitted.
-            gravity: m/s^2, in world axes.
+            gravity: m/s^2, in world axes, shape (3,).
+            name: of the arm, for error messages.
 
         Raises:
             UrdfNotFoundError, UrdfError: the URDF is missing or defective.
             FrameNotFoundError: the tip is not in the URDF.
         """
+        self.name, self._arm = name, arm
         alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
@@ -158,12 +73,39 @@ class ArmModel:
         self.drive = arm.drive_matrix(self.nv)
         self._angles = JointAngles(self.model)
 
+    @classmethod
+    def from_cell(cls, cell: Cell, name: str) -> Self:
+        """Return the model of an arm of a cell with its grasp, gravity and name; raises as __init__."""
+        return cls(cell.arms[name], cell.grasps[name].matrix, cell.gravity, name=name)
+
+    @cached_property
+    def limits(self) -> JointLimits:
+        """Joint, velocity and effort limits.
+
+        Raises:
+            FieldShapeError: the number of torque limits differs from the number of joints.
+        """
+        return JointLimits(self._arm, self.name)
+
     def configuration(self, angles: ArrayLike) -> Array:
-        """Return q at joint angles (one for each joint, continuous ones included), rad or m, shape (nq,)."""
+        """Return q at joint angles, one for each joint (also for continuous ones), rad or m, shape (nq,)."""
         return self._angles.configuration(self._v("angles", angles))
 
+    def posture(self, posture: ArrayLike | None) -> Array:
+        """Return the configuration of a posture, shape (nq,).
+
+        Args:
+            posture: joint angles, shape (nv,), or a configuration, shape (nq,); all angles zero when None.
+        """
+        if posture is None:
+            return np.array(pin.neutral(self.model))
+        argument = f"posture of arm {self.name!r}"
+        if np.shape(posture) == (self.nv,):
+            return self._angles.configuration(as_array(argument, posture, self.nv))
+        return np.array(pin.normalize(self.model, as_array(argument, posture, self.nq)))
+
     def joint_angles(self, q: ArrayLike) -> Array:
-        """Return the joint angles of a configuration, those of continuous joints between -pi and pi, shape (nv,)."""
+        """Return the joint angles of q, rad or m, of continuous joints between -pi and pi, shape (nv,)."""
         return self._angles.of(self._q(q))
 
     def mass_matrix(self, q: ArrayLike) -> Array:
@@ -177,7 +119,9 @@ class ArmModel:
     def forward_dynamics(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6
     ) -> Array:
-        """Return a = M^-1 (tau - h + J_WP^T F_EP_W) by ABA, rad/s^2, shape (nv,): eq. (4) of Gueaieb et al. (2007).
+        """Return a = M^-1 (tau - h + J_WP^T F_EP_W) by ABA, rad/s^2, shape (nv,).
+
+        Gueaieb et al. (2007), eq. (4).
 
         Args:
             q: joint angles, shape (nq,).
@@ -200,7 +144,7 @@ class ArmModel:
         return self._frame_pose(q, self._tip)
 
     def payload_pose(self, q: ArrayLike) -> Array:
-        """Return X_WP through this arm: phi_i(q_i) of eq. (1), shape (4, 4)."""
+        """Return X_WP from the kinematics of this arm: phi_i(q_i) of eq. (1), shape (4, 4)."""
         return self._frame_pose(q, self._payload)
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
@@ -212,7 +156,7 @@ class ArmModel:
         )
 
     def payload_acceleration_bias(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return Jdot v, the part of d/dt V_WP that needs no joint acceleration (eq. (3)), shape (6,)."""
+        """Return Jdot v, the part of d/dt V_WP without joint accelerations (eq. (3)), shape (6,)."""
         pin.forwardKinematics(self.model, self._data, self._q(q), self._v("v", v), np.zeros(self.nv))
         return pin.getFrameClassicalAcceleration(
             self.model, self._data, self._payload, pin.LOCAL_WORLD_ALIGNED
@@ -227,3 +171,36 @@ class ArmModel:
 
     def _v(self, name: str, v: ArrayLike) -> Array:
         return as_array(name, v, self.nv)
+
+
+class PayloadKinematics(NamedTuple):
+    """Pose and Jacobian of the payload from the kinematics of one arm.
+
+    Attributes:
+        pose: X_WP, shape (4, 4).
+        jacobian: J_phi with V_WP = J_phi v_drive, task rows, shape (k_0, nv).
+    """
+
+    pose: Array
+    jacobian: Array
+
+
+class ArmKinematics:
+    """Forward kinematics and payload Jacobian of one arm, from a copy of its model without inertias.
+
+    The payload frame is displaced by the arm's calibration error, which the arm does not know of.
+    """
+
+    def __init__(self, arm: Arm, X_PE: Array, rows: TaskRows) -> None:
+        arm_model = ArmModel(arm, X_PE @ inverse_pose(arm.calibration_error.matrix))
+        self._model = without_inertia(arm_model.model)
+        self._data = self._model.createData()
+        self._payload = frame_id(self._model, "payload")
+        self._rows = rows
+        self._to_joint_rates = np.linalg.inv(arm_model.drive)
+
+    def view(self, q: Array) -> PayloadKinematics:
+        """Return the payload pose and Jacobian at q, shape (nq,)."""
+        J = pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
+        pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
+        return PayloadKinematics(pose, self._rows.select(J).dot(self._to_joint_rates))

@@ -1,9 +1,8 @@
-"""A cell as one Pinocchio tree: arms side by side, and the payload welded at the first tip or floating free."""
+"""Pinocchio tree of a cell: its arms, and the payload welded to the first tip or on a free-flyer joint."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -11,100 +10,102 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
-from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_angles import JointAngles
-from coop_pin.model.pinocchio_model import add_frame, append_arm, empty_model, frame_id, joint_id
+from coop_pin.model.pinocchio_model import (
+    add_frame,
+    append_arm,
+    empty_model,
+    frame_id,
+    joint_id,
+    load_arm_model,
+)
 from coop_pin.spatial import inverse_pose
+
+PayloadAttachment: TypeAlias = Literal["welded", "free"]
 
 
 class ArmPlace(NamedTuple):
-    """Where an arm sits in the tree.
+    """Position of an arm in the tree of a cell.
 
     Attributes:
-        name: the arm.
-        q: its entries of q.
-        v: its entries of v.
+        name: of the arm.
+        q_slice: its entries of q.
+        v_slice: its entries of v.
         tip: index of its tip frame.
         drive: drive matrix T, shape (nv, nv).
-        angles: reads joint angles from its entries of q.
+        angles: converts between its joint angles and its entries of q.
     """
 
     name: str
-    q: slice
-    v: slice
+    q_slice: slice
+    v_slice: slice
     tip: int
     drive: Array
     angles: JointAngles
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's joints in its URDF, in the order of v."""
+        return tuple(name.removeprefix(f"{self.name}/") for name in self.angles.names)
+
 
 class CellModel:
-    """The tree of a cell before its closures.
+    """Pinocchio tree of a cell, without its loop closures.
 
     Frames: ``<arm>/<frame of the URDF>``, ``<arm>/grasp`` (the tip E), ``payload`` (P) and ``payload/<arm>``
-    (where the arm grips).
+    (the grasp of an arm on the payload).
 
     Attributes:
         model: the Pinocchio model.
-        arms: where each arm sits.
-        closed_by_tree: names of arms whose grasp the tree itself holds (the first, when the payload is
+        arms: position of each arm in the tree.
+        closed_by_tree: names of the arms whose grasp is a weld in the tree (the first, if the payload is
             welded).
         payload_frame: index of frame P.
-        payload_joint: the joint that carries the payload.
+        payload_joint: index of the joint that carries the payload.
+        payload_inertia: inertia of the payload in its own frame.
     """
 
-    def __init__(
-        self,
-        cell: Cell,
-        payload_joint: int,
-        model: pin.Model,
-        X_joint_payload: pin.SE3,
-        rooted_at: str | None,
-    ) -> None:
-        self.model, self.payload_joint, self._X_joint_payload = model, payload_joint, X_joint_payload
-        self.closed_by_tree = () if rooted_at is None else (rooted_at,)
-        self._carrier_inertia = model.inertias[payload_joint].copy()
-        self.payload_frame = add_frame(model, "payload", payload_joint, X_joint_payload)
+    def __init__(self, cell: Cell, payload: PayloadAttachment) -> None:
+        """Build the tree.
+
+        Args:
+            cell: the description.
+            payload: "welded" to the first arm's tip: m - 1 grasps need closures; or "free", on a free-flyer
+                joint: all m grasps need closures.
+        """
+        self.model = model = _arms_tree(cell)
+        first = next(iter(cell.arms))
+        if payload == "free":
+            self.closed_by_tree: tuple[str, ...] = ()
+            self._X_JP = pin.SE3.Identity()
+            joint = model.addJoint(0, pin.JointModelFreeFlyer(), self._X_JP, "payload")
+        else:
+            self.closed_by_tree = (first,)
+            tip = model.frames[frame_id(model, f"{first}/grasp")]
+            self._X_JP = tip.placement * pin.SE3(inverse_pose(cell.grasps[first].matrix))
+            joint = tip.parentJoint
+        self.payload_joint = int(joint)
+        self._carrier_inertia = model.inertias[self.payload_joint].copy()
+        self.payload_frame = add_frame(model, "payload", self.payload_joint, self._X_JP)
         for name in cell.arms:
-            add_frame(
-                model, f"payload/{name}", payload_joint, X_joint_payload * pin.SE3(cell.grasps[name].matrix)
-            )
+            X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
+            add_frame(model, f"payload/{name}", self.payload_joint, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
         self.set_payload(cell.payload)
 
     def set_payload(self, payload: Payload) -> None:
-        """Give the payload another mass and inertia, at once."""
+        """Set mass and inertia of the payload in the model, which is changed in place."""
         self.payload_inertia = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
-        self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_joint_payload.act(
-            self.payload_inertia
-        )
+        self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_JP.act(self.payload_inertia)
 
     def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
-        """Return q of the tree from each arm's entries of q and the payload pose."""
+        """Return q of the tree from each arm's configuration and the payload pose X_WP."""
         q = pin.neutral(self.model)
         for arm, configuration in zip(self.arms, arm_configurations, strict=True):
-            q[arm.q] = configuration
+            q[arm.q_slice] = configuration
         if not self.closed_by_tree:
             q[self.model.idx_qs[self.payload_joint] :][:7] = pin.SE3ToXYZQUAT(pin.SE3(X_WP))
         return q
-
-
-def welded_cell_model(cell: Cell) -> CellModel:
-    """Return the tree with the payload welded at the first arm's tip: m - 1 grasps remain to be closed."""
-    model = _arms_tree(cell)
-    first = next(iter(cell.arms))
-    tip = model.frames[frame_id(model, f"{first}/grasp")]
-    X_EP = pin.SE3(inverse_pose(cell.grasps[first].matrix))
-    return CellModel(cell, int(tip.parentJoint), model, tip.placement * X_EP, rooted_at=first)
-
-
-def free_cell_model(cell: Cell) -> CellModel:
-    """Return the tree with the payload on a free-flyer joint: all m grasps remain to be closed."""
-    model = _arms_tree(cell)
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "payload")
-    return CellModel(cell, int(joint), model, pin.SE3.Identity(), rooted_at=None)
-
-
-CELL_MODELS: dict[str, Callable[[Cell], CellModel]] = {"welded": welded_cell_model, "free": free_cell_model}
 
 
 def _arms_tree(cell: Cell) -> pin.Model:
@@ -113,7 +114,7 @@ def _arms_tree(cell: Cell) -> pin.Model:
         alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)].copy()
         for frame in alone.frames:
-            if frame.name == "grasp":  # a link of the URDF
+            if frame.name == "grasp":  # a frame of the URDF, which must not hide the tip's
                 frame.name = "urdf/grasp"
         add_frame(alone, "grasp", tip.parentJoint, tip.placement)
         model = append_arm(model, alone, name, arm.base.matrix)

@@ -1,4 +1,4 @@
-"""The friction of an arm: where it acts and how strongly."""
+"""Viscous and Coulomb friction of an arm."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Arm, JointFriction
-from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_limits import per_joint
+from coop_pin.model.pinocchio_model import load_arm_model
 
 
 class Friction(NamedTuple):
-    """``tau = -A^T (viscous w + coulomb tanh(w / coulomb_velocity))`` with ``w = A v``.
+    """Coefficients of ``tau = -A^T (viscous w + coulomb tanh(w / coulomb_velocity))`` with ``w = A v``.
 
     Attributes:
         axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape
@@ -30,14 +30,14 @@ class Friction(NamedTuple):
 
 
 def friction(arm: Arm, name: str = "arm") -> Friction:
-    """Return the friction of an arm: as described, or the URDF's <dynamics>, which acts at the joints.
+    """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.
 
     Args:
         arm: the description.
-        name: the arm, for messages.
+        name: its name in the cell, for the path in error messages.
 
     Raises:
-        FieldShapeError: a coefficient does not fit the arm.
+        FieldShapeError: the number of coefficients differs from the number of joints.
     """
     model, chosen = load_arm_model(arm), arm.friction
     joints = int(model.nv)

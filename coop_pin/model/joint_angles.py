@@ -1,4 +1,4 @@
-"""One angle for each joint of an arm, where Pinocchio's q holds a cosine and a sine for a continuous joint."""
+"""Joint angles of an arm and their entries in q: Pinocchio stores cosine and sine of a continuous joint."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ _TURN = 2.0 * np.pi
 
 
 class JointAngles:
-    """The angles of an arm's joints, rad (m for a prismatic one), and the configuration entries that hold them.
+    """Conversion between the joint angles of an arm, rad (m for a prismatic joint), and its entries of q.
 
     Attributes:
         names: of the joints.
-        entry: where each joint begins in the arm's entries of q, shape (k,).
-        is_vector: whether q is the angles themselves.
-        continuous: which angles belong to continuous joints, shape (k,).
-        revolute: which belong to revolute joints, shape (k,).
+        units: "rad" or "m" for each joint.
+        entry: index of each joint's first entry in the arm's part of q, shape (k,).
+        is_vector: whether q consists of the angles themselves.
+        continuous: which joints are continuous, shape (k,).
+        revolute: which joints are revolute, shape (k,).
     """
 
     def __init__(self, model: pin.Model, first: int = 1, last: int | None = None) -> None:
         """Read the joints of an arm.
 
         Args:
-            model: the arm alone, or a tree that holds it.
+            model: model of the arm, or of a tree that contains it.
             first: index of its first joint.
             last: index of its last joint; that of the model when omitted.
         """
@@ -35,11 +36,12 @@ class JointAngles:
         self.continuous = np.array([model.nqs[joint] == 2 for joint in joints])
         kinds = [str(model.joints[joint].shortname()) for joint in joints]
         self.revolute = np.array([kind.startswith("JointModelR") for kind in kinds]) & ~self.continuous
+        self.units = tuple(np.where(self.revolute | self.continuous, "rad", "m").tolist())
         self.is_vector = not self.continuous.any()
         self._nq = len(joints) + int(self.continuous.sum())
 
     def of(self, q: Array) -> Array:
-        """Return the angles of configurations; those of continuous joints lie between -pi and pi.
+        """Return the angles of configurations, those of continuous joints between -pi and pi.
 
         Args:
             q: the arm's entries, shape (..., nq).
@@ -54,16 +56,16 @@ class JointAngles:
         return angles
 
     def near(self, q: Array, reference: Array) -> Array:
-        """Return the angles of a configuration, those of continuous joints within half a turn of a reference, shape (k,)."""
+        """Return the angles of q, of continuous joints within half a turn of a reference, shape (k,)."""
         angles = self.of(q)
         return np.where(self.continuous, reference + (angles - reference + np.pi) % _TURN - np.pi, angles)
 
     def along(self, q: Array, reference: Array) -> Array:
-        """Return the angles of configurations one after the other, shape (n, k): no continuous joint ever jumps.
+        """Return the angles of successive configurations with continuous joints unwrapped, shape (n, k).
 
         Args:
             q: the arm's entries, shape (n, nq).
-            reference: half a turn around which the first sample lies, shape (k,).
+            reference: the first sample lies within half a turn of it, shape (k,).
         """
         angles = self.of(q)
         if not self.is_vector:
@@ -72,7 +74,7 @@ class JointAngles:
         return angles
 
     def configuration(self, angles: Array) -> Array:
-        """Return the arm's entries of q at angles, shape (nq,)."""
+        """Return the arm's entries of q at given angles, shape (nq,)."""
         q = np.zeros(self._nq)
         q[self.entry] = angles
         cosines = self.entry[self.continuous]

@@ -1,9 +1,8 @@
-"""What an arm's URDF allows its joints, and its drives."""
+"""Joint, velocity and effort limits of an arm."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,47 +10,101 @@ import pinocchio as pin
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.arm import Arm
 from coop_pin.errors import FieldShapeError
-from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_angles import JointAngles
+from coop_pin.model.pinocchio_model import load_arm_model
+
+_WHOLE_TURN = 2.0 * math.pi
+_ROUND_OFF = 1e-9
+_AT_LIMIT = 1e-7
+_PERTURBATION = 0.5
 
 
-class JointLimits(NamedTuple):
-    """Limits of an arm, infinite where there are none.
+class JointLimits:
+    """Joint, velocity and effort limits of an arm, infinite if there is none.
 
-    Attributes:
-        lower: joint angles, rad or m, shape (k,).
-        upper: likewise.
-        velocity: joint rates, rad/s or m/s, shape (k,).
-        torque: drive torques at which the actuation saturates, N m, shape (k,).
-    """
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    torque: Array
-
-
-def joint_limits(arm: Arm, name: str = "arm") -> JointLimits:
-    """Return the limits of an arm.
-
-    A velocity or effort of zero is taken for "not stated", as many files mean it: no limit. Efforts of the
-    URDF are drive torques only where the drives turn the joints one by one; with a drive matrix they set no
+    A velocity or effort of zero in the URDF means "not stated", as in many files: no limit. Efforts of the
+    URDF are limits of the drive torques only if each drive moves one joint; with a drive matrix they set no
     limit.
 
-    Args:
-        arm: the description.
-        name: the arm, for messages.
+    Continuous joints have no position limits. A revolute joint reaches the same pose again after a whole
+    turn: if its range is a whole turn or more, every angle can be wrapped into it. Only narrower joints limit
+    the workspace.
 
-    Raises:
-        FieldShapeError: the torque limits do not fit the arm.
+    Attributes:
+        joints: names and units of the joints, and their positions in a configuration.
+        lower: smallest joint positions, rad or m, shape (k,).
+        upper: largest joint positions, rad or m, shape (k,).
+        velocity: largest joint speeds, rad/s or m/s, shape (k,).
+        torque: drive torques at which the actuators saturate, N m, shape (k,).
+        limited: joints whose position limits restrict the workspace, shape (k,).
     """
-    model = load_arm_model(arm)
-    angles = JointAngles(model)
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    bounded = ~angles.continuous
-    entries = angles.entry[bounded]
-    lower[bounded], upper[bounded] = model.lowerPositionLimit[entries], model.upperPositionLimit[entries]
-    return JointLimits(lower, upper, _stated(model.upperVelocityLimit), _torque_limits(arm, model, name))
+
+    def __init__(self, arm: Arm, name: str = "arm") -> None:
+        """Read the limits of an arm from its description and URDF.
+
+        Args:
+            arm: the description.
+            name: its name in the cell, for the path in error messages.
+
+        Raises:
+            FieldShapeError: the number of torque limits differs from the number of joints.
+            UrdfNotFoundError, UrdfError: the URDF is missing or defective.
+        """
+        self._model = model = load_arm_model(arm)
+        self.joints = joints = JointAngles(model)
+        self.lower = np.where(joints.continuous, -np.inf, model.lowerPositionLimit[joints.entry])
+        self.upper = np.where(joints.continuous, np.inf, model.upperPositionLimit[joints.entry])
+        self.velocity = _stated(model.upperVelocityLimit)
+        self.torque = _torque_limits(arm, model, name)
+        is_wide = joints.revolute & (self.upper - self.lower >= _WHOLE_TURN - _ROUND_OFF)
+        self.limited: Mask = ~(joints.continuous | is_wide)
+
+    def violation(self, q: Array) -> Array:
+        """Return by how much each joint exceeds its limits (signed; zero within), rad or m, shape (k,)."""
+        positions = self.joints.of(q)
+        violation = positions - np.clip(positions, self.lower, self.upper)
+        return np.where(np.abs(violation) > _ROUND_OFF, violation, 0.0)
+
+    def clip(self, q: Array) -> Array:
+        """Return q with the limited joints clipped to their limits, shape (nq,)."""
+        clipped, entries = q.copy(), self.joints.entry[self.limited]
+        clipped[entries] = np.clip(q[entries], self.lower[self.limited], self.upper[self.limited])
+        return clipped
+
+    def at_limit(self, q: Array, direction: Array) -> Mask:
+        """Return which limited joints are at a limit that a direction of v would exceed, shape (k,)."""
+        positions = self.joints.of(q)
+        at_lower, at_upper = positions <= self.lower + _AT_LIMIT, positions >= self.upper - _AT_LIMIT
+        return self.limited & ((at_lower & (direction < 0.0)) | (at_upper & (direction > 0.0)))
+
+    def wrap_near(self, q: Array, near: Array) -> Array:
+        """Return the same pose with revolute joints wrapped into their limits, near another configuration.
+
+        A joint that cannot be wrapped into its limits gets the angle with the least violation.
+        """
+        wrapped = q.copy()
+        for joint in np.flatnonzero(self.joints.revolute):
+            entry = self.joints.entry[joint]
+            angle = near[entry] + math.remainder(q[entry] - near[entry], _WHOLE_TURN)
+            wrapped[entry] = angle + _WHOLE_TURN * _turns(angle, self.lower[joint], self.upper[joint])
+        return wrapped
+
+    def random_configurations(self, count: int) -> list[Array]:
+        """Return uniformly distributed configurations within the limits; the seed is fixed."""
+        generator = np.random.default_rng(0)
+        lower = np.where(self.limited & np.isfinite(self.lower), self.lower, -math.pi)
+        upper = np.where(self.limited & np.isfinite(self.upper), self.upper, math.pi)
+        upper = np.maximum(lower, upper)
+        return [self.joints.configuration(generator.uniform(lower, upper)) for _ in range(count)]
+
+    def perturb(self, q: Array, count: int) -> list[Array]:
+        """Return q with normally distributed perturbations, 0.5 rad or m, clipped; the seed is fixed."""
+        generator = np.random.default_rng(0)
+        scale, size = _PERTURBATION, self._model.nv
+        return [
+            self.clip(pin.integrate(self._model, q, generator.normal(scale=scale, size=size)))
+            for _ in range(count)
+        ]
 
 
 def _stated(limits: Array) -> Array:
@@ -59,17 +112,17 @@ def _stated(limits: Array) -> Array:
 
 
 def _torque_limits(arm: Arm, model: pin.Model, name: str) -> Array:
-    nothing = np.full(model.nv, np.inf)
+    unlimited = np.full(model.nv, np.inf)
     if arm.torque_limits == "none":
-        return nothing
+        return unlimited
     if arm.torque_limits == "urdf":
         one_by_one = np.array_equal(arm.drive_matrix(model.nv), np.eye(model.nv))
-        return _stated(model.upperEffortLimit) if one_by_one else nothing
+        return _stated(model.upperEffortLimit) if one_by_one else unlimited
     return per_joint(np.array(arm.torque_limits, dtype=float), model.nv, f"cell.arms.{name}.torque_limits")
 
 
 def per_joint(values: Array, joints: int, path: str) -> Array:
-    """Return one value for each joint; a single one stands for all.
+    """Return one value for each joint, shape (joints,), from as many values or a single one.
 
     Raises:
         FieldShapeError: there are more or fewer values than joints.
@@ -79,98 +132,12 @@ def per_joint(values: Array, joints: int, path: str) -> Array:
     return np.full(joints, values) if values.ndim == 0 else values
 
 
-_WHOLE_TURN = 2.0 * math.pi
-_ROUND_OFF = 1e-9
-_AT_LIMIT = 1e-7
-_SCATTER = 0.5
-
-
-class JointRanges:
-    """The position limits of an arm's joints.
-
-    Continuous joints have none. A revolute joint stands the same after a whole turn: when its range is a
-    whole turn or more, every pose can be unwound into it, and only narrower joints can stop an arm.
-
-    Attributes:
-        names: the joints.
-        units: "rad" or "m" for each.
-        lower: rad or m, shape (nv,); minus infinity without a limit.
-        upper: likewise.
-        narrow: joints whose limits can stop the arm, shape (nv,).
-    """
-
-    def __init__(self, model: pin.Model) -> None:
-        joints = JointAngles(model)
-        self._model, self._joints = model, joints
-        self.names = tuple(name.removeprefix("arm/") for name in joints.names)
-        self.units = tuple(np.where(joints.revolute | joints.continuous, "rad", "m").tolist())
-        self.lower = np.where(joints.continuous, -np.inf, model.lowerPositionLimit[joints.entry])
-        self.upper = np.where(joints.continuous, np.inf, model.upperPositionLimit[joints.entry])
-        is_wide = joints.revolute & (self.upper - self.lower >= _WHOLE_TURN - _ROUND_OFF)
-        self.narrow: Mask = ~(joints.continuous | is_wide)
-        self._narrow_entries = joints.entry[self.narrow]
-
-    def values(self, q: Array) -> Array:
-        """Return the angle or length of every joint, rad or m, shape (nv,)."""
-        return self._joints.of(q)
-
-    def beyond(self, q: Array) -> Array:
-        """Return how far every joint stands beyond its limits, signed, rad or m, shape (nv,); zero within."""
-        values = self.values(q)
-        beyond = values - np.clip(values, self.lower, self.upper)
-        return np.where(np.abs(beyond) > _ROUND_OFF, beyond, 0.0)
-
-    def hold(self, q: Array) -> Array:
-        """Return q with the narrow joints brought to their nearest limit where they stand beyond it, shape (nq,)."""
-        held = q.copy()
-        held[self._narrow_entries] = np.clip(
-            q[self._narrow_entries], self.lower[self.narrow], self.upper[self.narrow]
-        )
-        return held
-
-    def stopped(self, q: Array, direction: Array) -> Mask:
-        """Return which narrow joints stand at a limit that a direction of v leads beyond, shape (nv,)."""
-        values = self.values(q)
-        at_lower, at_upper = values <= self.lower + _AT_LIMIT, values >= self.upper - _AT_LIMIT
-        return self.narrow & ((at_lower & (direction < 0.0)) | (at_upper & (direction > 0.0)))
-
-    def unwound(self, q: Array, near: Array) -> Array:
-        """Return the same pose with every revolute joint within its limits, and as near to another configuration as they allow.
-
-        A joint that cannot stand within its limits is left where it is least beyond them.
-        """
-        unwound = q.copy()
-        for joint in np.flatnonzero(self._joints.revolute):
-            entry = self._joints.entry[joint]
-            angle = near[entry] + math.remainder(q[entry] - near[entry], _WHOLE_TURN)
-            unwound[entry] = angle + _WHOLE_TURN * _turns(angle, self.lower[joint], self.upper[joint])
-        return unwound
-
-    def spread(self, count: int) -> list[Array]:
-        """Return configurations spread over the ranges, the same at every call."""
-        generator = np.random.default_rng(0)
-        lower = np.where(self.narrow & np.isfinite(self.lower), self.lower, -math.pi)
-        upper = np.where(self.narrow & np.isfinite(self.upper), self.upper, math.pi)
-        upper = np.maximum(lower, upper)
-        return [self._joints.configuration(generator.uniform(lower, upper)) for _ in range(count)]
-
-    def around(self, q: Array, count: int) -> list[Array]:
-        """Return configurations scattered around one, half a radian in each joint, the same at every call."""
-        generator = np.random.default_rng(0)
-        return [
-            self.hold(pin.integrate(self._model, q, generator.normal(scale=_SCATTER, size=self._model.nv)))
-            for _ in range(count)
-        ]
-
-
 def _turns(angle: float, lower: float, upper: float) -> int:
     """Return the fewest whole turns that bring an angle within limits, or nearest to them."""
     if lower - _ROUND_OFF <= angle <= upper + _ROUND_OFF:
         return 0
-    up, down = (
-        math.ceil((lower - angle - _ROUND_OFF) / _WHOLE_TURN),
-        math.floor((upper - angle + _ROUND_OFF) / _WHOLE_TURN),
-    )
+    up = math.ceil((lower - angle - _ROUND_OFF) / _WHOLE_TURN)
+    down = math.floor((upper - angle + _ROUND_OFF) / _WHOLE_TURN)
     if up <= down:
         return min(max(0, up), down)
     return up if (angle + up * _WHOLE_TURN) - upper < lower - (angle + down * _WHOLE_TURN) else down

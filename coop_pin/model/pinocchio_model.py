@@ -1,32 +1,50 @@
-"""The one door to Pinocchio models: every name resolved once, every silent failure a typed error."""
+"""Pinocchio models of arms and mechanisms from URDF, and safe access to their frames and joints.
+
+Pinocchio reports some mistakes, such as a wrong frame name, only by undefined behaviour; the functions of
+this module raise typed errors instead.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
-from coop_pin.description.urdf import find_urdf, load_checked, text_checked
+from coop_pin.description.arm import Arm
+from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArgumentError, FrameNotFoundError, JointNotFoundError, MimicJointError, UrdfError
+from coop_pin.errors import (
+    ArgumentError,
+    FrameNotFoundError,
+    JointNotFoundError,
+    LockedJointError,
+    MimicJointError,
+    UnsupportedJointError,
+    UrdfError,
+)
+
+_DRIVEN = ("revolute", "continuous", "prismatic")
+_SLACK = 1e-9
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
     """Return the Pinocchio model of checked URDF text.
 
-    Where a link and a joint share a name, which URDF allows, the frame of that name is the link's.
+    If a link and a joint share a name, which URDF allows, the frame of that name is the link's.
 
     Raises:
-        UrdfError: Pinocchio refuses it.
+        UrdfError: Pinocchio rejects it.
     """
     try:
         model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"Pinocchio refuses {name!r}: {error}") from None
+        raise UrdfError(f"Pinocchio rejects {name!r}: {error}") from None
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
         if frame.type != pin.FrameType.BODY and frame.name in links:
@@ -35,13 +53,15 @@ def model_from_text(text: str, name: str) -> pin.Model:
 
 
 def frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of a frame; Pinocchio's own look-up answers a wrong name with an index that corrupts memory.
+    """Return the index of a frame.
+
+    For an unknown name pin.Model.getFrameId returns an index beyond the last frame, which corrupts memory.
 
     Raises:
         FrameNotFoundError: no frame has that name.
     """
     if not model.existFrame(name):
-        # Links first, from the ends of the tree: who misspells a frame of an arm most often means its tip.
+        # Suggest links first, from the ends of the tree: a misspelt frame of an arm is most often its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
         raise FrameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
@@ -65,26 +85,26 @@ def add_frame(model: pin.Model, name: str, joint: int, X_joint_frame: pin.SE3) -
 
 
 def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin.Model:
-    """Return the tree with an arm standing at X_WB, its joints and frames named ``prefix/name``."""
+    """Return the tree with an arm based at X_WB added, its joints and frames named ``prefix/name``."""
     named = arm.copy()
     for joint in range(1, named.njoints):
         named.names[joint] = f"{prefix}/{named.names[joint]}"
     for frame in named.frames:
         frame.name = f"{prefix}/{frame.name}"
     joined = pin.appendModel(tree, named, 0, pin.SE3(X_WB))
-    joined.gravity = tree.gravity  # appendModel goes back to the Earth's
+    joined.gravity = tree.gravity  # appendModel resets it to the Earth's
     return joined
 
 
 def empty_model(gravity: tuple[float, ...] | Array) -> pin.Model:
-    """Return a model with nothing in it but gravity, m/s^2."""
+    """Return a model without joints and bodies, with the given gravity, m/s^2."""
     model = pin.Model()
     model.gravity.linear = np.array(gravity, dtype=float)
     return model
 
 
 def without_inertia(model: pin.Model) -> pin.Model:
-    """Return a copy that knows kinematics only: every inertia is zero, so that no dynamics can leak from it."""
+    """Return a copy for kinematics only: inertias and gravity are zero, so it contains no dynamics."""
     copy = model.copy()
     for joint in range(copy.njoints):
         copy.inertias[joint] = pin.Inertia.Zero()
@@ -93,22 +113,112 @@ def without_inertia(model: pin.Model) -> pin.Model:
 
 
 def symmetric(upper: Array) -> Array:
-    """Return the full matrix of which Pinocchio's crba fills the upper triangle."""
+    """Return the full symmetric matrix from its upper triangle, which is all that pin.crba fills."""
     triangle = np.triu(upper)
     return triangle + np.triu(upper, 1).T
 
 
+class UnreducedArm(NamedTuple):
+    """Model of an arm with all joints of its URDF, and the joints to lock.
+
+    Attributes:
+        model: all joints of the URDF.
+        text: the URDF.
+        locked: indices of the joints to lock.
+        configuration: at which they are locked, shape (nq,).
+    """
+
+    model: pin.Model
+    text: str
+    locked: list[int]
+    configuration: Array
+
+
+def load_arm_model(arm: Arm) -> pin.Model:
+    """Return the Pinocchio model of an arm with its base at the origin: a copy, which the caller may change.
+
+    Models are cached: a run builds several, and the file is read again only if it has changed.
+
+    Raises:
+        UrdfNotFoundError: the URDF does not exist.
+        UrdfError: it has structural defects.
+        LockedJointError: a joint is locked beyond its limits, or all joints are locked.
+        MimicJointError: it has mimic joints, and ``mimic`` refuses them.
+        UnsupportedJointError: a joint is planar or floating.
+        JointNotFoundError: a locked joint does not exist.
+    """
+    file = arm.file
+    version = file.path.stat()
+    key = (version.st_mtime_ns, version.st_size)
+    return _reduced(file, key, tuple(arm.locked.items()), arm.mimic == "ignore").copy()
+
+
+def load_unreduced_arm(arm: Arm) -> UnreducedArm:
+    """Return the model of an arm with all its joints, and those to lock; raises as load_arm_model."""
+    return _unreduced(arm.file, arm.locked, arm.mimic == "ignore")
+
+
+@lru_cache(maxsize=64)
+def _reduced(
+    file: UrdfFile,
+    version: tuple[int, int],  # noqa: ARG001  part of the cache's key
+    locked: tuple[tuple[str, float], ...],
+    ignore_mimic: bool,
+) -> pin.Model:
+    arm = _unreduced(file, dict(locked), ignore_mimic)
+    return pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
+
+
+def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:
+    text = load_checked(file)
+    robot, model = Robot(text), model_from_text(text, file.path.name)
+    angles, moving = robot.locked(locked), robot.unlocked(locked)
+    q = pin.neutral(model)
+    for joint, angle in angles.items():
+        _lock(model, q, joint, angle)
+    if not moving:
+        raise LockedJointError(
+            f"locks every joint of {file.path.name}; an arm must have one that moves", "locked"
+        )
+    for joint in moving:
+        if robot.joints[joint] not in _DRIVEN:
+            raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
+    followers = [joint for joint in moving if joint in robot.mimics]
+    if followers and not ignore_mimic:
+        raise MimicJointError(file.path.name, followers, "mimic")
+    return UnreducedArm(model, text, [joint_id(model, joint) for joint in angles], q)
+
+
+def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
+    """Write a locked joint's angle into q."""
+    index = joint_id(model, joint)
+    first, size = int(model.idx_qs[index]), int(model.nqs[index])
+    if size == 2:
+        q[first : first + 2] = np.cos(angle), np.sin(angle)
+    elif size > 2:
+        raise LockedJointError(
+            "has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}"
+        )
+    else:
+        lower, upper = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
+        if not lower - _SLACK <= angle <= upper + _SLACK:
+            raise LockedJointError(
+                f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
+            )
+        q[first] = angle
+
+
 def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False) -> pin.Model:
-    """Return the model of a URDF tree whose root link stands in the world.
+    """Return the model of a URDF tree whose root link is fixed in the world.
 
     Args:
         path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
         gravity: m/s^2, in world axes, shape (3,).
-        ignore_mimic: let joints that mimic others move on their own.
+        ignore_mimic: let mimic joints move independently.
 
     Raises:
         UrdfNotFoundError: there is no such file.
-        UrdfError: it has structural defects; MimicJointError: joints mimic others.
+        UrdfError: it has structural defects; MimicJointError: it has mimic joints.
         ShapeError, NotFiniteError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
@@ -124,7 +234,7 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
 
 
 def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
-    """Return the configuration with some joints at given angles and the others neutral, shape (nq,).
+    """Return the configuration with named joints at given positions and the others neutral, shape (nq,).
 
     Args:
         model: the tree.
@@ -132,15 +242,14 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
 
     Raises:
         JointNotFoundError: a joint does not exist.
-        ArgumentError: a joint has more than one angle.
+        ArgumentError: a joint has more than one degree of freedom.
     """
-    u = velocity_at(model, angles)
-    configuration: Array = pin.integrate(model, pin.neutral(model), u)
+    configuration: Array = pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
     return configuration
 
 
 def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
-    """Return the velocity with some joints at given rates and the others at rest, shape (nv,).
+    """Return the velocity with named joints at given rates and the others at rest, shape (nv,).
 
     Args:
         model: the tree.
@@ -148,14 +257,14 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
 
     Raises:
         JointNotFoundError: a joint does not exist.
-        ArgumentError: a joint has more than one rate.
+        ArgumentError: a joint has more than one degree of freedom.
     """
     v = np.zeros(model.nv)
     for name, rate in rates.items():
         joint = model.joints[joint_id(model, name)]
         if joint.nv != 1:
             raise ArgumentError(
-                f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v by hand"
+                f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v directly"
             )
         v[joint.idx_v] = as_array(name, rate)
     return v

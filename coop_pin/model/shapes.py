@@ -1,4 +1,4 @@
-"""Shapes to draw, as plain numbers, read from Pinocchio's geometry objects."""
+"""Visual shapes (box, cylinder, sphere, mesh) as plain numbers, read from Pinocchio's geometry objects."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ Shape: TypeAlias = Box | Cylinder | Sphere | Mesh
 
 
 def half_extents(shape: Shape) -> Array:
-    """Return half the edges of a box about the origin that holds the shape, m, shape (3,)."""
+    """Return half the edges of a box around the origin that contains the shape, m, shape (3,)."""
     match shape:
         case Box(size):
             return np.array(size) / 2.0
@@ -77,7 +77,7 @@ def half_extents(shape: Shape) -> Array:
 
 
 def shape_of(geometry: Any) -> Shape | None:
-    """Return the shape of one of Pinocchio's collision geometries; None for a kind that is not drawn."""
+    """Return the shape of a geometry object of Pinocchio; None for a kind that is not drawn."""
     reader = _READERS.get(type(geometry).__name__)
     return None if reader is None else reader(geometry)
 
@@ -103,7 +103,7 @@ def _mesh(geometry: Any) -> Mesh:
     return Mesh(np.array(geometry.vertices(), dtype=float), faces)
 
 
-# By name: the module of these classes has changed its own name from one Pinocchio to the next.
+# By name, because the module of these classes (coal, formerly hppfcl) depends on the version of Pinocchio.
 _READERS: dict[str, Callable[[Any], Shape]] = {
     "Box": _box,
     "Cylinder": _cylinder,
@@ -114,11 +114,11 @@ _READERS: dict[str, Callable[[Any], Shape]] = {
 
 
 def payload_shape(payload: Payload, scale: float = 1.0) -> Shape:
-    """Return the shape of a payload, centred at its ``shape_pose``; its box where the mesh cannot be read any more.
+    """Return the shape of a payload, centred at its ``shape_pose``; a box if its mesh cannot be read.
 
     Args:
         payload: the description.
-        scale: factor of its size.
+        scale: factor by which it is enlarged.
     """
     x, y, z = (scale * edge for edge in payload.size)
     if payload.shape == "cylinder":

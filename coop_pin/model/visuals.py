@@ -1,10 +1,10 @@
-"""What a cell's arms look like, and where their bodies are at given configurations."""
+"""Visual geometry of the arms of a cell, and poses of their bodies at given configurations."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,19 +14,18 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.errors import GeometryWarning
-from coop_pin.model.arm_model import UnreducedArm, load_unreduced_arm
-from coop_pin.model.cell_model import CELL_MODELS
-from coop_pin.model.pinocchio_model import joint_id
+from coop_pin.model.cell_model import CellModel, PayloadAttachment
+from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
 from coop_pin.model.shapes import Shape, shape_of
 
 
 class Visual(NamedTuple):
-    """One shape on a body.
+    """Visual shape on a body.
 
     Attributes:
         name: its name in the URDF, made unique by Pinocchio.
-        shape: the shape.
-        pose: of the shape in the body, shape (4, 4).
+        shape: box, cylinder, sphere or mesh.
+        pose: of the shape in the body's frame, shape (4, 4).
         colour: red, green, blue and opacity, from 0 to 1.
     """
 
@@ -37,10 +36,10 @@ class Visual(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Everything of an arm that moves with one joint; its frame is the joint's.
+    """All visual shapes of an arm that move with one joint; the body's frame is the joint's.
 
     Attributes:
-        name: ``<arm>/<joint>``, or ``<arm>/base`` for what stands still.
+        name: ``<arm>/<joint>``, or ``<arm>/base`` for the fixed part.
         visuals: its shapes.
     """
 
@@ -49,38 +48,34 @@ class Body(NamedTuple):
 
 
 class CellVisuals:
-    """The bodies of a cell's arms.
+    """Bodies of the arms of a cell, and their poses.
 
     Attributes:
-        bodies: those that have something to draw.
+        bodies: those with visual shapes.
         joints: names of the joints of each arm, in the order of its drives.
     """
 
-    def __init__(self, cell: Cell, payload: Literal["welded", "free"]) -> None:
+    def __init__(self, cell: Cell, payload: PayloadAttachment) -> None:
         """Read the visual geometry of every arm.
 
         Args:
             cell: the description.
-            payload: how the tree holds the payload, as in the scenario's plant: it fixes the layout of q.
+            payload: attachment of the payload, as in the scenario's plant options: it determines the layout
+                of q.
         """
-        tree = CELL_MODELS[payload](cell)
-        self.joints = {
-            place.name: tuple(name.removeprefix(f"{place.name}/") for name in place.angles.names)
-            for place in tree.arms
-        }
-        self._model = tree.model
+        cell_model = CellModel(cell, payload)
+        self.joints = {place.name: place.joint_names for place in cell_model.arms}
+        self._model = cell_model.model
         self._data = self._model.createData()
         self.bodies: tuple[Body, ...] = ()
         self._joints: list[int] = []
         self._base_poses: dict[int, Array] = {}
-        alike: dict[
-            Hashable, dict[str, tuple[Visual, ...]]
-        ] = {}  # arms of one kind are read once: meshes take their time
+        by_kind: dict[Hashable, dict[str, tuple[Visual, ...]]] = {}  # equal arms share their meshes
         for name, arm in cell.arms.items():
             kind = (arm.file, *arm.locked.items())
-            if kind not in alike:
-                alike[kind] = _visuals_by_joint(arm)
-            for joint, visuals in alike[kind].items():
+            if kind not in by_kind:
+                by_kind[kind] = _visuals_by_joint(arm)
+            for joint, visuals in by_kind[kind].items():
                 moving = joint != "universe"
                 if not moving:
                     self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(arm.base.matrix))
@@ -108,7 +103,7 @@ class CellVisuals:
 
 
 def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
-    """Return the shapes of an arm by the joint that moves them; "universe" for what stands still."""
+    """Return the shapes of an arm by the joint that moves them; "universe" for the fixed ones."""
     whole = load_unreduced_arm(arm)
     geometry = pin.GeometryModel()
     for part in _geometries(whole, [str(folder) for folder in arm.file.package_dirs], arm.urdf):
@@ -130,13 +125,10 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
 
 
 def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[Any]:
-    """Yield Pinocchio's visual geometry objects; where one cannot be read, those of the other links."""
+    """Yield Pinocchio's visual geometry objects; if one cannot be read, those of the other links."""
     try:
         yield from _build(whole.model, whole.text, folders)
-    except (
-        ValueError,
-        RuntimeError,
-    ):  # Pinocchio gives up on the whole file at the first bad mesh: go link by link
+    except (ValueError, RuntimeError):  # one bad mesh fails the whole file: read it link by link
         names = [
             link.get("name", "")
             for link in ElementTree.fromstring(whole.text).iter("link")
@@ -150,8 +142,7 @@ def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[
 
 
 def _build(model: pin.Model, text: str, folders: list[str]) -> list[Any]:
-    # Handing in the geometry model is the only way to hand in folders without a deprecation warning of pin
-    # 4.1.
+    # Without the geometry model as an argument, pin 4.1 warns that passing folders is deprecated.
     geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), folders)
     return list(geometry.geometryObjects)
 
@@ -166,4 +157,4 @@ def _only_visuals_of(name: str, text: str) -> str:
 
 
 def _warn(urdf: str, what: str, why: str) -> None:
-    warnings.warn(f"{what} of {urdf!r} is left out of the picture: {why}", GeometryWarning, stacklevel=2)
+    warnings.warn(f"{what} of {urdf!r} is not drawn: {why}", GeometryWarning, stacklevel=2)

@@ -53,7 +53,7 @@ class Transmission:
         viscous, coulomb, speeds = np.zeros((3, drives))
         for arm, start, end in zip(arms, edges[:-1], edges[1:], strict=True):
             rows, found = slice(start, end), friction(cell.arms[arm.name], arm.name)
-            self._map[rows, arm.v], axes[rows, arm.v] = arm.drive, found.axes
+            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, found.axes
             viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
         self._viscous = -axes.T @ np.diag(viscous) @ axes
         self._to_scaled_speed = axes / speeds[:, None]

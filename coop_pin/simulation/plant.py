@@ -42,14 +42,14 @@ class Plant:
             options: for the integrator and the projection.
             q: configuration on the closures, shape (nq,).
         """
-        model = chain.tree.model
-        self.chain, self.transmission = chain, Transmission(chain.cell, chain.tree.arms, model.nv)
+        model = chain.mechanism.model
+        self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
         self.q, self.v = q, np.zeros(model.nv)
         self.external, self.work = np.zeros(6), np.zeros(len(CHANNELS))
         self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
-        self._solve = chain.chain.solver.acceleration
+        self._solve = chain.mechanism.solver.acceleration
 
     def hold(self, force: Array) -> None:
         """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
@@ -72,16 +72,16 @@ class Plant:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         return self.chain.interaction_wrenches(self.q, self.v, self.generalised_force(), self.external)
 
-    def advance(self, h: float) -> None:
-        """Integrate over h seconds."""
-        step = self._integrator.step(self._rate, self.q, self.v, h)
+    def advance(self, t: float, h: float) -> None:
+        """Integrate from time t over h seconds."""
+        step = self._integrator.step(self._rate, t, self.q, self.v, h)
         self.q, self.v = step.q, step.v
         self.work = self.work + step.work
         if self._project:
-            self.q = self.chain.chain.project_configuration(self.q)
-            self.v = self.chain.chain.project_velocity(self.q, self.v)
+            self.q = self.chain.mechanism.project_configuration(self.q)
+            self.v = self.chain.mechanism.project_velocity(self.q, self.v)
 
-    def _rate(self, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and the power of each channel, shape (3,)."""
         forces = self._apply(q, v)
         return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)

@@ -34,9 +34,9 @@ class Recorder:
         self.count = 0
         self.payload_energy = 0.0
         self._determined = determinate_rows(plant.chain, plant.q)
-        samples, arms = timeline.ticks + 1, plant.chain.tree.arms
+        samples, arms = timeline.ticks + 1, plant.chain.model.arms
         joints = max(len(arm.drive) for arm in arms)
-        m, model = len(arms), plant.chain.tree.model
+        m, model = len(arms), plant.chain.mechanism.model
         self._jacobians = [np.zeros((samples, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
         self._samples = RunSamples(
             time=np.zeros(samples),
@@ -129,23 +129,23 @@ class Recorder:
         kept, cell = self._samples.first(self.count), self._cell
         kept.interaction_wrench[..., ~self._determined] = np.nan
         for index, (place, jacobians) in enumerate(
-            zip(self._plant.chain.tree.arms, self._jacobians, strict=True)
+            zip(self._plant.chain.model.arms, self._jacobians, strict=True)
         ):
             kept.jacobian_condition[:, index] = np.linalg.cond(jacobians[: self.count])
             posture, joints = cell.arms[place.name].posture, len(place.drive)
             start = np.zeros(joints) if posture is None else np.array(posture)
-            kept.joint_position[:, index, :joints] = place.angles.along(kept.configuration[:, place.q], start)
-            kept.joint_velocity[:, index, :joints] = kept.velocity[:, place.v]
+            kept.joint_position[:, index, :joints] = place.angles.along(
+                kept.configuration[:, place.q_slice], start
+            )
+            kept.joint_velocity[:, index, :joints] = kept.velocity[:, place.v_slice]
         return RunResult.from_samples(scenario, kept, self._limit_table(kept.torque.shape[2]))
 
     def _limit_table(self, joints: int) -> LimitTable:
         """Return the limits with one row for each arm, NaN where there is none."""
         tables = np.full((4, len(self._limits), joints), np.nan)
         for index, limits in enumerate(self._limits):
-            for table, values in zip(tables, limits, strict=True):
+            columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
+            for table, values in zip(tables, columns, strict=True):
                 table[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
-        names = tuple(
-            tuple(name.removeprefix(f"{arm.name}/") for name in arm.angles.names)
-            for arm in self._plant.chain.tree.arms
-        )
+        names = tuple(arm.joint_names for arm in self._plant.chain.model.arms)
         return LimitTable(names, *tables)

@@ -10,7 +10,7 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.model.arm_kinematics import ArmKinematics
+from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import internal_wrenches
@@ -35,10 +35,10 @@ class ArmSensor:
         Encoders count turns: the angle of a continuous joint starts within half a turn of the posture and
         never jumps.
         """
-        own, T = q[self._place.q], self._place.drive
+        own, T = q[self._place.q_slice], self._place.drive
         view = self._kinematics.view(own)
         self._angles = own if self._place.angles.is_vector else self._place.angles.near(own, self._angles)
-        v_drive = T.dot(v[self._place.v])
+        v_drive = T.dot(v[self._place.v_slice])
         return ArmMeasurement(
             time=time,
             q=frozen(T.dot(self._angles)),

@@ -18,7 +18,7 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
-from coop_pin.model.joint_limits import joint_limits
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation, Applied
@@ -47,7 +47,7 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.chain.project_configuration(q)
+    return chain.mechanism.project_configuration(q)
 
 
 class Simulation:
@@ -84,9 +84,9 @@ class Simulation:
         self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
         chain = CellChain(scenario.cell, scenario.plant)
         self.plant = Plant(chain, scenario.plant, _start(chain, scenario))
-        limits = [joint_limits(arm, name) for name, arm in scenario.cell.arms.items()]
+        limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario.cell, limits, self.plant.transmission)
-        self.sensing = Sensing(scenario.cell, chain.tree.arms, scenario.controller.force_path)
+        self.sensing = Sensing(scenario.cell, chain.model.arms, scenario.controller.force_path)
         self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
         self._payload: Payload = scenario.cell.payload
@@ -197,7 +197,7 @@ class Simulation:
 
     def _apply_events(self, time: float) -> None:
         """Change the payload and the external wrench as the events at this time say."""
-        plant, mechanism = self.plant, self.plant.chain.chain
+        plant, mechanism = self.plant, self.plant.chain.mechanism
         for change in self.timeline.changes_at(time):
             before = mechanism.energy(plant.q, plant.v).total
             self._payload = change.apply(self._payload)
@@ -211,7 +211,7 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-            self.plant.advance(step.length)
+            self.plant.advance(step.start, step.length)
         self._require_closed(self.timeline.time(tick))
 
     def _require_closed(self, time: float) -> None:

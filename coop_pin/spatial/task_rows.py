@@ -42,7 +42,7 @@ class TaskRows(ABC):
 
     @abstractmethod
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
-        """Return the rows of a twist or wrench given in payload axes, expressed in world axes, shape (k_0,)."""
+        """Return the rows of a twist or wrench in world axes, from those in payload axes, shape (k_0,)."""
 
     def expand(self, rows: Array) -> Array:
         """Return a six-vector with the rows in place and zeros elsewhere, shape (..., 6)."""

@@ -1,4 +1,4 @@
-"""Where Pinocchio cannot be used, the first room that needs it says why and what to install."""
+"""Without a suitable Pinocchio, the first package that needs it says why and what to install."""
 
 import os
 import pickle
@@ -11,22 +11,22 @@ from pathlib import Path
 import pytest
 
 from coop_pin.errors import MissingPinocchioError
-from coop_pin.model.require_pinocchio import OLDEST, TOO_NEW, import_pinocchio
+from coop_pin.model import OLDEST, TOO_NEW, import_pinocchio
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 REQUIREMENTS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "dependencies"
 ]
-ROOMS = [
+MODULES = [
     "model",
     "chain",
     "analysis",
     "simulation",
-    "controllers",
-    "runs",
+    "controller_factory",
+    "run_scenario",
     "viz.replay",
-    "chain.rank_cut",
-    "analysis.arm_walk",
+    "chain.kkt_solver",
+    "analysis.path_following",
 ]
 
 
@@ -89,11 +89,11 @@ def test_whatever_is_asked_for_first_says_what_is_there_and_what_to_install(sour
     lines = told_by(
         tmp_path,
         source,
-        *(f"import coop_pin.{room}" for room in ROOMS),
+        *(f"import coop_pin.{module}" for module in MODULES),
         "import coop_pin; coop_pin.run('adept-paper')",
     )
     (line,) = set(lines)
-    assert len(lines) == len(ROOMS) + 1
+    assert len(lines) == len(MODULES) + 1
     kind, _, message = line.partition(" | ")
     assert kind == "MissingPinocchioError"
     assert said in message
