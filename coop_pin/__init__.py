@@ -61,6 +61,7 @@ _PUBLIC = {
     "SweepResult": "coop_pin.sweeps",
     "SwingMotion": "coop_pin.description",
     "Trajectory": "coop_pin.chain",
+    "TuneResult": "coop_pin.sweeps",
     "TurnMotion": "coop_pin.description",
     "UserMotion": "coop_pin.description",
     "UserSqueeze": "coop_pin.description",

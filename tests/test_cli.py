@@ -142,7 +142,7 @@ def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
         )
         == 0
     )
-    assert "beyond its limit: torque of left" in capsys.readouterr().out
+    assert "torque of left" in capsys.readouterr().out
 
 
 def test_quiet_prints_nothing(tmp_path, capsys):
@@ -421,7 +421,7 @@ def test_view_of_a_result_file_writes_a_replay_beside_it(tmp_path, capsys):
     assert capsys.readouterr().out.strip() == str((tmp_path / "mine.html").resolve())
 
 
-@pytest.mark.parametrize("words", [[], ["--run", "--pace", "5"]])
+@pytest.mark.parametrize("words", [[], ["--run", "--realtime-rate", "5"]])
 def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     process = subprocess.Popen(
         [sys.executable, "-m", "coop_pin", "view", "adept-paper", "--no-open", *words],

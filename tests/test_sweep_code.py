@@ -12,7 +12,7 @@ import coop_pin.sweeps.engine as engine
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
-from coop_pin.sweeps.run_key import UserCode, run_key, source_files, user_code
+from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, source_files
 
 SHORT = {"duration": 0.1, "events": []}
 LAW = """
@@ -212,11 +212,11 @@ def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(pl
     sweep(plan, out=place / "kept", workers=0, quiet=True)
 
     def edited_meanwhile(*read):
-        code = user_code(*read)
+        code = code_digests(*read)
         write(place, {"own_racing.py": "TORQUE = 2.0\n"})
         return code
 
-    monkeypatch.setattr(engine, "user_code", edited_meanwhile)
+    monkeypatch.setattr(engine, "code_digests", edited_meanwhile)
     assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {
         "ok": 0,
         "failed": 0,
@@ -241,7 +241,7 @@ def test_a_worker_with_another_version_refuses_the_job(place):
     write(place, {"own_version.py": LAW.format(gains="own_gain"), "own_gain.py": "TORQUE = 1.0\n"})
     scenario = cp.Scenario.load("adept-paper", SHORT | user("own_version:Push"))
     with pytest.raises(CodeChangedError) as caught:
-        run_job(Job("key", scenario.model_dump_json(), code=(UserCode("own_version:Push", ("other",)),)))
+        run_job(Job("key", scenario.model_dump_json(), code=(CodeDigest("own_version:Push", ("other",)),)))
     assert caught.value.name == "own_version:Push"
 
 
@@ -261,7 +261,7 @@ def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen
         [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.startswith("FieldError")
-    assert "'__main__:mine', which stands in no file" in done.stdout
+    assert "'__main__:mine', which has no file" in done.stdout
     (place / "script.py").write_text(NOTEBOOK + "print('ok')\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(

@@ -33,7 +33,7 @@ def test_a_hundred_faults_lose_nothing(drill, tmp_path):
 
 def test_the_second_command_on_a_finished_sweep_computes_nothing(tmp_path):
     (tmp_path / "sweep.toml").write_text(
-        'base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\nrepeats = 2\n'
+        'base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\naxes = { "clock.rate_hz" = [80, 100] }\n'
     )
     words = [sys.executable, "-m", "coop_pin", "sweep", "sweep.toml", "--out", "kept", "--workers", "0"]
     said = [

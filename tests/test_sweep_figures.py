@@ -91,11 +91,6 @@ def test_cases_are_lines_of_their_own_with_their_names(tmp_path):
     assert [(c.get_label(), c.get_ydata()[0]) for c in curves] == [("first", 1.0), ("second", 2.0)]
 
 
-def test_repeats_are_joined_by_their_median(tmp_path):
-    result = line(tmp_path, {GAIN: [0.0, 0.2]}, lambda p: {METRIC: [1.0, 2.0, 9.0][p["repeat"]]}, repeats=3)
-    assert_allclose(sweep_figure(result, METRIC).axes[0].lines[0].get_ydata(), [2.0, 2.0])
-
-
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
     plan = {GAIN: GAINS, RATE: RATES}
     figure = sweep_figure(line(tmp_path, plan, lambda p: {METRIC: 10.0 ** (p[RATE] / 100.0)}), METRIC)

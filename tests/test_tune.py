@@ -17,7 +17,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_cluster import scheduler_elsewhere
 
 import coop_pin as cp
-import coop_pin.sweeps.backend as where
 from coop_pin.cli import main
 from coop_pin.errors import (
     EntryNotFoundError,
@@ -28,7 +27,7 @@ from coop_pin.errors import (
     UnknownFieldError,
     WorkersLostError,
 )
-from coop_pin.sweeps import SweepResult
+from coop_pin.sweeps import SweepResult, backend
 from coop_pin.sweeps.search import Budget, first_generation
 from coop_pin.sweeps.store import FolderLock
 from coop_pin.sweeps.tuner import Bound, Objective
@@ -53,8 +52,8 @@ def method(request):
 def counted(monkeypatch):
     """Numbers of runs that were really computed."""
     runs = []
-    original = where.run_job
-    monkeypatch.setattr(where, "run_job", lambda job: runs.append(job.key) or original(job))
+    original = backend.run_job
+    monkeypatch.setattr(backend, "run_job", lambda job: runs.append(job.key) or original(job))
     return runs
 
 
@@ -108,10 +107,10 @@ def test_later_generations_come_closer_to_a_known_minimum(method):
         seen.append(((points - [0.3, -1.0]) ** 2).sum(axis=1))
         return seen[-1]
 
-    effort = Budget.of(8, 6, 2, seed=1)
-    _SEARCHES[method](bowl, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, effort)
-    assert [len(costs) for costs in seen] == [effort.size] * 9
-    assert effort.runs == sum(map(len, seen))
+    budget = Budget.of(8, 6, 2, seed=1)
+    _SEARCHES[method](bowl, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, budget)
+    assert [len(costs) for costs in seen] == [budget.size] * 9
+    assert budget.runs == sum(map(len, seen))
     assert seen[-1].mean() < 0.25 * seen[0].mean()
     assert min(costs.min() for costs in seen) < 0.5 * seen[0].min()
 
@@ -142,7 +141,7 @@ def test_where_all_runs_fail_the_error_says_what_the_first_of_them_said(tmp_path
 
 
 class Table:
-    """What a goal asks of a sweep."""
+    """The part of a SweepResult that an objective reads."""
 
     def __init__(self, **values):
         self.metric_names, self.plan = list(values), range(len(next(iter(values.values()))))
@@ -154,11 +153,11 @@ class Table:
 
 def test_a_run_within_the_bounds_costs_less_than_one_outside_that_less_than_one_further_out_and_a_failed_one_the_most():
     runs = Table(small=[5.0, 1.0, 0.5, np.nan, 0.1], bounded=[1.9, 2.0, 3.0, np.nan, 5.0])
-    goal = Objective("small", (Bound("bounded", 1, 2.0),))
-    costs = goal.costs(runs)
+    objective = Objective("small", (Bound("bounded", 1, 2.0),))
+    costs = objective.costs(runs)
     assert_array_equal(np.argsort(costs), [1, 0, 2, 4, 3])
     assert_array_equal(costs[:2], [5.0, 1.0])
-    assert [goal.met(cost) for cost in costs] == [True, True, False, False, False]
+    assert [objective.is_feasible(cost) for cost in costs] == [True, True, False, False, False]
 
 
 # ---------------------------------------------------------------- a function of its arguments
@@ -188,7 +187,7 @@ def test_another_seed_is_another_search(tmp_path, searches, method):
 def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
     tmp_path, searches, monkeypatch, method, after
 ):
-    computed, original = [], where.run_job
+    computed, original = [], backend.run_job
 
     def interrupted(job):
         if len(computed) == after:
@@ -197,7 +196,7 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
         return original(job)
 
     with monkeypatch.context() as patched:
-        patched.setattr(where, "run_job", interrupted)
+        patched.setattr(backend, "run_job", interrupted)
         with pytest.raises(SweepInterruptedError, match=f"{after} of 10 runs kept"):
             cp.tune(SHORT, RANGES, out=tmp_path, method=method, **OPTIONS)
     tried = 5 * (after // 5 + 1)
@@ -217,7 +216,7 @@ def clusters(monkeypatch):
     for name in ("local_cluster", "remote_cluster"):
         original = getattr(cluster, name)
         monkeypatch.setattr(
-            cluster, name, lambda where, original=original: opened.append(where) or original(where)
+            cluster, name, lambda option, original=original: opened.append(option) or original(option)
         )
     return opened
 
@@ -252,7 +251,7 @@ def test_a_search_that_finds_all_its_runs_starts_no_workers(tmp_path, searches, 
 
 
 def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_path, monkeypatch):
-    original, refused = where.run_job, []
+    original, refused = backend.run_job, []
 
     def intruded(job):
         with pytest.raises(StoreLockedError):
@@ -260,7 +259,7 @@ def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_pat
         refused.append(job.key)
         return original(job)
 
-    monkeypatch.setattr(where, "run_job", intruded)
+    monkeypatch.setattr(backend, "run_job", intruded)
     cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
     assert len(refused) == 10
 
