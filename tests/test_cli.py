@@ -1,4 +1,4 @@
-"""The command line: parse, call, print; folders that hold a run whole; exit codes and messages instead of tracebacks."""
+"""Command line: commands, fields, exit codes, and the folder of a run."""
 
 import json
 import re
@@ -95,7 +95,7 @@ def test_the_resolved_scenario_runs_again_to_the_same_bits(paper_folder, tmp_pat
     assert again.data.identical(first.data)
 
 
-def test_a_table_is_printed_and_no_bar_where_nobody_looks(tmp_path, capsys):
+def test_a_table_is_printed_and_no_progress_bar_outside_a_terminal(tmp_path, capsys):
     assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
     out, err = capsys.readouterr()
     assert all(name in out for name in METRICS)
@@ -119,7 +119,8 @@ def test_what_is_no_number_is_told_in_words(tmp_path, capsys):
 
 def test_a_warning_is_told_without_the_source_line_that_gave_it():
     """In a process of its own: pytest catches warnings before they are written."""
-    code = "import sys, warnings; from coop_pin.cli import main, parsing; from coop_pin.errors import UrdfWarning\n"
+    code = "import sys, warnings\nfrom coop_pin.cli import main, parsing\n"
+    code += "from coop_pin.errors import UrdfWarning\n"
     code += "class Warns:\n    def execute(self):\n        warnings.warn('look', UrdfWarning); return 0\n"
     code += "parsing.parse = lambda words: Warns(); sys.exit(main([]))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""Workers: the same bits wherever runs are computed, runs that kill or hang their workers, and what workers load and open."""
+"""Workers: the same bits on every backend, runs that kill or hang their workers, modules and ports."""
 
 import contextlib
 import json

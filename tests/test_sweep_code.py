@@ -1,4 +1,4 @@
-"""The user's own code determines a run: an edit makes another run, and no process computes with code that it loaded before one."""
+"""User code in the key of a run: an edit makes another key, and no process computes with stale code."""
 
 import os
 import subprocess
@@ -113,7 +113,8 @@ def test_packages_are_not_imported_to_find_their_files(place):
 
 
 def test_a_module_run_with_python_m_brings_its_package(place):
-    says = "from coop_pin.sweeps.run_key import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
+    says = "from coop_pin.sweeps.run_key import source_files\n"
+    says += "print(*(path.name for path in source_files('__main__:f')))\n"
     write(
         place,
         {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"},
@@ -232,7 +233,7 @@ def test_workers_elsewhere_that_loaded_the_old_code_refuse_the_new(place):
     with scheduler_elsewhere(place) as address:
         assert sweep(plan, out=place / "kept", scheduler=address, quiet=True).values("torque_peak_Nm") == 1.0
         write(place, {"own_farther.py": "TORQUE = 2.0\n"})
-        with pytest.raises(CodeChangedError, match="elsewhere the workers"):
+        with pytest.raises(CodeChangedError, match="own_far:Push"):
             sweep(plan, out=place / "kept", scheduler=address, quiet=True)
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
 
@@ -250,7 +251,8 @@ import coop_pin as cp
 def mine(result):
     return {"mine": 1.0}
 try:
-    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes={"duration": 0.1, "events": []}, metrics=(mine,))
+    short = {"duration": 0.1, "events": []}
+    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes=short, metrics=(mine,))
 except cp.CoopPinError as error:
     print(type(error).__name__, error)
 """

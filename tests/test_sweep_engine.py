@@ -1,4 +1,4 @@
-"""A sweep in one process: every point is recorded once, resumed, and recomputed only when its file or the plan changed."""
+"""Sweeps in one process: runs are stored once, resumed, and repeated only after damage or a changed plan."""
 
 import csv
 import subprocess
@@ -10,9 +10,8 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-from coop_pin.sweeps import backend
 from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
@@ -104,7 +103,7 @@ def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
 
     with monkeypatch.context() as patched:
         patched.setattr(backend, "run_job", interrupted)
-        with pytest.raises(SweepInterruptedError, match="2 of 3 runs kept") as stopped:
+        with pytest.raises(SweepInterruptedError, match="2 of 3 runs") as stopped:
             small(tmp_path)
     assert (stopped.value.finished, stopped.value.total) == (2, 3)
     assert SweepResult.load(tmp_path).counts() == {"ok": 2, "failed": 0, "missing": 1}

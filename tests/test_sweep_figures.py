@@ -1,4 +1,4 @@
-"""Figures of sweeps against what the sweep says: stores are filled with records of made-up metrics."""
+"""Figures of sweeps against the sweep's data, on stores filled with records of made-up metrics."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""What varies: a plan counts, orders and finds its points without making them."""
+"""Sweep plans: points are counted, ordered and found without being stored; dimensions, samples and keys."""
 
 import itertools
 import sys
@@ -147,7 +147,6 @@ def test_spacings_are_those_of_numpy():
         {"cases": {"sample": {"a": {}}}},
         {"keep": "some"},
         {"keep": [1]},
-        {"repeats": 2},
         {"base": []},
         {"base": ["adept-paper", "adept-paper"]},
         {"sample": {"fields": {GAIN: {"low": 1, "high": 0}}, "count": 4}},
@@ -159,6 +158,21 @@ def test_spacings_are_those_of_numpy():
 def test_a_plan_with_a_mistake_is_refused(fields):
     with pytest.raises(FieldError):
         plan(**fields)
+
+
+def test_repeats_are_refused_with_the_reason():
+    with pytest.raises(UnknownFieldError, match="random") as caught:
+        plan(repeats=3)
+    assert caught.value.path == "repeats"
+
+
+def test_spacings_are_plain_numbers_and_refuse_what_has_none():
+    assert linspace(0, 1, 3) == [0.0, 0.5, 1.0]
+    assert logspace(1, 100, 3) == pytest.approx([1.0, 10.0, 100.0])
+    assert {type(value) for value in (*linspace(0, 1, 3), *logspace(1, 8, 4))} == {float}
+    for mistake in (lambda: linspace(0, 1, 0), lambda: linspace(0, 1, 2.0), lambda: logspace(0, 1, 3)):
+        with pytest.raises(FieldError):
+            mistake()
 
 
 def test_a_misspelt_field_is_refused_before_anything_runs_and_a_bad_value_is_not():

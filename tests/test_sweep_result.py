@@ -1,4 +1,4 @@
-"""What a sweep answers, against answers known beforehand: stores are filled with records of made-up metrics."""
+"""Analysis of sweeps against known results, on stores filled with records of made-up metrics."""
 
 import os
 

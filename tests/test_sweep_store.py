@@ -1,4 +1,4 @@
-"""What is kept: records are whole or not there, damage is seen, one owner at a time, a full disk costs nothing written before."""
+"""Store of a sweep: records are complete or absent, damage is detected, one owner at a time, full disks."""
 
 import errno
 import multiprocessing
