@@ -1,8 +1,8 @@
-"""What a sweep costs: throughput of two workers against one, time per run beyond the run itself, start of workers, memory.
+"""Cost of a sweep: throughput of two workers against one, overhead per run, start of workers, memory.
 
     python benchmarks/bench_sweep.py [--runs 1000] [--duration 1.0] [--rounds 1]
 
-Printed, never asserted: on a machine with other work to do the second processor is not there to be used.
+The numbers are printed and not asserted: on a busy machine the second processor is not available.
 """
 
 from __future__ import annotations
@@ -22,11 +22,18 @@ from coop_pin.sweeps.table import rows
 
 
 class Cost(NamedTuple):
-    """What one sweep took: per run, in the run, processor time of this process per run beyond it, memory of this process."""
+    """Cost of one sweep.
+
+    Attributes:
+        wall_s: wall time per run, s.
+        in_run_s: wall time inside the run, s.
+        overhead_cpu_s: processor time of this process per run beyond the run itself, s.
+        memory_mb: memory of this process after each quarter, MB.
+    """
 
     wall_s: float
     in_run_s: float
-    beyond_cpu_s: float
+    overhead_cpu_s: float
     memory_mb: list[float]
 
 
@@ -57,7 +64,7 @@ def plan(runs: int, duration: float) -> SweepPlan:
 
 
 def cost(made: SweepPlan, workers: int) -> Cost:
-    """Run a sweep; its wall time is that of all but the first runs, so that the start of workers stands apart."""
+    """Run a sweep; the start of workers is excluded by timing a short sweep before."""
     with tempfile.TemporaryDirectory() as folder:
         first = made.replace(
             axes={"controller.gains.sign_gain": [0.5 + i / 100.0 for i in range(2 * max(workers, 1))]}
@@ -102,9 +109,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=1)
     options = parser.parse_args(arguments)
     made = plan(options.runs, options.duration)
-    print(
-        f"{options.runs} runs of {options.duration:g} s, load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors"
-    )
+    load = f"load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors"
+    print(f"{options.runs} runs of {options.duration:g} s, {load}")
     print(f"a worker starts in {worker_start():.2f} s")
     for _ in range(options.rounds):
         alone = bare(made, 50)
@@ -113,12 +119,10 @@ def main(arguments: list[str] | None = None) -> None:
         for name, found in (("in this process", here), ("one worker", one), ("two workers", two)):
             flat = " ".join(f"{sample:.0f}" for sample in found.memory_mb)
             times = f"per run {1e3 * found.wall_s:7.2f} ms, in the run {1e3 * found.in_run_s:7.2f} ms"
-            print(
-                f"{name:16s} {times}, processor beyond it {1e3 * found.beyond_cpu_s:.2f} ms here, memory by quarters {flat} MB"
-            )
-        print(
-            f"beyond the run: {1e3 * (here.wall_s - here.in_run_s):.2f} ms here, {1e3 * (one.wall_s - one.in_run_s):.2f} ms with one worker"
-        )
+            overhead = f"processor overhead {1e3 * found.overhead_cpu_s:.2f} ms here"
+            print(f"{name:16s} {times}, {overhead}, memory by quarters {flat} MB")
+        here_ms, one_ms = (1e3 * (found.wall_s - found.in_run_s) for found in (here, one))
+        print(f"overhead per run: {here_ms:.2f} ms here, {one_ms:.2f} ms with one worker")
         print(f"throughput of two workers / one: {one.wall_s / two.wall_s:.2f}", flush=True)
 
 

@@ -1,12 +1,12 @@
-"""The fault drill: a sweep is hurt at random moments, again and again, and must lose nothing.
+"""Fault drill: faults are injected into a sweep at random times, and it must lose nothing.
 
     python benchmarks/drill.py [--faults 100] [--runs 400] [--seed 0]
 
-Each round runs ``coop-pin sweep`` on one folder and hurts it: kills a worker, the keeper of the workers, the
-process itself or a dask scheduler elsewhere, sends Ctrl-C, starts a second sweep, limits the size of files,
-fills the disk (a small one in memory, where this user may mount it), flips bits in stored files, puts foreign
-files among them. After every round each run that was finished before is still there with the same numbers,
-unless the round damaged its file. In the end the table is that of an undisturbed sweep, byte for byte.
+Each round runs ``coop-pin sweep`` on one folder and injects a fault: it kills a worker, the host of the
+workers, the process itself or a remote dask scheduler, sends Ctrl-C, starts a second sweep, limits the size
+of files, fills the disk (a small one in memory, if this user may mount it), flips bits in stored files, or
+adds foreign files. After every round each run that was finished before is still stored with the same numbers,
+unless the round damaged its file. The final table is that of an undisturbed sweep, byte for byte.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from coop_pin.sweeps.record import Record
 from coop_pin.sweeps.store import SweepStore
 
 HERE = ("kill", "interrupt", "second", "file-size", "flip-bits", "foreign")
-"""Faults of a sweep in one process, which starts faster."""
-FAULTS = (*HERE, "kill-worker", "kill-keeper", "kill-both", "kill-scheduler", "full-disk")
+"""Faults of a sweep in one process, which starts faster than workers."""
+FAULTS = (*HERE, "kill-worker", "kill-host", "kill-both", "kill-scheduler", "full-disk")
 OK, FAILED, INTERRUPTED = 0, 1, 130
 _PATIENCE_S = 240.0
 
@@ -43,13 +43,14 @@ PLAN = """
 base = "adept-paper"
 changes = {{ duration = 0.25, events = [] }}
 [axes]
-"controller.gains.damping_gain" = [[60.0, 60.0, 10.0], [50.0, 50.0, 9.0], [40.0, 40.0, 8.0], [3e3, 3e3, 5e2]] # the last diverges
+# the last diverges
+"controller.gains.damping_gain" = [[60.0, 60.0, 10.0], [50.0, 50.0, 9.0], [40.0, 40.0, 8.0], [3e3, 3e3, 5e2]]
 "controller.gains.sign_gain" = {{ linspace = [0.0, 0.4, {count}] }}
 """
 
 
 class Session:
-    """A ``coop-pin sweep`` under way.
+    """A running ``coop-pin sweep``.
 
     Attributes:
         process: its process.
@@ -64,7 +65,7 @@ class Session:
         self._start = drill.count()
 
     def progress(self, runs: int) -> None:
-        """Wait until so many more runs are on the disk, or the session is over; then a random moment longer."""
+        """Wait until this many more runs are stored, or the session has ended; then for a random time."""
         end = time.monotonic() + _PATIENCE_S
         while self._drill.count() < self._start + runs and self.process.poll() is None:
             assert time.monotonic() < end, f"no progress in {_PATIENCE_S:g} s"
@@ -73,22 +74,20 @@ class Session:
         time.sleep(self._drill.random.uniform(0.0, 0.1))
 
     def end(self, sent: int | None, *codes: int) -> str:
-        """Send a signal, wait, check the exit code, and return what was said; a session that was done already is fine, too."""
+        """Send a signal, wait, check the exit code and return the messages; exit code 0 is always allowed."""
         done = self.process.poll() is not None
         if sent is not None and not done:
             self.process.send_signal(sent)
         said = self.process.communicate(timeout=_PATIENCE_S)[1]
         code = self.process.returncode
-        if (
-            code == -signal.SIGINT
-        ):  # so Python ends when Ctrl-C comes while it compiles what it imports; a shell says 130 of both
+        if code == -signal.SIGINT:  # Python's own exit if Ctrl-C comes during imports; 130 in a shell
             code = INTERRUPTED
         assert code in (*codes, OK), f"exit code {code}, expected {codes}: {said}"
         assert "Traceback" not in said, said
         return said if code != OK else ""
 
     def children(self, mark: str) -> list[psutil.Process]:
-        """Return descendants with a word in their command line."""
+        """Return descendant processes with a word in their command line."""
         with contextlib.suppress(psutil.NoSuchProcess):
             return [
                 child
@@ -105,12 +104,12 @@ def _command(process: psutil.Process) -> list[str]:
 
 
 class Drill:
-    """One folder and what is done to it.
+    """A folder and the faults injected into it.
 
     Attributes:
         folder: of the sweep.
         done: faults so far, by name.
-        random: where chance comes from.
+        random: random number generator.
     """
 
     def __init__(self, place: Path, runs: int, seed: int) -> None:
@@ -122,14 +121,14 @@ class Drill:
         self.random = random.Random(seed)
         self.done: Counter[str] = Counter()
 
-    # ------------------------------------------------------------ what is there
+    # ------------------------------------------------------------ stored runs
 
     def count(self) -> int:
-        """Return the number of records on the disk."""
+        """Return the number of stored records."""
         return sum(1 for _ in (self.folder / "runs").glob("??/*.json"))
 
     def records(self) -> dict[str, Record]:
-        """Return every whole record, without times."""
+        """Return every undamaged record, without times."""
         found = {}
         for path in (self.folder / "runs").glob("??/*.json"):
             with contextlib.suppress(SweepStoreError, OSError):
@@ -138,7 +137,7 @@ class Drill:
         return {key: record for key, record in found.items() if record is not None}
 
     def make_work(self) -> None:
-        """Take a part of the records away when few runs are left to do."""
+        """Remove a part of the records when few runs are missing."""
         files = sorted((self.folder / "runs").glob("??/*.json"))
         if len(files) > 0.7 * len(self.plan):
             for path in self.random.sample(files, len(files) // 2):
@@ -146,8 +145,8 @@ class Drill:
 
     # ------------------------------------------------------------ rounds
 
-    def hurt(self, fault: str) -> None:
-        """Run one round and check that nothing was lost."""
+    def inject(self, fault: str) -> None:
+        """Run one round with a fault and check that nothing was lost."""
         self.make_work()
         before = self.records()
         damaged: set[str] = getattr(self, "_" + fault.replace("-", "_"))() or set()
@@ -163,7 +162,7 @@ class Drill:
         return (self.folder / "table.csv").read_bytes()
 
     def undisturbed(self) -> bytes:
-        """Return the table of the same sweep in another folder, where nobody hurts it."""
+        """Return the table of the same sweep in another folder without faults."""
         sweep(self.plan, out=self.place / "undisturbed", workers=0, quiet=True)
         return (self.place / "undisturbed" / "table.csv").read_bytes()
 
@@ -177,7 +176,7 @@ class Drill:
 
     def _interrupt(self) -> None:
         session = self._here()
-        session.progress(1)  # a Ctrl-C while Python is still loading is Python's own affair
+        session.progress(1)  # Python itself handles a Ctrl-C during imports
         said = session.end(signal.SIGINT, INTERRUPTED)
         assert not said or "go on with: coop-pin sweep" in said, said
 
@@ -241,16 +240,16 @@ class Drill:
         session.progress(1)
         session.end(signal.SIGINT, INTERRUPTED)
 
-    def _kill_keeper(self) -> None:
+    def _kill_host(self) -> None:
         session = Session(self, "--workers", "2")
         session.progress(self.random.randint(1, 12))
-        for keeper in session.children("coop_pin.sweeps.worker_host"):
-            keeper.kill()
+        for host in session.children("coop_pin.sweeps.worker_host"):
+            host.kill()
         session.progress(1)
         session.end(signal.SIGINT, INTERRUPTED)
 
     def _kill_both(self) -> None:
-        """Kill the process together with its workers, at any moment from its very start."""
+        """Kill the process together with its workers, at any time from its start."""
         session = Session(self, "--workers", "2")
         time.sleep(self.random.uniform(0.0, 6.0))
         children = session.children("")
@@ -258,7 +257,7 @@ class Drill:
         assert psutil.wait_procs(children, timeout=60)[1] == [], "workers outlive a killed sweep"
 
     def _kill_scheduler(self) -> None:
-        with scheduler_elsewhere(self.place) as (address, scheduler):
+        with remote_scheduler(self.place) as (address, scheduler):
             session = Session(self, "--scheduler", address)
             session.progress(self.random.randint(1, 12))
             scheduler.kill()
@@ -266,7 +265,7 @@ class Drill:
 
 
 @contextlib.contextmanager
-def scheduler_elsewhere(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+def remote_scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """Yield the address and the process of a scheduler with one worker, started with dask's own commands."""
     file = folder / "scheduler.json"
     file.unlink(missing_ok=True)
@@ -314,13 +313,13 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
 def run_drill(
     place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS
 ) -> Counter[str]:
-    """Hurt a sweep so many times and return how often each way; an AssertionError says what was lost."""
+    """Inject faults and return how often each kind; an AssertionError reports what was lost."""
     with small_disk(place / "sweep", 64) as is_small:
         drill = Drill(place, runs, seed)
         kinds = tuple(kind for kind in kinds if is_small or kind != "full-disk")
         for number in range(faults):
             fault = kinds[number % len(kinds)]
-            drill.hurt(fault)
+            drill.inject(fault)
             print(
                 f"{number + 1:4d} {fault:15s} {drill.count():5d} of {len(drill.plan)} runs kept", flush=True
             )
@@ -339,9 +338,8 @@ def main(arguments: list[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as place:
         done = run_drill(Path(place), options.faults, options.runs, options.seed)
     kinds = ", ".join(f"{count} {name}" for name, count in done.items())
-    print(
-        f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s: nothing lost, the table is that of an undisturbed sweep"
-    )
+    faults = f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s"
+    print(f"{faults}: nothing lost, the table is that of an undisturbed sweep")
 
 
 if __name__ == "__main__":

@@ -68,6 +68,7 @@ _PUBLIC = {
     "SwingMotion": "coop_pin.description",
     "Tanh": "coop_pin.control",
     "Trajectory": "coop_pin.chain",
+    "TuneResult": "coop_pin.sweeps",
     "TurnMotion": "coop_pin.description",
     "UserController": "coop_pin.description",
     "UserMotion": "coop_pin.description",

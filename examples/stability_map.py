@@ -1,4 +1,4 @@
-"""From one run to a stability map: how long a late force path may be trusted, and what its gain buys. Usage: stability_map.py [FOLDER]"""
+"""Stability map of delayed force feedback over gain and control rate. Usage: stability_map.py [FOLDER]"""
 
 import sys
 

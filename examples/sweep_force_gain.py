@@ -1,4 +1,4 @@
-"""A sweep from a script: feedback of the internal force divides its error by 1 + K_f, and breaks at K_f = 1 when it is one tick late."""
+"""Sweep in a loop: feedback divides the internal-force error by 1 + K_f, up to K_f = 1 when a tick late."""
 
 import math
 

@@ -35,7 +35,8 @@ BELOW_VIEWS = BELOW_RUNS | {"controller_factory", "run_scenario"}
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
-# - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
+# - a sweep's plan is a Description like a scenario;
+# - progress_bar is drawn by sweeps and by the command that runs one scenario;
 # - controller_factory asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -71,15 +72,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "xarray",
         },
     ),
+    "progress_bar": (set(), {"tqdm"}),
     "sweeps": (
-        {"schema", "description", "results", "run_scenario"},
-        {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
+        {"schema", "description", "results", "run_scenario", "progress_bar"},
+        {"dask", "distributed", "optuna", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
-        BELOW_VIEWS | {"analysis", "figures", "viz", "sweeps", "report", "run_folder"},
-        {"tyro", "tqdm", "pydantic"},
+        BELOW_VIEWS | {"analysis", "figures", "viz", "sweeps", "report", "run_folder", "progress_bar"},
+        {"tyro", "pydantic"},
     ),
     "__main__": ({"cli"}, set()),
 }

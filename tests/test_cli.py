@@ -1,4 +1,4 @@
-"""The command line: parse, call, print; folders that hold a run whole; exit codes and messages instead of tracebacks."""
+"""Command line: commands, fields, exit codes, and the folder of a run."""
 
 import json
 import re
@@ -95,7 +95,7 @@ def test_the_resolved_scenario_runs_again_to_the_same_bits(paper_folder, tmp_pat
     assert again.data.identical(first.data)
 
 
-def test_a_table_is_printed_and_no_bar_where_nobody_looks(tmp_path, capsys):
+def test_a_table_is_printed_and_no_progress_bar_outside_a_terminal(tmp_path, capsys):
     assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
     out, err = capsys.readouterr()
     assert all(name in out for name in METRICS)
@@ -119,7 +119,8 @@ def test_what_is_no_number_is_told_in_words(tmp_path, capsys):
 
 def test_a_warning_is_told_without_the_source_line_that_gave_it():
     """In a process of its own: pytest catches warnings before they are written."""
-    code = "import sys, warnings; from coop_pin.cli import main, parsing; from coop_pin.errors import UrdfWarning\n"
+    code = "import sys, warnings\nfrom coop_pin.cli import main, parsing\n"
+    code += "from coop_pin.errors import UrdfWarning\n"
     code += "class Warns:\n    def execute(self):\n        warnings.warn('look', UrdfWarning); return 0\n"
     code += "parsing.parse = lambda words: Warns(); sys.exit(main([]))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -142,7 +143,7 @@ def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
         )
         == 0
     )
-    assert "beyond its limit: torque of left" in capsys.readouterr().out
+    assert "torque of left" in capsys.readouterr().out
 
 
 def test_quiet_prints_nothing(tmp_path, capsys):
@@ -421,7 +422,7 @@ def test_view_of_a_result_file_writes_a_replay_beside_it(tmp_path, capsys):
     assert capsys.readouterr().out.strip() == str((tmp_path / "mine.html").resolve())
 
 
-@pytest.mark.parametrize("words", [[], ["--run", "--pace", "5"]])
+@pytest.mark.parametrize("words", [[], ["--run", "--realtime-rate", "5"]])
 def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     process = subprocess.Popen(
         [sys.executable, "-m", "coop_pin", "view", "adept-paper", "--no-open", *words],

@@ -1,4 +1,4 @@
-"""``coop-pin sweep`` and ``coop-pin sweep-show``: exit codes, tables, and what they say."""
+"""Commands ``coop-pin sweep`` and ``coop-pin sweep-show``: exit codes and output."""
 
 import pytest
 

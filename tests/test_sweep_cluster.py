@@ -1,4 +1,4 @@
-"""Workers: the same bits wherever runs are computed, runs that kill or hang their workers, and what workers load and open."""
+"""Workers: the same bits on every backend, runs that kill or hang their workers, modules and ports."""
 
 import contextlib
 import json
@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -16,9 +17,9 @@ from coop_pin.sweeps import SweepPlan, linspace, sweep
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
-from coop_pin.sweeps import backend as executors
 from coop_pin.sweeps import cluster
-from coop_pin.sweeps.job import Job, run_jobs
+from coop_pin.sweeps.dask_backend import DaskBackend, run_jobs
+from coop_pin.sweeps.job import Job
 
 SHORT = {"duration": 0.25, "events": []}
 PLAN = SweepPlan(
@@ -195,8 +196,8 @@ def test_workers_end_with_their_parent_however_it_ends():
 
 
 def test_batches_hold_short_runs_together_and_long_ones_apart():
-    executor = executors.ClusterExecutor(None)
-    executor._mean_s = 0.025
-    assert executor._batch_size() == 10
-    executor._mean_s = 60.0
-    assert executor._batch_size() == 1
+    backend = DaskBackend(SimpleNamespace(listen=lambda *_: None))
+    backend._mean_s = 0.025
+    assert backend._batch_size() == 10
+    backend._mean_s = 60.0
+    assert backend._batch_size() == 1

@@ -1,4 +1,4 @@
-"""The user's own code determines a run: an edit makes another run, and no process computes with code that it loaded before one."""
+"""User code in the key of a run: an edit makes another key, and no process computes with stale code."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ import coop_pin.sweeps.engine as engine
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.job import Job, run_job
-from coop_pin.sweeps.run_key import UserCode, run_key, source_files, user_code
+from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, source_files
 
 SHORT = {"duration": 0.1, "events": []}
 LAW = """
@@ -113,7 +113,8 @@ def test_packages_are_not_imported_to_find_their_files(place):
 
 
 def test_a_module_run_with_python_m_brings_its_package(place):
-    says = "from coop_pin.sweeps.run_key import source_files\nprint(*(path.name for path in source_files('__main__:f')))\n"
+    says = "from coop_pin.sweeps.run_key import source_files\n"
+    says += "print(*(path.name for path in source_files('__main__:f')))\n"
     write(
         place,
         {"lab/__init__.py": "", "lab/study.py": f"from lab.gains import K\nfrom . import tools\n{says}"},
@@ -212,11 +213,11 @@ def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(pl
     sweep(plan, out=place / "kept", workers=0, quiet=True)
 
     def edited_meanwhile(*read):
-        code = user_code(*read)
+        code = code_digests(*read)
         write(place, {"own_racing.py": "TORQUE = 2.0\n"})
         return code
 
-    monkeypatch.setattr(engine, "user_code", edited_meanwhile)
+    monkeypatch.setattr(engine, "code_digests", edited_meanwhile)
     assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {
         "ok": 0,
         "failed": 0,
@@ -232,7 +233,7 @@ def test_workers_elsewhere_that_loaded_the_old_code_refuse_the_new(place):
     with scheduler_elsewhere(place) as address:
         assert sweep(plan, out=place / "kept", scheduler=address, quiet=True).values("torque_peak_Nm") == 1.0
         write(place, {"own_farther.py": "TORQUE = 2.0\n"})
-        with pytest.raises(CodeChangedError, match="elsewhere the workers"):
+        with pytest.raises(CodeChangedError, match="own_far:Push"):
             sweep(plan, out=place / "kept", scheduler=address, quiet=True)
     assert len(list((place / "kept" / "runs").rglob("*.json"))) == 1
 
@@ -241,7 +242,7 @@ def test_a_worker_with_another_version_refuses_the_job(place):
     write(place, {"own_version.py": LAW.format(gains="own_gain"), "own_gain.py": "TORQUE = 1.0\n"})
     scenario = cp.Scenario.load("adept-paper", SHORT | user("own_version:Push"))
     with pytest.raises(CodeChangedError) as caught:
-        run_job(Job("key", scenario.model_dump_json(), code=(UserCode("own_version:Push", ("other",)),)))
+        run_job(Job("key", scenario.model_dump_json(), code=(CodeDigest("own_version:Push", ("other",)),)))
     assert caught.value.name == "own_version:Push"
 
 
@@ -250,7 +251,8 @@ import coop_pin as cp
 def mine(result):
     return {"mine": 1.0}
 try:
-    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes={"duration": 0.1, "events": []}, metrics=(mine,))
+    short = {"duration": 0.1, "events": []}
+    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes=short, metrics=(mine,))
 except cp.CoopPinError as error:
     print(type(error).__name__, error)
 """
@@ -261,7 +263,7 @@ def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen
         [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.startswith("FieldError")
-    assert "'__main__:mine', which stands in no file" in done.stdout
+    assert "'__main__:mine', which has no file" in done.stdout
     (place / "script.py").write_text(NOTEBOOK + "print('ok')\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""A sweep in one process: every point is recorded once, resumed, and recomputed only when its file or the plan changed."""
+"""Sweeps in one process: runs are stored once, resumed, and repeated only after damage or a changed plan."""
 
 import csv
 import subprocess
@@ -10,9 +10,8 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-import coop_pin.sweeps.backend as where
 from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
@@ -28,7 +27,7 @@ def computed(monkeypatch):
         jobs.append(job)
         return run_job(job)
 
-    monkeypatch.setattr(where, "run_job", counted)
+    monkeypatch.setattr(backend, "run_job", counted)
     return jobs
 
 
@@ -83,7 +82,7 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
+def test_a_damaged_record_is_quarantined_and_computed_again(tmp_path, computed):
     before = small(tmp_path).data
     damaged = sorted((tmp_path / "runs").rglob("*.json"))[0]
     content = bytearray(damaged.read_bytes())
@@ -103,18 +102,13 @@ def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
         return run_job(job)
 
     with monkeypatch.context() as patched:
-        patched.setattr(where, "run_job", interrupted)
-        with pytest.raises(SweepInterruptedError, match="2 of 3 runs kept") as stopped:
+        patched.setattr(backend, "run_job", interrupted)
+        with pytest.raises(SweepInterruptedError, match="2 of 3 runs") as stopped:
             small(tmp_path)
     assert (stopped.value.finished, stopped.value.total) == (2, 3)
     assert SweepResult.load(tmp_path).counts() == {"ok": 2, "failed": 0, "missing": 1}
     small(tmp_path)
     assert len(computed) == 3
-
-
-def test_seeds_of_repeats_are_counted_up(tmp_path, computed):
-    small(tmp_path, {"seed": [7]}, repeats=3)
-    assert [cp.Scenario.model_validate_json(job.scenario).seed for job in computed] == [7, 8, 9]
 
 
 def test_users_metrics_stand_beside_ours(tmp_path):
@@ -130,7 +124,7 @@ def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(t
     wild = {DAMPING: [3e3, 3e3, 5e2]}
     nowhere = {"controller": {"kind": "user", "target": "nowhere:Law"}}
     cases = {"law": {"wild": wild, "broken": law("raise"), "paper": {}, "nowhere": nowhere}}
-    result = small(tmp_path, {"seed": [0]}, cases=cases)
+    result = small(tmp_path, {"clock.rate_hz": [80.0]}, cases=cases)
     assert {f.parameters["law"]: f.kind for f in result.failures} == {
         "wild": "DivergedError",
         "broken": "UserCodeError",
@@ -201,7 +195,7 @@ def test_a_damaged_kept_run_is_computed_again(tmp_path, computed):
     path.write_bytes(content)
     result = small(tmp_path, keep="all")
     assert len(computed) == 4
-    assert result.store.read_or_set_aside(path.stem, with_result=True) is not None
+    assert result.store.read_or_quarantine(path.stem, with_result=True) is not None
 
 
 def test_asking_for_full_results_later_computes_them(tmp_path, computed):
@@ -255,7 +249,7 @@ from coop_pin.sweeps import sweep
 short = {"duration": 0.1, "events": []}
 assert sweep("adept-paper", out="here", workers=0, quiet=True, changes=short).counts()["ok"] == 1
 try:
-    sweep("adept-paper", {"seed": [1]}, out="here", workers=1, quiet=True, changes=short)
+    sweep("adept-paper", {"clock.rate_hz": [100]}, out="here", workers=1, quiet=True, changes=short)
 except MissingExtraError as error:
     print(error)
 """

@@ -1,4 +1,4 @@
-"""A sweep that is hurt loses nothing: the drill of benchmarks/drill.py, short here and long in the slow tier."""
+"""Fault drill of benchmarks/drill.py: short here, long in the slow tier."""
 
 import subprocess
 import sys
@@ -33,7 +33,8 @@ def test_a_hundred_faults_lose_nothing(drill, tmp_path):
 
 def test_the_second_command_on_a_finished_sweep_computes_nothing(tmp_path):
     (tmp_path / "sweep.toml").write_text(
-        'base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\nrepeats = 2\n'
+        'base = "adept-paper"\nchanges = { duration = 0.1, events = [] }\n'
+        'axes = { "clock.rate_hz" = [80, 100] }\n'
     )
     words = [sys.executable, "-m", "coop_pin", "sweep", "sweep.toml", "--out", "kept", "--workers", "0"]
     said = [

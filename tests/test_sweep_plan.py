@@ -1,4 +1,4 @@
-"""What varies: a plan counts, orders and finds its points without making them."""
+"""Sweep plans: points are counted, ordered and found without being stored; dimensions, samples and keys."""
 
 import itertools
 import sys
@@ -28,13 +28,13 @@ def plan(**fields):
 def test_points_are_the_product_of_the_dimensions_with_the_last_fastest():
     cases = {"law": {"sign": {}, "tanh": {"controller.switching": {"kind": "tanh", "width": 0.1}}}}
     zipped = [{"controller.gains.pose_gain": [1.0, 2.0], "controller.gains.transient_rate": [4.0, 5.0]}]
-    made = plan(cases=cases, axes={GAIN: [0.0, 0.1, 0.2], RATE: [80.0, 160.0]}, zipped=zipped, repeats=2)
+    made = plan(cases=cases, axes={GAIN: [0.0, 0.1, 0.2], RATE: [80.0, 160.0]}, zipped=zipped)
     wanted = list(
-        itertools.product(["sign", "tanh"], [0.0, 0.1, 0.2], [80.0, 160.0], [(1.0, 4.0), (2.0, 5.0)], [0, 1])
+        itertools.product(["sign", "tanh"], [0.0, 0.1, 0.2], [80.0, 160.0], [(1.0, 4.0), (2.0, 5.0)])
     )
-    assert made.shape == (2, 3, 2, 2, 2)
+    assert made.shape == (2, 3, 2, 2)
     assert len(made) == len(wanted) == len(list(made.points()))
-    for point, (law, gain, rate, (pose_gain, transient), repeat) in zip(made.points(), wanted, strict=True):
+    for point, (law, gain, rate, (pose_gain, transient)) in zip(made.points(), wanted, strict=True):
         scenario = made.scenario(point.number)
         assert scenario.controller.switching.kind == law
         assert scenario.controller.gains.sign_gain == gain
@@ -43,9 +43,7 @@ def test_points_are_the_product_of_the_dimensions_with_the_last_fastest():
             pose_gain,
             transient,
         )
-        assert scenario.seed == repeat
         assert point.parameters["law"] == law
-        assert point.parameters["repeat"] == repeat
 
 
 def test_a_point_is_its_base_with_its_changes_and_nothing_else():
@@ -86,19 +84,17 @@ def test_a_plan_survives_json_and_prints_its_size():
     made = plan(
         axes={GAIN: logspace(0.01, 1.0, 3)},
         sample={"fields": {MASS: {"low": 1, "high": 2}}, "count": 4},
-        repeats=2,
         keep=[0],
     )
     assert SweepPlan(**made.model_dump(mode="json")) == made
-    assert "3 x 4 x 2 = 24 runs" in str(made)
-    assert GAIN in str(made)
+    assert "3 x 4 = 12 runs" in made.summary()
+    assert GAIN in made.summary()
 
 
 def test_a_plan_is_read_from_toml_with_scenarios_beside_it(tmp_path):
     cp.Scenario.load("adept-paper", SHORT | {"name": "mine"}).save(tmp_path / "mine.toml")
     text = f"""
 base = "mine.toml"
-repeats = 2
 [axes]
 "{GAIN}" = {{ linspace = [0.0, 1.0, 5] }}
 "{RATE}" = {{ range = [80, 140, 20] }}
@@ -113,7 +109,7 @@ fields = {{ "controller.gains.pose_gain" = {{ low = 0.5, high = 2.0, scale = "lo
     (tmp_path / "sweep.toml").write_text(text)
     made = SweepPlan.load(tmp_path / "sweep.toml")
     assert list(made.base) == ["mine"]
-    assert made.shape == (2, 5, 3, 3, 2)
+    assert made.shape == (2, 5, 3, 3)
     assert made.axes[RATE] == (80, 100, 120)
 
 
@@ -126,13 +122,13 @@ def test_spacings_are_those_of_numpy():
             GAIN: linspace(0.0, 1.0, 7),
             RATE: logspace(10.0, 1000.0, 5),
             MASS: np.array([1.0, 2.0]),
-            "seed": range(3),
+            "clock.steps_per_tick": range(1, 4),
         }
     )
     assert_allclose(made.axes[GAIN], np.linspace(0.0, 1.0, 7), rtol=0, atol=0)
     assert_allclose(made.axes[RATE], [10.0, 10**1.5, 100.0, 10**2.5, 1000.0], rtol=1e-12)
     assert made.axes[MASS] == (1.0, 2.0)
-    assert made.axes["seed"] == (0, 1, 2)
+    assert made.axes["clock.steps_per_tick"] == (1, 2, 3)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +147,6 @@ def test_spacings_are_those_of_numpy():
         {"cases": {"sample": {"a": {}}}},
         {"keep": "some"},
         {"keep": [1]},
-        {"repeats": 0},
         {"base": []},
         {"base": ["adept-paper", "adept-paper"]},
         {"sample": {"fields": {GAIN: {"low": 1, "high": 0}}, "count": 4}},
@@ -163,6 +158,21 @@ def test_spacings_are_those_of_numpy():
 def test_a_plan_with_a_mistake_is_refused(fields):
     with pytest.raises(FieldError):
         plan(**fields)
+
+
+def test_repeats_are_refused_with_the_reason():
+    with pytest.raises(UnknownFieldError, match="random") as caught:
+        plan(repeats=3)
+    assert caught.value.path == "repeats"
+
+
+def test_spacings_are_plain_numbers_and_refuse_what_has_none():
+    assert linspace(0, 1, 3) == [0.0, 0.5, 1.0]
+    assert logspace(1, 100, 3) == pytest.approx([1.0, 10.0, 100.0])
+    assert {type(value) for value in (*linspace(0, 1, 3), *logspace(1, 8, 4))} == {float}
+    for mistake in (lambda: linspace(0, 1, 0), lambda: linspace(0, 1, 2.0), lambda: logspace(0, 1, 3)):
+        with pytest.raises(FieldError):
+            mistake()
 
 
 def test_a_misspelt_field_is_refused_before_anything_runs_and_a_bad_value_is_not():
@@ -202,7 +212,7 @@ def test_a_latin_hypercube_has_one_point_in_every_slice():
 
 def test_saltelli_points_differ_from_those_of_a_in_one_column_taken_from_b():
     sample = Sample(fields={name: {"low": 0, "high": 1} for name in "abc"}, count=8, method="saltelli")
-    blocks = np.array([sample.fractions(i) for i in range(len(sample))]).reshape(5, 8, 3)
+    blocks = np.array([sample.fractions(i) for i in range(sample.size)]).reshape(5, 8, 3)
     a, b = blocks[0], blocks[1]
     for column in range(3):
         wanted = a.copy()
@@ -213,7 +223,7 @@ def test_saltelli_points_differ_from_those_of_a_in_one_column_taken_from_b():
 def test_same_seed_same_points_and_log_spans_keep_their_ends():
     spans = {"a": {"low": 1e-3, "high": 1e3, "scale": "log"}}
     points = [
-        [Sample(fields=spans, count=64, method="random", seed=seed).point(i)["a"] for i in range(64)]
+        [Sample(fields=spans, count=64, method="random", seed=seed).changes(i)["a"] for i in range(64)]
         for seed in (1, 1, 2)
     ]
     assert points[0] == points[1] != points[2]
@@ -228,7 +238,7 @@ def test_equal_scenarios_have_equal_keys_and_any_change_makes_another():
     base = cp.Scenario.load("adept-paper")
     again = cp.Scenario.from_toml(base.to_toml())
     changed = [
-        {"seed": 1},
+        {"clock.rate_hz": 81.0},
         {GAIN: 0.2000001},
         {"duration": 20.5},
         {"cell.arms.left.base.xyz": [0.0, 0.0, 1e-12]},
@@ -252,9 +262,9 @@ def test_a_changed_robot_file_makes_another_key(tmp_path):
 
 
 def test_an_estimate_counts_runs_and_divides_by_workers():
-    one, two = (estimate(plan(axes={GAIN: linspace(0.0, 0.1, 10)}), workers) for workers in (1, 2))
+    one, two = (estimate(plan(axes={GAIN: linspace(0.0, 0.1, 10)}), workers=workers) for workers in (1, 2))
     assert one.runs == two.runs == 10
     assert one.run_s > 0.0
     assert one.total_s == 10 * one.run_s
     assert two.total_s == 5 * two.run_s
-    assert "10 runs" in str(one)
+    assert "10 runs" in one.summary()

@@ -1,4 +1,4 @@
-"""What a sweep answers, against answers known beforehand: stores are filled with records of made-up metrics."""
+"""Analysis of sweeps against known results, on stores filled with records of made-up metrics."""
 
 import os
 
@@ -11,7 +11,7 @@ from coop_pin.sweeps import SweepPlan, SweepResult, linspace
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.sensitivity import pareto_front
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import key_of
+from coop_pin.sweeps.table import point_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SPAN = {"low": -np.pi, "high": np.pi}
@@ -22,7 +22,7 @@ def filled(folder, plan, metrics, fails=lambda _: False):
     store = SweepStore(folder)
     store.write_plan(plan)
     for point in plan.points():
-        key = key_of(plan, point.number)
+        key = point_key(plan, point.number)
         failure = Failure("DivergedError", "gone", {"time": 0.5}) if fails(point.parameters) else None
         store.write(Record(key, "", {} if failure else metrics(point.parameters), failure))
     return SweepResult.load(folder)
@@ -67,7 +67,7 @@ def test_marginals_average_what_finished(grid, tmp_path):
     assert_allclose(found.values[0], 0.09 + np.mean([50.0, 100.0, 200.0, 400.0]), rtol=1e-12)
     assert_allclose(found.values[3], 0.09 + 50.0, rtol=1e-12)
     assert np.isnan(filled(tmp_path / "none", grid.plan, lambda _: {"f": np.inf}).marginal(GAIN, "f")).all()
-    assert_allclose(grid.marginal(RATE, "g", np.nanmax).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
+    assert_allclose(grid.marginal(RATE, "g", average=np.nanmax).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
 
 
 def test_the_stability_boundary_lies_between_the_last_stable_and_the_first_unstable_value(grid):
@@ -80,8 +80,8 @@ def test_the_stability_boundary_lies_between_the_last_stable_and_the_first_unsta
 
 
 def test_a_boundary_of_what_is_unstable_from_the_start_is_not_a_number(tmp_path):
-    plan = SweepPlan(base="adept-paper", axes={RATE: [50.0, 100.0]}, repeats=2)
-    result = filled(tmp_path, plan, lambda _: {"f": 1.0}, lambda p: p["repeat"] == 1)
+    plan = SweepPlan(base="adept-paper", axes={RATE: [50.0, 100.0], GAIN: [0.0, 0.1]})
+    result = filled(tmp_path, plan, lambda _: {"f": 1.0}, lambda p: p[GAIN] == 0.1)
     found = result.stability_boundary(RATE)
     assert_array_equal(found["last_stable"], [100.0, np.nan])
     assert_array_equal(found["first_unstable"], [np.nan, 50.0])
@@ -177,7 +177,7 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
         (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
         (2, "ScenarioError", "no"),
     ):
-        store.write(Record(key_of(plan, number), "", {}, Failure(kind, message, {})))
+        store.write(Record(point_key(plan, number), "", {}, Failure(kind, message, {})))
     lines = SweepResult(plan, store).summary().splitlines()
     assert lines[-4:] == [
         "  2 ScenarioError; run 1: 2 mistakes:",

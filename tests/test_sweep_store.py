@@ -1,4 +1,4 @@
-"""What is kept: records are whole or not there, damage is seen, one owner at a time, a full disk costs nothing written before."""
+"""Store of a sweep: records are complete or absent, damage is detected, one owner at a time, full disks."""
 
 import errno
 import multiprocessing
@@ -18,7 +18,7 @@ from coop_pin.sweeps.store import FolderLock, SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
-RECORD = Record(KEY, '{"seed": 0}', NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
+RECORD = Record(KEY, '{"name": "a"}', NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
 FAILED = Record(
     OTHER,
     "",
@@ -97,7 +97,7 @@ def test_a_damaged_record_is_moved_aside_and_kept_there(store):
         path.write_bytes(damaged)
         with pytest.raises(SweepStoreError):
             store.read(KEY)
-        assert store.read_or_set_aside(KEY) is None
+        assert store.read_or_quarantine(KEY) is None
         assert not path.exists()
         aside = sorted((store.folder / "quarantine").iterdir())
         assert len(aside) == count + 1
@@ -109,21 +109,21 @@ def test_a_record_under_another_key_is_foreign(store):
     path = store.record_path(OTHER)
     path.parent.mkdir(parents=True)
     path.write_bytes(RECORD.to_bytes())
-    assert store.read_or_set_aside(OTHER) is None
+    assert store.read_or_quarantine(OTHER) is None
     assert store.read(KEY) == RECORD
 
 
 def test_a_kept_result_must_be_whole(store):
     store.write(RECORD, b"netcdf")
-    record = store.read_or_set_aside(KEY, with_result=True)
+    record = store.read_or_quarantine(KEY, with_result=True)
     assert record is not None
     store.result_path(KEY).write_bytes(b"netcdg")
-    assert store.read_or_set_aside(KEY, with_result=True) is None
-    assert store.read_or_set_aside(KEY) == record
+    assert store.read_or_quarantine(KEY, with_result=True) is None
+    assert store.read_or_quarantine(KEY) == record
     assert [file.suffix for file in (store.folder / "quarantine").iterdir()] == [".nc"]
 
 
-def test_tidying_removes_parts_moves_foreign_files_and_touches_no_record(store):
+def test_clean_up_removes_parts_moves_foreign_files_and_touches_no_record(store):
     store.write(RECORD, b"netcdf")
     part = store.record_path(KEY).with_name(f".{KEY}.{32 * 'a'}.json")
     part.write_bytes(b"half")
@@ -134,12 +134,12 @@ def test_tidying_removes_parts_moves_foreign_files_and_touches_no_record(store):
     ]
     for file in foreign:
         file.write_text("mine")
-    assert store.tidy() == len(foreign)
+    assert store.clean_up() == len(foreign)
     assert not part.exists()
     assert not any(file.exists() for file in foreign)
     assert len(list((store.folder / "quarantine").iterdir())) == len(foreign)
-    assert store.read_or_set_aside(KEY, with_result=True) is not None
-    assert store.tidy() == 0
+    assert store.read_or_quarantine(KEY, with_result=True) is not None
+    assert store.clean_up() == 0
 
 
 def test_the_plan_is_kept_and_its_damage_seen(store):
@@ -197,12 +197,12 @@ def test_a_real_file_size_limit_leaves_no_half_file(store):
 
 def test_a_second_owner_is_refused_and_told_who_the_first_is(tmp_path):
     with FolderLock(tmp_path) as lock:
-        assert lock.left_by == ""
+        assert lock.killed_owner == ""
         with pytest.raises(StoreLockedError, match=f"process {os.getpid()} on ") as refused:
             FolderLock(tmp_path).__enter__()
         assert str(os.getpid()) in refused.value.owner
     with FolderLock(tmp_path) as lock:
-        assert lock.left_by == ""
+        assert lock.killed_owner == ""
 
 
 HOLD = """
@@ -224,4 +224,4 @@ def test_the_lock_of_a_killed_owner_is_stale_and_said_to_be(tmp_path):
     owner.wait()
     owner.stdout.close()
     with FolderLock(tmp_path) as lock:
-        assert f"process {owner.pid} " in lock.left_by + " "
+        assert f"process {owner.pid} " in lock.killed_owner + " "

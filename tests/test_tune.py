@@ -1,4 +1,4 @@
-"""Tuning: what it returns is the best of what it tried, it is a function of its arguments, and nothing is run twice."""
+"""Tuning: the best run of the history is returned, the search is reproducible, and nothing is run twice."""
 
 import contextlib
 import os
@@ -17,7 +17,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_cluster import scheduler_elsewhere
 
 import coop_pin as cp
-import coop_pin.sweeps.backend as where
 from coop_pin.cli import main
 from coop_pin.errors import (
     EntryNotFoundError,
@@ -28,7 +27,7 @@ from coop_pin.errors import (
     UnknownFieldError,
     WorkersLostError,
 )
-from coop_pin.sweeps import SweepResult
+from coop_pin.sweeps import SweepResult, backend
 from coop_pin.sweeps.search import Budget, first_generation
 from coop_pin.sweeps.store import FolderLock
 from coop_pin.sweeps.tuner import Bound, Objective
@@ -53,8 +52,8 @@ def method(request):
 def counted(monkeypatch):
     """Numbers of runs that were really computed."""
     runs = []
-    original = where.run_job
-    monkeypatch.setattr(where, "run_job", lambda job: runs.append(job.key) or original(job))
+    original = backend.run_job
+    monkeypatch.setattr(backend, "run_job", lambda job: runs.append(job.key) or original(job))
     return runs
 
 
@@ -108,10 +107,10 @@ def test_later_generations_come_closer_to_a_known_minimum(method):
         seen.append(((points - [0.3, -1.0]) ** 2).sum(axis=1))
         return seen[-1]
 
-    effort = Budget.of(8, 6, 2, seed=1)
-    _SEARCHES[method](bowl, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, effort)
-    assert [len(costs) for costs in seen] == [effort.size] * 9
-    assert effort.runs == sum(map(len, seen))
+    budget = Budget.of(8, 6, 2, seed=1)
+    _SEARCHES[method](bowl, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, budget)
+    assert [len(costs) for costs in seen] == [budget.size] * 9
+    assert budget.runs == sum(map(len, seen))
     assert seen[-1].mean() < 0.25 * seen[0].mean()
     assert min(costs.min() for costs in seen) < 0.5 * seen[0].min()
 
@@ -142,7 +141,7 @@ def test_where_all_runs_fail_the_error_says_what_the_first_of_them_said(tmp_path
 
 
 class Table:
-    """What a goal asks of a sweep."""
+    """The part of a SweepResult that an objective reads."""
 
     def __init__(self, **values):
         self.metric_names, self.plan = list(values), range(len(next(iter(values.values()))))
@@ -152,13 +151,13 @@ class Table:
         return self._values[name]
 
 
-def test_a_run_within_the_bounds_costs_less_than_one_outside_that_less_than_one_further_out_and_a_failed_one_the_most():
+def test_costs_rank_feasible_before_infeasible_before_failed_runs():
     runs = Table(small=[5.0, 1.0, 0.5, np.nan, 0.1], bounded=[1.9, 2.0, 3.0, np.nan, 5.0])
-    goal = Objective("small", (Bound("bounded", 1, 2.0),))
-    costs = goal.costs(runs)
+    objective = Objective("small", (Bound("bounded", 1, 2.0),))
+    costs = objective.costs(runs)
     assert_array_equal(np.argsort(costs), [1, 0, 2, 4, 3])
     assert_array_equal(costs[:2], [5.0, 1.0])
-    assert [goal.met(cost) for cost in costs] == [True, True, False, False, False]
+    assert [objective.is_feasible(cost) for cost in costs] == [True, True, False, False, False]
 
 
 # ---------------------------------------------------------------- a function of its arguments
@@ -188,7 +187,7 @@ def test_another_seed_is_another_search(tmp_path, searches, method):
 def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
     tmp_path, searches, monkeypatch, method, after
 ):
-    computed, original = [], where.run_job
+    computed, original = [], backend.run_job
 
     def interrupted(job):
         if len(computed) == after:
@@ -197,8 +196,8 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
         return original(job)
 
     with monkeypatch.context() as patched:
-        patched.setattr(where, "run_job", interrupted)
-        with pytest.raises(SweepInterruptedError, match=f"{after} of 10 runs kept"):
+        patched.setattr(backend, "run_job", interrupted)
+        with pytest.raises(SweepInterruptedError, match=f"{after} of 10 runs"):
             cp.tune(SHORT, RANGES, out=tmp_path, method=method, **OPTIONS)
     tried = 5 * (after // 5 + 1)
     assert SweepResult.load(tmp_path).counts() == {"ok": after, "failed": 0, "missing": tried - after}
@@ -217,7 +216,7 @@ def clusters(monkeypatch):
     for name in ("local_cluster", "remote_cluster"):
         original = getattr(cluster, name)
         monkeypatch.setattr(
-            cluster, name, lambda where, original=original: opened.append(where) or original(where)
+            cluster, name, lambda option, original=original: opened.append(option) or original(option)
         )
     return opened
 
@@ -252,7 +251,7 @@ def test_a_search_that_finds_all_its_runs_starts_no_workers(tmp_path, searches, 
 
 
 def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_path, monkeypatch):
-    original, refused = where.run_job, []
+    original, refused = backend.run_job, []
 
     def intruded(job):
         with pytest.raises(StoreLockedError):
@@ -260,7 +259,7 @@ def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_pat
         refused.append(job.key)
         return original(job)
 
-    monkeypatch.setattr(where, "run_job", intruded)
+    monkeypatch.setattr(backend, "run_job", intruded)
     cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
     assert len(refused) == 10
 
@@ -310,12 +309,12 @@ def test_one_bound_may_stand_alone(tmp_path):
 
 def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
     out = tmp_path / "out"
-    with pytest.raises(FieldError, match="lower and a higher"):
+    with pytest.raises(FieldError, match="range"):
         cp.tune(SHORT, {GAIN: (2.0, 1.0)}, out=out, **OPTIONS)
-    with pytest.raises(FieldError, match="lower and a higher"):
+    with pytest.raises(FieldError, match="range"):
         cp.tune(SHORT, {GAIN: (0.0, np.inf)}, out=out, **OPTIONS)
     for ends in ((1.0, 2.0, 3.0), ("low", "high"), 3.0):
-        with pytest.raises(FieldError, match="must be a lowest and a highest number"):
+        with pytest.raises(FieldError, match="range"):
             cp.tune(SHORT, {GAIN: ends}, out=out, **OPTIONS)
     with pytest.raises(FieldError, match="METRIC<NUMBER"):
         cp.tune(SHORT, RANGES, out=out, subject_to=["fast"], **OPTIONS)
@@ -346,7 +345,8 @@ WITHOUT_OPTUNA = """
 import sys
 sys.modules["optuna"] = None  # importing it raises from here on
 import coop_pin as cp
-options = {"minimize": "torque_peak_Nm", "out": "here", "generations": 0, "population": 5, "workers": 0, "quiet": True}
+options = {"minimize": "torque_peak_Nm", "generations": 0, "population": 5}
+options |= {"out": "here", "workers": 0, "quiet": True}
 short = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": []})
 assert len(cp.tune(short, {"controller.gains.pose_gain": (1.0, 2.0)}, **options).history.plan) == 5
 try:
@@ -420,10 +420,8 @@ def test_the_command_prints_what_it_found_and_how_to_run_it(folder, capsys):
     assert all(name in out for name in (GAIN, SIGN, PEAK, "best of 6 runs (0 failed)"))
     best = SweepResult.load(folder / "found").best(PEAK)[0]
     (again,) = [line for line in out.splitlines() if line.startswith("run it: ")]
-    assert (
-        again
-        == f"run it: coop-pin run short.toml --{GAIN} {best.parameters[GAIN]!r} --{SIGN} {best.parameters[SIGN]!r}"
-    )
+    gain, sign = (f"--{field} {best.parameters[field]!r}" for field in (GAIN, SIGN))
+    assert again == f"run it: coop-pin run short.toml {gain} {sign}"
     assert (folder / "found" / "table.csv").is_file()
     assert main(["tune", "short.toml", *WORDS, *SIZE, "--out", "found", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
@@ -433,7 +431,7 @@ def test_the_command_prints_what_it_found_and_how_to_run_it(folder, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--vary", GAIN, "3", "1"], "lower and a higher"),
+        (["--vary", GAIN, "3", "1"], "range"),
         ([], "names no field"),
         (["--vary", GAIN, "1", "2", "--vary", "controller.gains.pose-gain", "1", "3"], "has two ranges"),
         (["--vary", "controller.gains.pose_gian", "1", "2"], "did you mean 'pose_gain'"),
@@ -477,7 +475,8 @@ def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers)
         "kept",
     ]
     process = subprocess.Popen(
-        [sys.executable, "-c", "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        [sys.executable, "-c", "import signal, sys\n"
+         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
          "from coop_pin.cli import main; sys.exit(main())", *words],
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip

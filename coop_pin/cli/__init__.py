@@ -1,10 +1,12 @@
-"""The command line: parse, call, print. What it does can be done in Python as well."""
+"""Command line: ``coop-pin`` parses its arguments, runs one command and returns an exit code."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 from coop_pin import __version__
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
@@ -17,33 +19,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: the words after ``coop-pin``; those of the process when omitted.
 
     Raises:
-        SystemExit: help was asked for (0), or the words make no command (2).
+        SystemExit: help was asked for (0), or the words are no command (2).
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:
         print(f"coop-pin {__version__}")
         return OK
-    from coop_pin.errors import CoopPinError
+    from coop_pin import errors
 
-    pythons_own, warnings.formatwarning = warnings.formatwarning, _worded
+    failures = (
+        errors.CodeChangedError,
+        errors.NothingFeasibleError,
+        errors.StoreLockedError,
+        errors.StoreWriteError,
+        errors.VideoError,
+        errors.WorkersLostError,
+    )
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))  # user modules are found as ``python -m`` finds them
+    original_format, warnings.formatwarning = warnings.formatwarning, _format_warning
     try:
-        from coop_pin.cli.parsing import parse  # takes long enough to load for somebody to press Ctrl-C
+        from coop_pin.cli.parsing import parse  # slow enough to load that Ctrl-C may come meanwhile
 
         return parse(words).execute()
-    except CoopPinError as error:
+    except failures as error:
+        return _report(str(error), FAILED)
+    except errors.CoopPinError as error:
         return _report(str(error), BAD_INPUT)
     except OSError as error:
         return _report(str(error), FAILED)
+    except errors.SweepInterruptedError as interrupt:
+        kept = f"{interrupt.finished} of {interrupt.total} runs are kept in {interrupt.folder}"
+        return _report(f"{kept}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
     finally:
-        warnings.formatwarning = pythons_own
+        warnings.formatwarning = original_format
 
 
-def _worded(
-    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
-) -> str:  # noqa: ARG001
-    """Return a warning for people: without the line of this package's source that gave it."""
+def _format_warning(message: Warning | str, *_details: object, **_more: object) -> str:
+    """Return a warning without the source line of this package that gave it."""
     return f"coop-pin: warning: {message}\n"
 
 

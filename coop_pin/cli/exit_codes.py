@@ -1,7 +1,7 @@
-"""What ``coop-pin`` tells the shell."""
+"""Exit codes of ``coop-pin``."""
 
 OK = 0
 FAILED = 1
-"""A run diverged, a check found errors, a search found nothing within its bounds, a file cannot be written."""
+"""A run diverged, a check found errors, a search found no feasible run, or a file cannot be written."""
 BAD_INPUT = 2
 INTERRUPTED = 130

@@ -1,4 +1,4 @@
-"""``coop-pin check``."""
+"""Commands that simulate nothing: ``coop-pin list``, ``fields``, ``show``, ``check`` and ``check-urdf``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Annotated
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, OK
+
+_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,21 +21,20 @@ class List:
         from coop_pin.description import Scenario, scenario_names
 
         for scenario in map(Scenario.load, scenario_names()):
-            print(
-                f"{scenario.name:<20} {len(scenario.cell.arms)} arms  {scenario.duration:g} s  {scenario.summary}"
-            )
+            size = f"{len(scenario.cell.arms)} arms  {scenario.duration:g} s"
+            print(f"{scenario.name:<20} {size}  {scenario.summary}")
         return OK
 
 
 @dataclasses.dataclass(frozen=True)
 class Fields:
-    """List the fields of a scenario, their values and meanings: 'coop-pin run' takes each of them as an option.
+    """List the fields of a scenario with values and meanings; 'coop-pin run' takes each of them as an option.
 
     Attributes:
-        scenario: a name that 'coop-pin list' shows, or a TOML file.
+        scenario: a name listed by 'coop-pin list', or a TOML file.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    scenario: _ScenarioName
 
     def execute(self) -> int:
         """Print one line for each field."""
@@ -49,10 +50,10 @@ class Show:
     """Show the cell of a scenario as a tree: joints, masses, reach, closure rows and their rank.
 
     Attributes:
-        scenario: a name that 'coop-pin list' shows, or a TOML file.
+        scenario: a name listed by 'coop-pin list', or a TOML file.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    scenario: _ScenarioName
 
     def execute(self) -> int:
         """Print the tree."""
@@ -66,21 +67,21 @@ class Show:
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """Look along the desired motion without simulating: is it within reach, how near to singular, which limits are met when?
+    """Check reachability, distance to singularities and joint limits along the desired motion.
 
-    And at the start: can the control rate bear the damping that the gains ask for? A controller of your own
-    is not asked.
+    Nothing is simulated. For the built-in controllers, also check at the initial pose that the damping gains
+    are stable at the control rate.
 
     Attributes:
-        scenario: a name that 'coop-pin list' shows, or a TOML file.
-        poses: how many poses along the motion are looked at.
+        scenario: a name listed by 'coop-pin list', or a TOML file.
+        poses: number of poses checked along the motion.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    scenario: _ScenarioName
     poses: int = 401
 
     def execute(self) -> int:
-        """Print what was found; return whether the motion can be held as an exit code."""
+        """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import reachability, sampled_stability
         from coop_pin.description import Scenario
 
@@ -96,19 +97,19 @@ class Check:
 
 @dataclasses.dataclass(frozen=True)
 class CheckUrdf:
-    """Check a URDF: would Pinocchio read what the file says, can such bodies exist, are units and meshes right?
+    """Check structure, inertias, units and mesh paths of a URDF before loading it.
 
     Attributes:
         urdf: a URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm
             ("panda").
-        strict: masses and inertias that no body can have are errors, not warnings.
+        strict: physically impossible masses and inertias are errors, not warnings.
     """
 
     urdf: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     strict: bool = False
 
     def execute(self) -> int:
-        """Print the findings; return whether the file can be used as an exit code."""
+        """Print the findings; the exit code is OK if the file can be used."""
         from coop_pin.description.urdf import check_file, find_urdf
 
         report = check_file(find_urdf(self.urdf))

@@ -1,7 +1,8 @@
-"""Fields and values as typed on a command line."""
+"""Overrides: scenario fields and values as typed on the command line, by dotted path."""
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -28,7 +29,7 @@ def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[
 
 
 def field_path(field: str, arms: Collection[str]) -> str:
-    """Return a typed field as a dotted path: dashes stand for underscores, but the names of arms are kept."""
+    """Return the dotted path of a typed field: dashes become underscores, except in the names of arms."""
     return ".".join(part if part in arms else part.replace("-", "_") for part in field.split("."))
 
 
@@ -41,17 +42,12 @@ def _value(path: str, words: Sequence[str]) -> Any:
 
 
 def literal(word: str) -> Any:
-    """Read a word as a TOML value (0.5, true, [1, 2], {kind = "tanh"}), as a number (.5), or as plain text."""
+    """Return a word as a TOML value (0.5, true, [1, 2], {kind = "tanh"}), a number (.5) or plain text."""
     try:
         table = tomllib.loads(f"value = {word}")
     except tomllib.TOMLDecodeError:
-        return _number_or_text(word)
+        with contextlib.suppress(ValueError):
+            return float(word)
+        return word
     value = table.get("value")
     return value if len(table) == 1 and isinstance(value, bool | int | float | str | list | dict) else word
-
-
-def _number_or_text(word: str) -> float | str:
-    try:
-        return float(word)
-    except ValueError:
-        return word

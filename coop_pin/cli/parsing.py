@@ -1,10 +1,10 @@
-"""From words to a command; fields of a scenario are told apart from options here."""
+"""Parser of the command line: the commands, and which words of ``run`` are fields of the scenario."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import tyro
 
@@ -13,14 +13,6 @@ from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
 from coop_pin.cli.view import Report, View
-
-
-class Executable(Protocol):
-    """What every command can do."""
-
-    def execute(self) -> int:
-        """Do it, and return the exit code."""
-
 
 Command = (
     Annotated[Run, tyro.conf.subcommand("run")]
@@ -35,25 +27,27 @@ Command = (
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
 )
-_DESCRIPTION = "Two or more robot arms that hold one object: run scenarios, look at them, read their numbers."
+_DESCRIPTION = "Two or more robot arms that hold one object: simulate scenarios, view runs, compute metrics."
 
 
-def parse(words: Sequence[str]) -> Executable:
-    """Return the command that the words after ``coop-pin`` name.
+def parse(words: Sequence[str]) -> Command:
+    """Return the command for the words after ``coop-pin``.
 
     Raises:
-        SystemExit: help was asked for (0), or the words make no command (2).
+        SystemExit: help was asked for (0), or the words are no command (2).
     """
     own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
-    command: Executable = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
+    command: Command = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
     return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command
 
 
 def split_fields(words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Split the words of ``run`` into its own ones and the fields of the scenario, ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
+    """Split the words of ``run`` into its own options and fields of the scenario.
+
+    Fields are written ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
 
     Returns:
-        The own words, and the values of each field as written.
+        The options of ``run``, and the values of each field as typed.
     """
     options = {
         "--help",

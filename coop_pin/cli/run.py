@@ -1,4 +1,4 @@
-"""``coop-pin run`` as it is typed; what it does is in ``running``, which takes longer to load."""
+"""Command ``coop-pin run``: simulate a scenario and write its results into a folder."""
 
 from __future__ import annotations
 
@@ -7,39 +7,13 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any
 
 import tyro
-from tqdm import tqdm
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.cli.overrides import changes
-from coop_pin.controller_factory import build_controller
-from coop_pin.description import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError
-from coop_pin.report import save_report
-from coop_pin.results import RunResult
-from coop_pin.run_folder import RunFolder, Stopwatch, Timing
-from coop_pin.simulation import simulate
-
-
-class ProgressBar:
-    """Shows how far a run is; a context manager that leaves the terminal clean."""
-
-    def __init__(self, title: str, quiet: bool) -> None:
-        # disable=None: tqdm shows itself on terminals only
-        self._bar = tqdm(desc=title, unit=" ticks", leave=False, disable=True if quiet else None)
-
-    def show(self, done: int, total: int) -> None:
-        """Show that so many ticks of all are done."""
-        self._bar.total = total
-        self._bar.update(done - self._bar.n)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.close()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,12 +24,12 @@ class Run:
     3 --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
 
     Attributes:
-        scenario: a name that 'coop-pin list' shows, or a TOML file.
-        out: the folder; out/ and the scenario's name when omitted.
+        scenario: a name listed by 'coop-pin list', or a TOML file.
+        out: output folder; out/ and the scenario's name when omitted.
         quiet: no progress bar and no table.
-        replay: whether to write replay.html, the motion in 3-D.
-        figures: whether to write the figures.
-        report: whether to write report.html, one page that tells the whole run.
+        replay: write replay.html, the motion in 3-D.
+        figures: write the figures.
+        report: write report.html, the whole run on one page.
         fields: fields of the scenario, as typed.
     """
 
@@ -70,72 +44,66 @@ class Run:
     )
 
     def execute(self) -> int:
-        """Run, write, print; return the exit code."""
-        from coop_pin.cli.run import run_into_folder
+        """Run the scenario, write its folder, print its metrics, and return the exit code.
 
-        return run_into_folder(self)
+        An aborted run is written up to its last tick.
+
+        Raises:
+            CoopPinError: the run could not start.
+        """
+        from coop_pin.description import Scenario
+        from coop_pin.progress_bar import ProgressBar
+        from coop_pin.run_folder import RunFolder, Stopwatch
+        from coop_pin.run_scenario import run
+
+        scenario = Scenario.load(self.scenario)
+        scenario = scenario.override(changes(self.fields, scenario.cell.arms))
+        folder = RunFolder(self.out or Path("out") / scenario.name)
+        folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
+        watch = Stopwatch()
+        try:
+            with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
+                result = run(scenario, progress=bar.advance_to)
+        except (CoopPinError, RunInterruptedError) as error:
+            if error.result is None:
+                raise
+            folder.write_unfinished(error.result, watch.timing(error.result))
+            print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
+            return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
+        timing = watch.timing(result)
+        folder.write(result, timing, replay=self.replay, figures=self.figures)
+        if self.report:
+            from coop_pin.report import save_report  # slow to load
+
+            save_report(result, folder.path / folder.REPORT)
+        if not self.quiet:
+            print(_metrics_table(result, timing.real_time_factor))
+            print(f"written to {folder.path}")
+        return OK
 
 
-def run_into_folder(command: Run) -> int:
-    """Run a scenario, write its folder, print a table, and return the exit code.
-
-    A run that breaks off is written as far as it came.
-
-    Raises:
-        CoopPinError: the run could not start.
-    """
-    sys.path.append(str(Path.cwd()))  # users' own controllers are found as python -m finds them
-    scenario = Scenario.load(command.scenario)
-    scenario = scenario.override(changes(command.fields, scenario.cell.arms))
-    folder = RunFolder(command.out or Path("out") / scenario.name)
-    folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
-    watch = Stopwatch()
-    try:
-        with ProgressBar(scenario.name, command.quiet) as bar:
-            result = simulate(scenario, build_controller(scenario), progress=bar.show)
-    except (CoopPinError, RunInterruptedError) as error:
-        if error.result is None:
-            raise
-        folder.write_unfinished(error.result, watch.timing(error.result))
-        print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
-        return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
-    timing = watch.timing(result)
-    folder.write(result, timing, replay=command.replay, figures=command.figures)
-    if command.report:
-        save_report(result, folder.path / folder.REPORT)
-    if not command.quiet:
-        print(table(result, timing))
-        print(f"written to {folder.path}")
-    return OK
+def _metrics_table(result: Any, real_time_factor: float) -> str:
+    """Return the metrics of a RunResult and the limits that it exceeded, one to a line."""
+    scenario = result.scenario
+    speed = f"{real_time_factor:.1f} times real time"
+    lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {speed}"]
+    lines += [f"  {name:<30} {_metric_text(value)}" for name, value in result.metrics().items()]
+    if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
+        advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
+        lines.append(f"  did not settle; {advice}")
+    for violation in result.limit_violations():
+        worst = f"{violation.worst:.4g} (limit {violation.limit:.4g})"
+        quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
+        lines.append(f"  limit exceeded: {quantity}, {worst}, first at t = {violation.first_time:.4g} s")
+    return "\n".join(lines)
 
 
-def _said(value: float | list[float]) -> str:
-    """Return a metric in words where it is no number."""
+def _metric_text(value: float | list[float]) -> str:
+    """Return a metric as text; a word stands for what is no number."""
     if isinstance(value, list):
         start, end = value
-        return (
-            f"{start:g} to {end:g}"
-            if start < end
-            else f"none: the run ends, or an event comes, before {start:g} s"
-        )
+        empty = f"none: the run ends, or an event occurs, before {start:g} s"
+        return f"{start:g} to {end:g}" if start < end else empty
     if math.isnan(value):
         return "does not apply"
     return "never" if math.isinf(value) else f"{value:.4g}"
-
-
-def table(result: RunResult, timing: Timing) -> str:
-    """Return the metrics of a run as lines of text, and the limits that it went beyond."""
-    scenario = result.scenario
-    lines = [
-        f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {timing.real_time_factor:.1f} times real time"
-    ]
-    for name, value in result.metrics().items():
-        lines.append(f"  {name:<30} {_said(value)}")
-    if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
-        lines.append("  it never settled: 'coop-pin check' tells whether the control rate can bear the gains")
-    for beyond in result.limit_violations():
-        where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"
-        lines.append(
-            f"  beyond its limit: {where}, {beyond.worst:.4g} (limit {beyond.limit:.4g}), first at t = {beyond.first_time:.4g} s"
-        )
-    return "\n".join(lines)

@@ -1,43 +1,29 @@
-"""``coop-pin sweep`` and ``coop-pin sweep-show`` as they are typed; what they do is in ``sweeping``, which takes longer to load."""
+"""Commands ``coop-pin sweep`` and ``coop-pin sweep-show``: run a plan of many runs, and show its results."""
 
 from __future__ import annotations
 
 import dataclasses
-import shlex
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
-from coop_pin.errors import (
-    CodeChangedError,
-    StoreLockedError,
-    StoreWriteError,
-    SweepInterruptedError,
-    WorkersLostError,
-)
-from coop_pin.sweeps.backend import Where
-from coop_pin.sweeps.engine import sweep
-from coop_pin.sweeps.estimates import estimate
-from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.result import SweepResult
+from coop_pin.cli.exit_codes import OK
 
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """Run a scenario many times; finished runs are kept, and the same command goes on where it was stopped.
+    """Run a scenario many times. Finished runs are kept: the same command resumes an interrupted sweep.
 
     Attributes:
-        plan: a TOML file that says what varies.
-        out: the folder that keeps the runs and their table; out/ and the file's name when omitted.
-        workers: number of processes, 0 for this one; one for each processor when omitted.
+        plan: a TOML file with the scenario and the fields that vary.
+        out: output folder for the runs and their table; out/ and the file's name when omitted.
+        workers: number of processes, 0 for this process; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes, for example
             tcp://127.0.0.1:8786.
-        retry_failed: run again what failed for want of time or of a worker.
-        estimate: only print the plan and how long it will take.
+        retry_failed: repeat runs that failed for lack of time or of a worker.
+        estimate: only print the plan and an estimate of its duration.
         quiet: no progress bar and no summary.
     """
 
@@ -50,25 +36,41 @@ class Sweep:
     quiet: bool = False
 
     def execute(self) -> int:
-        """Run, write, print; return the exit code."""
-        from coop_pin.cli.sweep import run_sweep
+        """Run the sweep, print its summary and return the exit code; failed runs do not fail the command."""
+        from coop_pin.sweeps import SweepPlan, estimate, sweep
 
-        return run_sweep(self)
+        plan = SweepPlan.load(self.plan)
+        if self.estimate:
+            print(plan.summary(), estimate(plan, workers=self.workers).summary(), sep="\n")
+            return OK
+        folder = self.out or Path("out") / self.plan.stem
+        result = sweep(
+            plan,
+            out=folder,
+            workers=self.workers,
+            scheduler=self.scheduler,
+            retry_failed=self.retry_failed,
+            quiet=self.quiet,
+        )
+        if not self.quiet:
+            print(result.summary())
+            print(f"written to {folder}")
+        return OK
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepShow:
-    """Print what a sweep says, finished or not.
+    """Print the results of a sweep, finished or not, and draw them.
 
     Attributes:
         folder: the folder of a sweep.
-        best: name of a metric; the runs with its smallest values are listed.
-        count: how many.
-        failures: list the runs that failed, and why.
-        figure: draw the metric over what varies; written as PNG and as SVG.
-        metric: what the figure shows.
-        over: a field to draw lines along, where a map or the longest field is not wanted.
-        against: a second metric: draw all runs by the two, with the front of the best.
+        best: a metric; the runs with its smallest values are listed.
+        count: how many of them.
+        failures: list the runs that failed, with their errors.
+        figure: draw the metric over the fields that vary; written as PNG and as SVG.
+        metric: the metric that the figure shows.
+        over: draw lines along this field instead of a map or lines along the longest dimension.
+        against: a second metric: draw all runs by the two metrics, with the Pareto front.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
@@ -81,81 +83,36 @@ class SweepShow:
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
 
     def execute(self) -> int:
-        """Print; return the exit code."""
-        from coop_pin.cli.sweep import show_sweep
+        """Print the results and return the exit code.
 
-        return show_sweep(self)
+        Raises:
+            SweepStoreError: the folder is not that of a sweep.
+            EntryNotFoundError: no run has the metric.
+        """
+        from coop_pin.sweeps import SweepResult
 
-
-def run_sweep(command: Sweep) -> int:
-    """Run a sweep, print its summary, and return the exit code; failed runs are part of a sweep and no failure of it.
-
-    Raises:
-        CoopPinError: the plan has mistakes.
-    """
-    sys.path.append(str(Path.cwd()))  # users' own controllers and metrics are found as python -m finds them
-    plan = SweepPlan.load(command.plan)
-    if command.estimate:
-        print(plan, estimate(plan, Where.of(command.workers, None).workers), sep="\n")
-        return OK
-    folder = command.out or Path("out") / command.plan.stem
-    options: dict[str, Any] = {
-        "scheduler": command.scheduler,
-        "retry_failed": command.retry_failed,
-        "quiet": command.quiet,
-    }
-    try:
-        result = sweep(plan, out=folder, workers=command.workers, **options)
-    except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
-        print(f"coop-pin: {error}", file=sys.stderr)
-        return FAILED
-    except SweepInterruptedError as interrupt:
-        again = shlex.join(["coop-pin", *sys.argv[1:]])
-        print(
-            f"\ncoop-pin: {interrupt.finished} of {interrupt.total} runs are kept in {folder}; go on with: {again}",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
-    if not command.quiet:
+        result = SweepResult.load(self.folder)
         print(result.summary())
-        print(f"written to {folder}")
-    return OK
+        if self.best is not None:
+            print(f"smallest {self.best}:")
+            for run in result.best(self.best, self.count):
+                print(f"  {run.metrics[self.best]:<12.5g} run {run.number}: {_text(run.parameters)}")
+        if self.failures:
+            print("failed:")
+            for failure in result.failures:
+                reason = f"{failure.kind}: {failure.message}"
+                print(f"  run {failure.number}: {_text(failure.parameters)}: {reason}")
+        if self.figure is not None:
+            from coop_pin.figures import pareto_figure, save_figure, sweep_figure
+
+            if self.against is not None:
+                figure = pareto_figure(result, self.against, self.metric)
+            else:
+                figure = sweep_figure(result, self.metric, self.over)
+            stem = self.figure.with_suffix("") if self.figure.suffix in (".png", ".svg") else self.figure
+            print("written to " + " and ".join(map(str, save_figure(figure, stem))))
+        return OK
 
 
-def show_sweep(command: SweepShow) -> int:
-    """Print what a sweep says and return the exit code.
-
-    Raises:
-        SweepStoreError: the folder is not that of a sweep.
-        EntryNotFoundError: no run has the metric.
-    """
-    result = SweepResult.load(command.folder)
-    print(result.summary())
-    if command.best is not None:
-        print(f"smallest {command.best}:")
-        for place in result.best(command.best, command.count):
-            print(f"  {place.metrics[command.best]:<12.5g} run {place.number}: {_written(place.parameters)}")
-    if command.failures:
-        print("failed:")
-        for failure in result.failures:
-            print(
-                f"  run {failure.number}: {_written(failure.parameters)}: {failure.kind}: {failure.message}"
-            )
-    if command.figure is not None:
-        _draw(result, command, command.figure)
-    return OK
-
-
-def _draw(result: SweepResult, command: SweepShow, file: Path) -> None:
-    from coop_pin.figures import pareto_figure, save_figure, sweep_figure  # matplotlib is slow to load
-
-    if command.against is not None:
-        figure = pareto_figure(result, command.against, command.metric)
-    else:
-        figure = sweep_figure(result, command.metric, command.over)
-    stem = file.with_suffix("") if file.suffix in (".png", ".svg") else file
-    print("written to " + " and ".join(map(str, save_figure(figure, stem))))
-
-
-def _written(parameters: Mapping[str, Any]) -> str:
+def _text(parameters: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in parameters.items())

@@ -1,4 +1,4 @@
-"""``coop-pin view``."""
+"""Commands ``coop-pin view`` and ``coop-pin report``: 3-D views, images, videos and report pages."""
 
 from __future__ import annotations
 
@@ -7,38 +7,35 @@ import dataclasses
 import os
 import sys
 import threading
-from collections.abc import Callable
+import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.description import Scenario
-from coop_pin.run_scenario import run
-from coop_pin.viz import open_view
+from coop_pin.cli.exit_codes import OK
+from coop_pin.errors import FieldError
 
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Look at a run or at a cell in 3-D, or write pictures of a run.
+    """Show a run or a cell in 3-D, or write an image or a video of a run.
 
-    Of a run, its replay opens, a file that plays offline; it is made anew from the result if it is missing.
-    Of a scenario, its cell opens as it stands at the start, on an address of this machine alone, until
-    Ctrl-C; with --run it moves.
+    For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
+    For a scenario, this opens a live view of the cell in its initial state on an address of this machine
+    only, until Ctrl-C; with --run the scenario is simulated.
 
-    With --image or --video nothing opens: pictures are written, as the replay shows them. That takes the
-    extra 'video', and a Chromium or Chrome, but no display.
+    With --image or --video nothing opens: the replay is rendered into a file. That takes the extra 'video'
+    and Chromium or Chrome, but no display.
 
     Attributes:
-        what: the folder or result file of a run, or a scenario: a name that 'coop-pin list' shows, or a TOML
-            file.
-        open: whether to open a browser; without a screen only the address is printed.
-        run: whether to let the run of a scenario go by, over and over; nothing is written.
+        what: folder or result file of a run, or a scenario: a name listed by 'coop-pin list', or a TOML file.
+        open: open a browser; without a screen only the address is printed.
+        run: simulate the scenario, over and over; nothing is written.
         realtime_rate: simulated seconds in one second of wall time.
-        port: of a scenario's view, for example one that 'ssh -L' forwards; any free one when omitted.
+        port: port of a scenario's view, for example one that 'ssh -L' forwards; any free port when omitted.
         image: PNG file to write, of a run.
-        time: what the image shows, s; the end of the run when omitted.
+        time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
     """
 
@@ -52,56 +49,74 @@ class View:
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
 
     def execute(self) -> int:
-        """Print the address and open it; or write pictures and print their names.
+        """Print the address and open it, or write the files and print their paths.
 
         Raises:
-            FieldError: a time is given, but no image to show it.
+            FieldError: a time is given, but no image.
+            UnreachablePoseError: the initial pose of a scenario is out of an arm's reach.
+            PortTakenError: the chosen port is in use.
+            ResultFileError: the result is missing or damaged.
+            MissingExtraError: the extra 'video' is not installed.
+            BrowserNotFoundError: there is no browser.
+            TimeOutsideRunError: the run does not have the requested time.
         """
         from coop_pin.description import scenario_names
-        from coop_pin.errors import FieldError, VideoError
 
         path = Path(self.what)
         if self.time is not None and self.image is None:
-            raise FieldError("says what an image shows; give --image FILE with it", "--time")
+            raise FieldError("is the time that an image shows; add --image FILE", "--time")
         if self.image is not None or self.video is not None:
-            from coop_pin.cli.view import write_pictures
-
-            try:
-                write_pictures(path, self.image, self.time, self.video)
-            except VideoError as error:
-                print(f"coop-pin: {error}", file=sys.stderr)
-                return FAILED
-            return OK
-        if self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
-            return self._live()
-        replay = _replay(path).resolve()
-        self._show(str(replay), replay.as_uri())
+            self._write_images(path)
+        elif self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
+            self._view_until_interrupted()
+        else:
+            replay = _replay(path).resolve()
+            self._show(str(replay), replay.as_uri())
         return OK
 
-    def _live(self) -> int:
-        from coop_pin.cli.view import view_until_interrupted
+    def _write_images(self, path: Path) -> None:
+        from coop_pin.results import RunResult
+        from coop_pin.run_folder import RunFolder
+        from coop_pin.viz import save_image, save_video
+
+        result = RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
+        if self.image is not None:
+            save_image(result, self.image, self.time)
+            print(self.image.resolve(), flush=True)
+        if self.video is not None:
+            save_video(result, self.video)
+            print(self.video.resolve())
+
+    def _view_until_interrupted(self) -> None:
+        """Serve a live view of the scenario's cell until Ctrl-C, which ends it normally."""
         from coop_pin.description import Scenario
+        from coop_pin.run_scenario import run
+        from coop_pin.viz import open_view
 
-        realtime_rate = self.realtime_rate if self.run else None
-        view_until_interrupted(Scenario.load(self.what), realtime_rate, self.port, self._show_live)
-        return OK
-
-    def _show_live(self, url: str) -> None:
-        self._show(url, url)
-        print(
-            "coop-pin: open this address in a browser on this machine; Ctrl-C ends the view", file=sys.stderr
-        )
+        scenario = Scenario.load(self.what)
+        view = open_view(scenario, port=self.port)
+        try:
+            self._show(view.url, view.url)
+            hint = "open this address in a browser on this machine; Ctrl-C ends the view"
+            print(f"coop-pin: {hint}", file=sys.stderr)
+            with contextlib.suppress(KeyboardInterrupt):
+                if not self.run:
+                    threading.Event().wait()
+                while view.is_alive:
+                    run(scenario, view=view, realtime_rate=self.realtime_rate)
+        finally:
+            view.close()
 
     def _show(self, text: str, address: str) -> None:
         print(text, flush=True)
-        if self.open and _has_screen():
-            import webbrowser
-
+        # without a screen a text-mode browser would take over the terminal
+        displays = [os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")]
+        if self.open and (sys.platform == "darwin" or any(displays)):
             webbrowser.open(address)
 
 
 def _replay(path: Path) -> Path:
-    """Return the replay of a run's folder or result file; it is written where it is missing."""
+    """Return the replay of a run's folder or result file; a missing one is written."""
     from coop_pin.run_folder import RunFolder
 
     if not path.is_file() or path.name == RunFolder.RESULT:
@@ -115,75 +130,13 @@ def _replay(path: Path) -> Path:
     return replay
 
 
-def _has_screen() -> bool:
-    """Say whether a browser has somewhere to show; on a bare terminal one in text mode would take the terminal over."""
-    return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-
-
-def write_pictures(run: Path, image: Path | None, time: float | None, video: Path | None) -> None:
-    """Write an image and a video of a run, whichever is asked for, and print their paths.
-
-    Args:
-        run: its folder or result file.
-        image: PNG to write.
-        time: what it shows, s; the end of the run when omitted.
-        video: MP4 to write.
-
-    Raises:
-        ResultFileError: the result is missing or damaged.
-        MissingExtraError: the extra 'video' is not installed.
-        BrowserNotFoundError: there is no browser.
-        TimeOutsideRunError: the run does not have that time.
-    """
-    from coop_pin.results import RunResult
-    from coop_pin.run_folder import RunFolder
-    from coop_pin.viz import save_image, save_video
-
-    result = RunResult.load(run / RunFolder.RESULT if run.is_dir() else run)
-    if image is not None:
-        save_image(result, image, time=time)
-        print(image.resolve(), flush=True)
-    if video is not None:
-        save_video(result, video)
-        print(video.resolve())
-
-
-def view_until_interrupted(
-    scenario: Scenario, realtime_rate: float | None, port: int, show: Callable[[str], None]
-) -> None:
-    """Serve a live view of a scenario's cell until Ctrl-C, which is how it ends.
-
-    Args:
-        scenario: whose cell.
-        realtime_rate: at which its run goes by, over and over; None for a cell that stands still.
-        port: on 127.0.0.1; 0 for any free one.
-        show: called with the view's address.
-
-    Raises:
-        UnreachablePoseError: the start is out of an arm's reach.
-        PortTakenError: the chosen port cannot be had.
-        CoopPinError: the run broke off.
-    """
-    view = open_view(scenario, port=port)
-    try:
-        show(view.url)
-        with contextlib.suppress(KeyboardInterrupt):
-            if realtime_rate is None:
-                threading.Event().wait()
-            else:
-                while view.is_alive:
-                    run(scenario, view=view, realtime_rate=realtime_rate)
-    finally:
-        view.close()
-
-
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """Write one page that tells a whole run: scenario, judgements, figures, limits and the 3-D replay; it opens offline.
+    """Write a run on one page that opens offline: scenario, metrics, figures, limits and the 3-D replay.
 
     Attributes:
         result: the folder of a run, or its result.nc.
-        out: the page; report.html beside the result when omitted.
+        out: output file; report.html beside the result when omitted.
     """
 
     result: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILE")]

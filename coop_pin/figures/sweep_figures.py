@@ -21,12 +21,12 @@ from coop_pin.sweeps.table import FAILED
 
 
 class MetricTable(NamedTuple):
-    """One metric with repeats joined.
+    """One metric of a sweep.
 
     Attributes:
         metric: its name.
-        values: the median of repeats; not a number where a run failed, is missing, or has no finite value.
-        failed: where any repeat failed.
+        values: its values; not a number where a run failed, is missing, or has no finite value.
+        failed: where runs failed.
     """
 
     metric: str
@@ -41,10 +41,7 @@ class MetricTable(NamedTuple):
             EntryNotFoundError: no run has the metric.
         """
         values, failed = result.values(metric), result.data["status"] == FAILED
-        values = values.where(np.isfinite(values))
-        if "repeat" in values.dims:
-            values, failed = values.median("repeat"), failed.any("repeat")
-        return cls(metric, values, failed)
+        return cls(metric, values.where(np.isfinite(values)), failed)
 
     @property
     def numbered(self) -> list[str]:

@@ -1,6 +1,6 @@
-"""Many runs: what varies, where it is computed, what is kept, what it says.
+"""Sweeps and tuning: plans of many runs, execution backends, the store of finished runs, and their analysis.
 
-Loaded on first use: the process that keeps local workers lives in this room and needs none of it.
+Names are loaded on first use: the host process of local workers lies in this package and needs none of them.
 """
 
 from __future__ import annotations

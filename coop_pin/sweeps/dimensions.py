@@ -1,4 +1,4 @@
-"""The dimensions of a plan: what varies along each, and how it changes a scenario."""
+"""Dimensions of a sweep plan: the fields that vary along each, and their values."""
 
 from __future__ import annotations
 
@@ -13,38 +13,62 @@ from pydantic import BeforeValidator
 from coop_pin.errors import FieldError
 from coop_pin.sweeps.sampling import Sample
 
-_SPACINGS = ("linspace", "logspace", "range")
+
+def linspace(first: float, last: float, count: int) -> list[float]:
+    """Return count evenly spaced values, both ends included.
+
+    Raises:
+        FieldError: the count is not a whole number of at least 1.
+    """
+    return [float(value) for value in np.linspace(first, last, _require_count(count))]
 
 
-def linspace(first: float, last: float, count: int) -> dict[str, list[float]]:
-    """Say ``count`` numbers evenly spaced from first to last, both included."""
-    return {"linspace": [first, last, count]}
+def logspace(first: float, last: float, count: int) -> list[float]:
+    """Return count values in equal ratios, both ends included; the ends are the values, not their exponents.
+
+    Raises:
+        FieldError: the count is not a whole number of at least 1, or an end is not positive.
+    """
+    if first <= 0.0 or last <= 0.0:
+        raise FieldError(f"goes from {first:g} to {last:g}; a logarithmic scale needs positive ends")
+    return [float(value) for value in np.geomspace(first, last, _require_count(count))]
 
 
-def logspace(first: float, last: float, count: int) -> dict[str, list[float]]:
-    """Say ``count`` numbers in equal ratios from first to last, both included (the numbers themselves, not their exponents)."""
-    return {"logspace": [first, last, count]}
+def _range(start: float, stop: float, step: float) -> list[float]:
+    """Return start, start + step, ... up to stop, which is excluded."""
+    count = math.ceil((stop - start) / step - 1e-9) if step else 0
+    if count < 1:
+        wanted = "the step must lead from start to stop"
+        raise FieldError(f"from {start:g} to {stop:g} in steps of {step:g} is empty; {wanted}")
+    return [start + i * step for i in range(count)]
+
+
+def _require_count(count: Any) -> int:
+    if not isinstance(count, int) or count < 1:
+        raise FieldError(f"counts {count!r}; the count must be a whole number of at least 1")
+    return count
+
+
+_SPACINGS = {"linspace": linspace, "logspace": logspace, "range": _range}
 
 
 def _values(given: Any) -> tuple[Any, ...]:
-    """Return the values as written, or those that ``{linspace = [first, last, count]}`` and its kind stand for."""
+    """Return the values of a list, or those of ``{linspace = [first, last, count]}`` and the like."""
     if isinstance(given, Mapping):
         return _spaced(given)
     if isinstance(given, np.ndarray | range):
         given = given.tolist() if isinstance(given, np.ndarray) else list(given)
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise FieldError(
-            f"is {given!r}; it must be a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
-        )
+        wanted = f"a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
+        raise FieldError(f"is {given!r}; it must be {wanted}")
     return tuple(given)
 
 
 def _spaced(given: Mapping[str, Any]) -> tuple[Any, ...]:
     kind, numbers = next(iter(given.items())) if len(given) == 1 else ("", ())
     if kind not in _SPACINGS:
-        raise FieldError(
-            f"is {dict(given)!r}; it must be one of {{{' = [...]}, {'.join(_SPACINGS)} = [...]}}"
-        )
+        wanted = " = [...]}, {".join(_SPACINGS)
+        raise FieldError(f"is {dict(given)!r}; it must be one of {{{wanted} = [...]}}")
     if (
         not isinstance(numbers, Sequence)
         or len(numbers) != 3
@@ -52,35 +76,18 @@ def _spaced(given: Mapping[str, Any]) -> tuple[Any, ...]:
     ):
         wanted = "[start, stop, step]" if kind == "range" else "[first, last, count]"
         raise FieldError(f"is {numbers!r}; it must be three numbers {wanted}", kind)
-    first, last, third = numbers
-    if kind == "range":
-        return _range(first, last, third)
-    if not isinstance(third, int) or third < 1:
-        raise FieldError(f"counts {third!r}; the count must be a whole number of at least 1", kind)
-    if kind == "linspace":
-        return tuple(np.linspace(first, last, third).tolist())
-    if first <= 0.0 or last <= 0.0:
-        raise FieldError(f"goes from {first:g} to {last:g}; a logarithmic scale needs positive ends", kind)
-    return tuple(np.geomspace(first, last, third).tolist())
-
-
-def _range(start: float, stop: float, step: float) -> tuple[Any, ...]:
-    """Return start, start + step, ... up to stop, which is not included."""
-    count = math.ceil((stop - start) / step - 1e-9) if step else 0
-    if count < 1:
-        raise FieldError(
-            f"from {start:g} to {stop:g} in steps of {step:g} is empty; its step must lead from start to stop",
-            "range",
-        )
-    return tuple(start + i * step for i in range(count))
+    try:
+        return tuple(_SPACINGS[kind](*numbers))
+    except FieldError as error:
+        raise error.below(kind) from None
 
 
 Values = Annotated[tuple[Any, ...], BeforeValidator(_values)]
-"""What one field takes, one after the other."""
+"""The values that a field takes, in order."""
 
 
-def label(value: Any) -> Any:
-    """Return a value as it can stand on an axis: numbers, texts and truth values themselves, others as JSON text."""
+def _label(value: Any) -> Any:
+    """Return the coordinate of a value: a number, text or truth value itself, anything else as JSON text."""
     if isinstance(value, str | int | float | bool):
         return value
     return json.dumps(
@@ -90,7 +97,7 @@ def label(value: Any) -> Any:
 
 
 class FieldsDimension(NamedTuple):
-    """One field, or several that move together; the first gives the dimension its name.
+    """One field, or several that vary together; the first one names the dimension.
 
     Attributes:
         fields: the values of each field, all of one length.
@@ -113,19 +120,20 @@ class FieldsDimension(NamedTuple):
         return {field: values[place] for field, values in self.fields.items()}
 
     def labels(self, place: int) -> dict[str, Any]:
-        """Return what a table shows of one place."""
-        return {field: label(value) for field, value in self.changes(place).items()}
+        """Return the coordinates of one place."""
+        return {field: _label(value) for field, value in self.changes(place).items()}
 
-    def describe(self) -> str:
-        """Return one line for people."""
-        shown = [_short(label(value)) for value in self.fields[self.name][:6]]
-        more = ", ..." if self.size > len(shown) else ""
+    def summary(self) -> str:
+        """Return the values on one line."""
+        labels = [_label(value) for value in self.fields[self.name][:6]]
+        shown = ", ".join(f"{each:.10g}" if isinstance(each, float) else str(each) for each in labels)
+        more = ", ..." if self.size > len(labels) else ""
         together = f" together with {', '.join(list(self.fields)[1:])}" if len(self.fields) > 1 else ""
-        return f"{self.size} values: {', '.join(shown)}{more}{together}"
+        return f"{self.size} values: {shown}{more}{together}"
 
 
 class CasesDimension(NamedTuple):
-    """Named bundles of changes: controllers, payloads, anything that takes more than one field to say.
+    """Named groups of changes, for example controllers or payloads that take several fields to describe.
 
     Attributes:
         name: name of the dimension.
@@ -145,76 +153,12 @@ class CasesDimension(NamedTuple):
         return dict(list(self.cases.values())[place])
 
     def labels(self, place: int) -> dict[str, Any]:
-        """Return what a table shows of one case."""
+        """Return the coordinate of one case, its name."""
         return {self.name: list(self.cases)[place]}
 
-    def describe(self) -> str:
-        """Return one line for people."""
+    def summary(self) -> str:
+        """Return the names of the cases on one line."""
         return f"{self.size} cases: {', '.join(self.cases)}"
 
 
-class SampleDimension(NamedTuple):
-    """Sampled points, numbered.
-
-    Attributes:
-        sample: the points.
-    """
-
-    sample: Sample
-
-    @property
-    def name(self) -> str:
-        """Name of the dimension."""
-        return "sample"
-
-    @property
-    def size(self) -> int:
-        """Number of points."""
-        return len(self.sample)
-
-    def changes(self, place: int) -> dict[str, Any]:
-        """Return the changed fields at one point."""
-        return dict(self.sample.point(place))
-
-    def labels(self, place: int) -> dict[str, Any]:
-        """Return what a table shows of one point."""
-        return {"sample": place, **self.sample.point(place)}
-
-    def describe(self) -> str:
-        """Return one line for people."""
-        ranges = (f"{name} in [{span.low:g}, {span.high:g}]" for name, span in self.sample.fields.items())
-        return f"{self.size} {self.sample.method} points over {', '.join(ranges)}"
-
-
-class RepeatDimension(NamedTuple):
-    """The same again with the next seeds.
-
-    Attributes:
-        size: how often.
-    """
-
-    size: int
-
-    @property
-    def name(self) -> str:
-        """Name of the dimension."""
-        return "repeat"
-
-    def changes(self, place: int) -> dict[str, Any]:
-        """Return nothing: the seed depends on the scenario, and the plan counts it up."""
-        return {}
-
-    def labels(self, place: int) -> dict[str, Any]:
-        """Return what a table shows of one repeat."""
-        return {"repeat": place}
-
-    def describe(self) -> str:
-        """Return one line for people."""
-        return f"{self.size} repeats, the seed counted up from the scenario's"
-
-
-Dimension = FieldsDimension | CasesDimension | SampleDimension | RepeatDimension
-
-
-def _short(value: Any) -> str:
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+Dimension = FieldsDimension | CasesDimension | Sample

@@ -1,8 +1,9 @@
-"""What a sweep runs: scenarios, what varies, and nothing about how or where."""
+"""Sweep plan: the scenarios of a sweep and the fields that vary; nothing about how it is executed."""
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import tomllib
 from collections import Counter
@@ -10,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
@@ -24,19 +25,12 @@ from coop_pin.errors import (
     one_or_all,
 )
 from coop_pin.schema.base import Description
-from coop_pin.sweeps.dimensions import (
-    CasesDimension,
-    Dimension,
-    FieldsDimension,
-    RepeatDimension,
-    SampleDimension,
-    Values,
-)
+from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, Values
 from coop_pin.sweeps.sampling import Sample
 
 
 def _scenarios(given: Any) -> Any:
-    """Return scenarios by name from a scenario, the name or path of one, several of these, or a table of them."""
+    """Return scenarios by name, from a scenario, its name or path, several of these, or a table of them."""
     if isinstance(given, str | Path | Scenario):
         given = [given]
     if isinstance(given, Mapping):
@@ -46,9 +40,8 @@ def _scenarios(given: Any) -> Any:
     scenarios = [_scenario(entry) for entry in given]
     twice = [name for name, count in Counter(entry.name for entry in scenarios).items() if count > 1]
     if twice:
-        raise FieldError(
-            f"has several scenarios named {twice[0]!r}; give them names of their own: {{first = ..., second = ...}}"
-        )
+        wanted = "give each a name: {first = ..., second = ...}"
+        raise FieldError(f"has several scenarios named {twice[0]!r}; {wanted}")
     return {scenario.name: scenario for scenario in scenarios}
 
 
@@ -62,15 +55,16 @@ Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_le
 """Scenarios by name."""
 
 
-def anchored(base: Any, folder: Path) -> Any:
-    """Return scenarios as written in a file, with paths of files that exist beside it made whole."""
+def _anchored(base: Any, folder: Path) -> Any:
+    """Return scenarios as written in a plan's file, with absolute paths of files that exist beside it."""
     if isinstance(base, str):
         return str((folder / base).resolve()) if (folder / base).is_file() else base
     if isinstance(base, Mapping):
         return {
-            name: anchored(entry, folder) if isinstance(entry, str) else entry for name, entry in base.items()
+            name: _anchored(entry, folder) if isinstance(entry, str) else entry
+            for name, entry in base.items()
         }
-    return [anchored(entry, folder) for entry in base] if isinstance(base, list) else base
+    return [_anchored(entry, folder) for entry in base] if isinstance(base, list) else base
 
 
 class Point(NamedTuple):
@@ -80,8 +74,7 @@ class Point(NamedTuple):
         number: its place in the plan, counted from 0.
         base: name of its scenario.
         changes: what is changed in it, by dotted path.
-        parameters: what a table shows of it: the label of every dimension and the value of every varied
-            field.
+        parameters: its coordinates: the label along every dimension and the value of every varied field.
     """
 
     number: int
@@ -91,24 +84,22 @@ class Point(NamedTuple):
 
 
 class SweepPlan(Description):
-    """What a sweep runs. Everything that varies is crossed with everything else, the last dimension running fastest.
+    """Sweep plan: the product of everything that varies, the last dimension running fastest.
 
-    A plan computes its points when asked for them: its size costs no memory.
+    Points are computed when needed: the size of a plan costs no memory.
 
     Attributes:
         base: a scenario, its name or path, a list of them, or a table of them by name.
         changes: fields changed in every run, by dotted path.
-        cases: dimensions of named bundles of changes: {"controller": {"paper": {}, "late":
+        cases: dimensions of named groups of changes: {"controller": {"paper": {}, "late":
             {"controller.force_path.kind": "late"}}}.
         axes: the values of single fields: a list, {linspace = [first, last, count]}, {logspace = [first,
             last, count]} or {range = [start, stop, step]}.
-        zipped: groups of fields that move together.
-        sample: points spread over ranges of fields.
-        repeats: how often each point is run, with seeds counted up from the scenario's.
-        metrics: functions of the user's own, "module:function", that take a RunResult and return a table of
-            numbers by name.
-        time_limit_s: wall time after which a run is given up, s.
-        keep: which runs are kept as full results, by their place in the plan, or "all", or "none".
+        zipped: groups of fields that vary together.
+        sample: points over the ranges of several fields.
+        metrics: user functions, "module:function", that take a RunResult and return numbers by name.
+        time_limit_s: wall time after which a run is aborted, s.
+        keep: runs whose full results are stored: their places in the plan, or "all", or "none".
     """
 
     base: Bases
@@ -117,11 +108,17 @@ class SweepPlan(Description):
     axes: dict[str, Values] = Field(default_factory=dict)
     zipped: tuple[dict[str, Values], ...] = ()
     sample: Sample | None = None
-    repeats: int = Field(default=1, ge=1)
     metrics: tuple[FunctionName, ...] = ()
     time_limit_s: float = Field(default=600.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    _dimensions: tuple[Dimension, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_repeats(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and "repeats" in given:
+            reason = "nothing in a simulation is random, so repeats would be identical"
+            raise UnknownFieldError(f"is not a field of a plan: {reason}; leave it out", "repeats")
+        return given
 
     @field_validator("zipped")
     @classmethod
@@ -129,23 +126,18 @@ class SweepPlan(Description):
         for index, group in enumerate(groups):
             lengths = {field: len(values) for field, values in group.items()}
             if len(set(lengths.values())) != 1:
-                raise FieldShapeError(
-                    f"has fields with {lengths} values; fields that move together need equally many",
-                    str(index),
-                )
+                wanted = "fields that vary together need equally many"
+                raise FieldShapeError(f"has fields with {lengths} values; {wanted}", str(index))
         return groups
 
     @field_validator("cases")
     @classmethod
     def _not_empty(cls, cases: dict[str, dict[str, dict[str, Any]]]) -> dict[str, dict[str, dict[str, Any]]]:
         for name, entries in cases.items():
-            if not entries or name in ("base", "sample", "repeat", "point"):
-                raise FieldError(
-                    "must have at least one case"
-                    if not entries
-                    else "is a name that plans use themselves; choose another",
-                    name,
-                )
+            if not entries:
+                raise FieldError("must have at least one case", name)
+            if name in ("base", "sample", "point"):
+                raise FieldError("is a reserved name; choose another", name)
         return cases
 
     @field_validator("keep")
@@ -157,7 +149,6 @@ class SweepPlan(Description):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        self._dimensions = tuple(self._built())
         fields = [
             *self.axes,
             *(f for group in self.zipped for f in group),
@@ -176,7 +167,7 @@ class SweepPlan(Description):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a plan from a TOML file. Paths of scenarios in it are relative to it.
+        """Read a plan from a TOML file; paths of scenarios in it are relative to the file.
 
         Raises:
             EntryNotFoundError: there is no such file, or no such scenario.
@@ -190,19 +181,23 @@ class SweepPlan(Description):
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
-        return cls(**data | {"base": anchored(data.get("base"), path.parent)})
+        return cls(**data | {"base": _anchored(data.get("base"), path.parent)})
 
     # ------------------------------------------------------------ points
 
-    @property
+    @functools.cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
-        """What varies; the last runs fastest."""
-        return self._dimensions
+        """The dimensions; the last one runs fastest."""
+        bases: dict[str, dict[str, Any]] = {name: {} for name in self.base}
+        cases = self.cases if len(bases) == 1 else {"base": bases} | self.cases
+        groups = [*({field: values} for field, values in self.axes.items()), *self.zipped]
+        sample = () if self.sample is None else (self.sample,)
+        return (*itertools.starmap(CasesDimension, cases.items()), *map(FieldsDimension, groups), *sample)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Size of each dimension."""
-        return tuple(dimension.size for dimension in self._dimensions)
+        return tuple(dimension.size for dimension in self.dimensions)
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -214,13 +209,10 @@ class SweepPlan(Description):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)
         changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, place in zip(self._dimensions, self.places(index), strict=True):
+        for dimension, place in zip(self.dimensions, self.places(index), strict=True):
             changes |= dimension.changes(place)
             parameters |= dimension.labels(place)
-        base = str(parameters.get("base", next(iter(self.base))))
-        if self.repeats > 1:
-            changes["seed"] = changes.get("seed", self.base[base].seed) + parameters["repeat"]
-        return Point(index, base, changes, parameters)
+        return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
 
     def places(self, index: int) -> tuple[int, ...]:
         """Return the place of a point along each dimension."""
@@ -231,61 +223,43 @@ class SweepPlan(Description):
         return tuple(places)
 
     def points(self) -> Iterator[Point]:
-        """Yield the points one by one."""
+        """Yield all points in order."""
         return map(self.__getitem__, range(len(self)))
 
     def scenario(self, index: int) -> Scenario:
         """Return the scenario of one point.
 
         Raises:
-            ScenarioError: the changes make no scenario.
+            ScenarioError: the changed scenario has mistakes.
         """
         point = self[index]
         return self.base[point.base].override(point.changes) if point.changes else self.base[point.base]
 
     def keeps(self, index: int) -> bool:
-        """Say whether the full result of a point is kept."""
-        return self.keep == "all" or (not isinstance(self.keep, str) and index in self._kept)
-
-    @functools.cached_property
-    def _kept(self) -> frozenset[int]:
-        return frozenset(range(len(self))[int(index)] for index in self.keep)
+        """Return whether the full result of a point is stored."""
+        if isinstance(self.keep, str):
+            return self.keep == "all"
+        return index in self.keep or index - len(self) in self.keep
 
     def summary(self) -> str:
-        """Return what is run and how often, for people."""
+        """Return the scenarios, the dimensions and the number of runs as text."""
         sizes = " x ".join(map(str, self.shape)) or "1"
         total = f"{sizes} = {len(self)} runs" if len(self.shape) > 1 else f"{len(self)} runs"
         lines = [f"sweep of {', '.join(self.base)}: {total}"]
-        width = max((len(dimension.name) for dimension in self._dimensions), default=0)
-        lines += [f"  {dimension.name:<{width}}  {dimension.describe()}" for dimension in self._dimensions]
+        width = max((len(dimension.name) for dimension in self.dimensions), default=0)
+        lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]
         return "\n".join(lines + [f"  {field} = {value}" for field, value in self.changes.items()])
-
-    def __str__(self) -> str:
-        return self.summary()
 
     # ------------------------------------------------------------ checks
 
-    def _built(self) -> Iterator[Dimension]:
-        if len(self.base) > 1:
-            yield CasesDimension("base", {name: {} for name in self.base})
-        for name, cases in self.cases.items():
-            yield CasesDimension(name, cases)
-        for field, values in self.axes.items():
-            yield FieldsDimension({field: values})
-        yield from map(FieldsDimension, self.zipped)
-        if self.sample is not None:
-            yield SampleDimension(self.sample)
-        if self.repeats > 1:
-            yield RepeatDimension(self.repeats)
-
     def _require_known_fields(self) -> None:
-        """Refuse misspelt fields now, not in every run: the first place of every dimension and every case is tried.
+        """Refuse misspelt fields before anything runs, by trying the first point and every case.
 
-        Values that a scenario refuses are left to the runs: where they begin may be what the sweep looks for.
+        Values that a scenario refuses fail in their runs: a sweep may search for their limit.
         """
         trials = {0}
         stride = len(self)
-        for dimension in self._dimensions:
+        for dimension in self.dimensions:
             stride //= dimension.size
             if isinstance(dimension, CasesDimension):
                 trials |= {place * stride for place in range(dimension.size)}

@@ -1,4 +1,4 @@
-"""What is kept of one run."""
+"""Record of one run, finished or failed, and its file format: JSON with a checksum."""
 
 from __future__ import annotations
 
@@ -22,22 +22,19 @@ def to_checksummed_json(content: Mapping[str, Any]) -> bytes:
 
 
 def from_checksummed_json(data: bytes) -> dict[str, Any]:
-    """Return the content.
+    """Return the content of a file written by ``to_checksummed_json``.
 
     Raises:
-        SweepStoreError: a bit of it is not as it was written, or it was not written by to_checksummed_json.
+        SweepStoreError: the file is damaged, or was written by something else.
     """
     end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
-    if end < len(_HEAD) or not (
-        data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
-    ):
-        raise SweepStoreError("the file was not written by a sweep, or is cut off")
+    framed = data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
+    if end < len(_HEAD) or not framed:
+        raise SweepStoreError("the file was not written by a sweep, or is truncated")
     body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
     if hashlib.sha256(body).hexdigest().encode() != digest:
-        raise SweepStoreError("the file is damaged: its checksum does not fit its content")
-    content = json.loads(body)
-    if not isinstance(content, dict):
-        raise SweepStoreError("the file was not written by a sweep")
+        raise SweepStoreError("the file is damaged: its checksum does not match its content")
+    content: dict[str, Any] = json.loads(body)
     return content
 
 
@@ -45,13 +42,13 @@ _FORMAT = 1
 
 
 class Failure(NamedTuple):
-    """Why a run failed.
+    """Error of a failed run.
 
     Attributes:
         kind: name of the error's class.
-        message: what it said.
-        numbers: what it carried, by name.
-        trace: where an error that is not coop_pin's own was raised.
+        message: its message.
+        numbers: its numeric attributes, by name.
+        trace: last lines of the traceback of an error that is not coop_pin's own.
     """
 
     kind: str
@@ -61,23 +58,23 @@ class Failure(NamedTuple):
 
     @classmethod
     def of(cls, error: Exception) -> Self:
-        """Return what is kept of an error: text and numbers, never the result up to then, which may be large."""
-        carried = {name: value for name, value in error.__dict__.items() if isinstance(value, int | float)}
+        """Return text and numbers of an error; not its result up to then, which may be large."""
+        numbers = {name: value for name, value in error.__dict__.items() if isinstance(value, int | float)}
         foreign = error.__cause__ if isinstance(error, CoopPinError) else error
         trace = "" if foreign is None else "".join(traceback.format_exception(foreign)[-4:])
-        return cls(type(error).__name__, str(error) or type(error).__name__, carried, trace)
+        return cls(type(error).__name__, str(error) or type(error).__name__, numbers, trace)
 
 
 class Record(NamedTuple):
-    """What is kept of one run, finished or failed.
+    """Stored record of one run, finished or failed.
 
     Attributes:
-        key: of what determines the run.
-        scenario: the resolved scenario as JSON; empty if the changes made none.
-        metrics: the judgements of the run by name; empty if it failed.
-        failure: why it failed.
-        times: wall_s and cpu_s it took; they differ from run to run and stand in no table of metrics.
-        result_digest: of the file of the full result; empty if none is kept.
+        key: what ``run_key`` returned.
+        scenario: the resolved scenario as JSON; empty if the changed scenario had mistakes.
+        metrics: metrics by name; empty if the run failed.
+        failure: its error if it failed.
+        times: wall_s and cpu_s; apart from the metrics, because they differ from run to run.
+        result_digest: SHA-256 of the file of the full result; empty if none is stored.
     """
 
     key: str
@@ -103,11 +100,11 @@ class Record(NamedTuple):
         """Read a record.
 
         Raises:
-            SweepStoreError: it is damaged, or not a record.
+            SweepStoreError: the file is damaged, or not a record.
         """
         content = from_checksummed_json(data)
         if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
-            raise SweepStoreError("the file is no record of a run, or one of another version")
+            raise SweepStoreError("the file is not a record of a run, or one of another version")
         failure = content["failure"]
         if failure is not None:
             failure = Failure(**failure | {"numbers": _read(failure["numbers"])})
@@ -128,7 +125,7 @@ def flat(metrics: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _written(numbers: Mapping[str, float]) -> dict[str, float | str]:
-    """JSON has no infinity and no not-a-number: they become text."""
+    """Return numbers for JSON, which has no infinity and no not-a-number: they become text."""
     return {name: value if math.isfinite(value) else str(value) for name, value in numbers.items()}
 
 

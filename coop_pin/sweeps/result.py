@@ -1,11 +1,11 @@
-"""A finished sweep, or as far as it came: a table with named axes, and the questions one asks it."""
+"""Results of a sweep, finished or not: a table with named dimensions, and its analysis."""
 
 from __future__ import annotations
 
 import functools
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -15,11 +15,10 @@ import xarray as xr
 from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
-from coop_pin.sweeps import sensitivity as answers
+from coop_pin.sweeps import sensitivity
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.sensitivity import SobolIndices
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import MISSING, OK, dataset, key_of, rows, write_csv, write_times
+from coop_pin.sweeps.table import MISSING, OK, dataset, point_key, rows, write_csv, write_times
 
 _NOT_METRICS = ("status", "failure", "failed_at_s")
 
@@ -29,8 +28,8 @@ class PointResult(NamedTuple):
 
     Attributes:
         number: its place in the plan, counted from 0; ``open`` takes it.
-        parameters: what was varied.
-        metrics: its judgements.
+        parameters: values of the varied fields.
+        metrics: metrics by name.
     """
 
     number: int
@@ -43,9 +42,9 @@ class PointFailure(NamedTuple):
 
     Attributes:
         number: its place in the plan, counted from 0.
-        parameters: what was varied.
-        kind: name of the error.
-        message: what it said.
+        parameters: values of the varied fields.
+        kind: name of the error's class.
+        message: its message.
     """
 
     number: int
@@ -55,11 +54,11 @@ class PointFailure(NamedTuple):
 
 
 class SweepResult:
-    """The runs of a sweep.
+    """Results of a sweep.
 
     Attributes:
-        plan: what was run.
-        store: the folder.
+        plan: its plan.
+        store: its folder.
     """
 
     def __init__(self, plan: SweepPlan, store: SweepStore) -> None:
@@ -79,7 +78,7 @@ class SweepResult:
 
     @functools.cached_property
     def data(self) -> xr.Dataset:
-        """All runs: the plan's dimensions, a variable for each metric, and ``status``, ``failure``, ``failed_at_s``."""
+        """Dataset with the plan's dimensions: all metrics, ``status``, ``failure`` and ``failed_at_s``."""
         return dataset(self.plan, self.store)
 
     @property
@@ -89,8 +88,12 @@ class SweepResult:
 
     @property
     def failures(self) -> list[PointFailure]:
-        """The runs that failed, and why."""
-        return list(self._failures())
+        """The failed runs with their errors."""
+        return [
+            PointFailure(row.point.number, row.point.parameters, failure.kind, failure.message)
+            for row in rows(self.plan, self.store)
+            if row.record is not None and (failure := row.record.failure) is not None
+        ]
 
     def counts(self) -> dict[str, int]:
         """Return the number of runs by status: "ok", "failed", "missing"."""
@@ -110,7 +113,7 @@ class SweepResult:
         self.store.write_with("table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
         self.store.write_with("times.csv", lambda part: write_times(part, self.plan, self.store))
 
-    # ------------------------------------------------------------ questions
+    # ------------------------------------------------------------ analysis
 
     def values(self, metric: str) -> xr.DataArray:
         """Return one metric of all runs.
@@ -123,48 +126,51 @@ class SweepResult:
         return self.data[metric]
 
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
-        """Return the n runs with the smallest values of a metric, or the largest; runs whose value is not finite are left out."""
+        """Return the n runs with the smallest (or largest) values of a metric; values must be finite."""
         values = self.values(metric).values.ravel()
         order = np.argsort(-values if largest else values, kind="stable")
         return [self.point(int(index)) for index in order if np.isfinite(values[index])][:n]
 
-    def marginal(self, field: str, metric: str, average: Callable[..., Any] = np.nanmean) -> xr.DataArray:
-        """Return a metric along one field, averaged over all that varies besides; failed runs are left out.
+    def marginal(self, field: str, metric: str, *, average: Callable[..., Any] = np.nanmean) -> xr.DataArray:
+        """Return a metric along one field, averaged over everything else that varies, without failed runs.
 
         Args:
-            field: a dimension, or a field that moves along one.
+            field: a dimension, or a field that varies along one.
             metric: name.
-            average: how to average, for example np.nanmedian.
+            average: averaging function, for example np.nanmedian.
+
+        Raises:
+            EntryNotFoundError: there is no such metric or field.
         """
         values = self.values(metric).where(np.isfinite(self.values(metric)))
-        self._require_coordinate(field)
+        if field not in self.data.coords:
+            raise EntryNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
         with warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN"
-            )  # where all runs failed
+            # of places along the field where all runs failed
+            warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")
             if field in values.dims:
                 return values.reduce(average, [dim for dim in values.dims if dim != field])
             return values.groupby(field).reduce(average, ...)
 
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
-        """Return the runs that no other run beats in one metric without losing in the other; smaller is better."""
+        """Return the Pareto front of two metrics, sorted by the first one; smaller is better."""
         a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
-        return [self.point(int(index)) for index in answers.pareto_front(a, b)]
+        return [self.point(int(index)) for index in sensitivity.pareto_front(a, b)]
 
     def stability_boundary(
-        self, field: str, by: Sequence[str] | None = None, stable: xr.DataArray | None = None
+        self, field: str, *, by: str | Sequence[str] | None = None, stable: xr.DataArray | None = None
     ) -> xr.Dataset:
         """Return, along other dimensions, the last stable and the first unstable value of a field.
 
         Args:
             field: a dimension with numbers.
-            by: the dimensions to keep, all when omitted; along those left out all runs must be stable.
-            stable: which runs are stable; those that finished when omitted. For example
-                ``result.values("position_rms_m") < 0.01``.
+            by: the dimensions to keep, all when omitted; along the others all runs must be stable.
+            stable: which runs are stable, for example ``result.values("position_rms_m") < 0.01``; the
+                finished ones when omitted.
 
         Raises:
             UnfinishedSweepError: runs are missing.
-            EntryNotFoundError: the field is no dimension.
+            EntryNotFoundError: the field is not a dimension.
         """
         missing = self.counts()[MISSING]
         if missing:
@@ -173,10 +179,19 @@ class SweepResult:
             raise EntryNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
         kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
-        return answers.boundary(stable.all([dim for dim in stable.dims if dim not in kept]), field)
+        return sensitivity.stability_boundary(
+            stable.all([dim for dim in stable.dims if dim not in kept]), field
+        )
 
-    def sobol_indices(self, metric: str, confidence: float = 0.95, resamples: int = 999) -> SobolIndices:
-        """Return how much of a metric's variance each sampled field explains.
+    def sobol_indices(
+        self, metric: str, *, confidence: float = 0.95, resamples: int = 999
+    ) -> sensitivity.SobolIndices:
+        """Return the Sobol' indices of a metric: the share of its variance due to each sampled field.
+
+        Args:
+            metric: name.
+            confidence: confidence level of the intervals.
+            resamples: number of bootstrap samples.
 
         Raises:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
@@ -184,14 +199,13 @@ class SweepResult:
         """
         sample = self.plan.sample
         if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
-            raise FieldError(
-                "must be the only dimension and have method = 'saltelli' for Sobol' indices", "sample"
-            )
+            wanted = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
+            raise FieldError(wanted, "sample")
         values = self.values(metric).values
         unfinished = int(np.count_nonzero(~np.isfinite(values)))
         if unfinished:
             raise UnfinishedSweepError(f"the Sobol' indices of {metric}", unfinished, len(self.plan))
-        return answers.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
+        return sensitivity.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
 
     # ------------------------------------------------------------ single runs
 
@@ -202,54 +216,30 @@ class SweepResult:
         return PointResult(point.number, point.parameters, metrics)
 
     def open(self, number: int) -> RunResult:
-        """Return one run as a full result: the kept one, or else computed again.
+        """Return one run as a full result, which is simulated again unless it was stored.
 
         Raises:
-            CoopPinError: the run failed; it fails again.
+            CoopPinError: the run fails.
         """
         try:
-            record = self.store.read(key_of(self.plan, number))
+            record = self.store.read(point_key(self.plan, number))
         except SweepStoreError:
             record = None
         kept = self.store.read_result(record) if record is not None else None
         return kept if kept is not None else run(self.plan.scenario(number))
 
     def summary(self) -> str:
-        """Return what was run and how it ended, for people."""
+        """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""
         counts = self.counts()
-        lines = [str(self.plan), ", ".join(f"{count} {status}" for status, count in counts.items())]
-        if counts["failed"]:
-            lines += self._failure_lines()
+        lines = [self.plan.summary(), ", ".join(f"{count} {status}" for status, count in counts.items())]
+        failures = self.failures
+        numbers = Counter(failure.kind for failure in failures)
+        for kind, first in sorted({failure.kind: failure for failure in reversed(failures)}.items()):
+            reason = f"{numbers[kind]} {kind}; run {first.number}: {first.message}"
+            lines.append("  " + reason.replace("\n", "\n    "))
         for name in self.metric_names:
             values = self.data[name].values[np.isfinite(self.data[name].values)]
             if values.size:
-                lines.append(
-                    f"  {name:<30} {values.min():>11.4g} .. {values.max():<11.4g} median {np.median(values):.4g}"
-                )
+                span = f"{values.min():>11.4g} .. {values.max():<11.4g}"
+                lines.append(f"  {name:<30} {span} median {np.median(values):.4g}")
         return "\n".join(lines)
-
-    def _failures(self) -> Iterator[PointFailure]:
-        for row in rows(self.plan, self.store):
-            if row.record is not None and row.record.failure is not None:
-                yield PointFailure(
-                    row.point.number,
-                    row.point.parameters,
-                    row.record.failure.kind,
-                    row.record.failure.message,
-                )
-
-    def _failure_lines(self) -> list[str]:
-        """Say how many runs failed of each kind of error, and what the first of each said."""
-        first: dict[str, PointFailure] = {}
-        numbers: Counter[str] = Counter()
-        for failure in self._failures():
-            numbers[failure.kind] += 1
-            first.setdefault(failure.kind, failure)
-        lines = (
-            f"{numbers[kind]} {kind}; run {one.number}: {one.message}" for kind, one in sorted(first.items())
-        )
-        return ["  " + line.replace("\n", "\n    ") for line in lines]
-
-    def _require_coordinate(self, field: str) -> None:
-        if field not in self.data.coords:
-            raise EntryNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")

@@ -1,4 +1,4 @@
-"""The source files behind a module's name: those that a user edits between two sweeps."""
+"""Key of a stored run: a digest of its scenario, the files that it reads and the user's code that it runs."""
 
 from __future__ import annotations
 
@@ -21,58 +21,63 @@ from coop_pin.errors import CodeChangedError, CoopPinError
 
 
 def file_digest(path: Path) -> str:
-    """Return the digest of a file, 64 hexadecimal digits.
+    """Return the SHA-256 digest of a file, 64 hexadecimal digits.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     about = path.stat()
     return _digest_of(path, about.st_mtime_ns, about.st_size)
 
 
 @functools.lru_cache(maxsize=1024)
-def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 they are in the cache's key
+def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 part of the cache key
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def source_files(name: str) -> tuple[Path, ...]:
-    """Return the file of a module, and of the modules that it imports from beside it or from its own package, at any depth.
+    """Return the source files of a module and of the local modules that it imports, at any depth.
 
-    What is installed is left out, but for the module's own package: the files are those that a user edits
-    between two sweeps. Nothing is imported, so that code which is imported by a computed name is not seen.
+    Local modules lie in the same folder or belong to the same package; installed packages other than the
+    module's own are left out. Nothing is imported, so imports by a computed name are not followed.
 
     Args:
         name: "module:function" or "module".
 
     Returns:
-        The files in order of their paths, those of its packages included; none where there is no such module,
-        or where no file holds it.
+        The files sorted by path, with the ``__init__.py`` of their packages; empty if there is no such module
+        or it has no file.
     """
     module = _full_name(name.partition(":")[0])
     first = _file_of(module)
     if first is None:
         return ()
     root = first.parents[module.count(".") + (first.name == "__init__.py")]
-    own = module.partition(".")[0] if _is_installed(root) else ""
+    is_installed = {"site-packages", "dist-packages"} & set(root.parts) or root == Path(
+        sysconfig.get_path("stdlib")
+    )
+    own = module.partition(".")[0] if is_installed else ""  # then only its own package is user code
     packages = [(entry, file) for entry in _with_packages(module)[:-1] if (file := _beside(root, entry))]
     found, waiting = set[Path](), [*packages, (module, first)]
     while waiting:
         module, path = waiting.pop()
         if path not in found:
             found.add(path)
-            wanted = [entry for entry in _imported(path, module) if _may_change(entry.partition(".")[0], own)]
-            waiting += [(entry, file) for entry in wanted if (file := _beside(root, entry))]
+            for entry in _imported(path, module):
+                top = entry.partition(".")[0]
+                if top != "coop_pin" and own in ("", top) and (file := _beside(root, entry)):
+                    waiting.append((entry, file))
     return tuple(sorted(found))
 
 
 def _full_name(module: str) -> str:
-    """Return a module's name in its package, which only ``python -m`` hides: it calls the module __main__."""
+    """Return a module's full name; ``python -m`` calls the module __main__."""
     spec = getattr(sys.modules.get(module), "__spec__", None) if module == "__main__" else None
     return spec.name if spec else module
 
 
 def _file_of(module: str) -> Path | None:
-    """Return the file of a module. Its packages are not imported: what stands in them may raise anything."""
+    """Return the file of a module without importing its packages, whose code may raise anything."""
     top, *rest = module.split(".")
     try:
         spec = importlib.util.find_spec(top)
@@ -84,17 +89,6 @@ def _file_of(module: str) -> Path | None:
             spec = PathFinder.find_spec(name, spec.submodule_search_locations or []) if spec else None
         file = spec.origin if spec else None
     return Path(file) if file and Path(file).is_file() else None
-
-
-def _is_installed(root: Path) -> bool:
-    return bool({"site-packages", "dist-packages"} & set(root.parts)) or root == Path(
-        sysconfig.get_path("stdlib")
-    )
-
-
-def _may_change(top: str, own: str) -> bool:
-    """Say whether a user edits a package between two sweeps: not coop_pin, whose version is in the key, nor what is installed beside."""
-    return top != "coop_pin" and own in ("", top)
 
 
 def _beside(root: Path, module: str) -> Path | None:
@@ -113,12 +107,12 @@ def _imported(path: Path, module: str) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=1024)
-def _imported_by(path: Path, module: str, changed: int, size: int) -> tuple[str, ...]:  # noqa: ARG001 they are in the cache's key
-    """Return the names that may be modules, with the packages that they stand in."""
+def _imported_by(path: Path, module: str, changed: int, size: int) -> tuple[str, ...]:  # noqa: ARG001 part of the cache key
+    """Return the imported names that may be modules, with their packages."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     try:
         tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):  # the run says so better
+    except (SyntaxError, ValueError):  # the run itself reports this better
         return ()
     whole = [name for node in ast.walk(tree) for name in _names(node, package)]
     return tuple(dict.fromkeys(prefix for name in whole for prefix in _with_packages(name)))
@@ -138,77 +132,74 @@ def _with_packages(name: str) -> list[str]:
     return [".".join(parts[: i + 1]) for i in range(len(parts))]
 
 
-_FIELDS = ("target", "twist", "acceleration")
+_FUNCTION_FIELDS = ("target", "twist", "acceleration")
 
 
-class UserCode(NamedTuple):
-    """Code of the user's own as it stands in files.
+class CodeDigest(NamedTuple):
+    """Digests of a user's function or class, as its source files are on disk.
 
     Attributes:
         name: "module:function".
-        digests: of its source files, in order of their paths; empty where there are none.
+        digests: of its source files, sorted by path; empty if there are none.
     """
 
     name: str
     digests: tuple[str, ...]
 
 
-def user_code(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[UserCode, ...]:
-    """Return the code of the user's own that a run names, each name once."""
+def code_digests(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[CodeDigest, ...]:
+    """Return the digests of the user's code that a run names, each name once."""
     parts = (scenario.controller, scenario.motion, scenario.squeeze)
-    named = [getattr(part, field, None) for part in parts if part.kind == "user" for field in _FIELDS]
-    return tuple(map(_as_it_stands, dict.fromkeys([*filter(None, named), *metrics])))
+    named = [
+        getattr(part, field, None) for part in parts if part.kind == "user" for field in _FUNCTION_FIELDS
+    ]
+    names = dict.fromkeys([*filter(None, named), *metrics])
+    return tuple(CodeDigest(name, tuple(map(file_digest, source_files(name)))) for name in names)
 
 
-def require_loaded(codes: tuple[UserCode, ...]) -> None:
-    """Require that this process runs code as it stood when a run's key was made.
+def require_unchanged(codes: tuple[CodeDigest, ...]) -> None:
+    """Require that this process has loaded code as it was when a run's key was made.
 
-    Python loads a module once: a process that goes on after an edit, or a worker that was there before, would
-    compute with the old code what is kept as the new code's. What was loaded is taken to be what stood in the
-    files when they were first asked for.
+    Python loads a module once: after an edit, a process or worker that is still running would store results
+    of the old code under the key of the new code. The code loaded is taken to be the files' content at the
+    first call for them.
 
     Raises:
-        CodeChangedError: it runs other code.
+        CodeChangedError: this process has loaded other code.
     """
     for code in codes:
-        if (
-            tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name))
-            != code.digests
-        ):
+        loaded = tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name))
+        if loaded != code.digests:
             raise CodeChangedError(code.name)
 
 
-def _as_it_stands(name: str) -> UserCode:
-    return UserCode(name, tuple(file_digest(path) for path in source_files(name)))
-
-
 _loaded: dict[Path, str] = {}
-"""The digests of the files that this process has loaded."""
+"""Digests of the files that this process has loaded."""
 
 
 def run_key(
-    scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[UserCode, ...] | None = None
+    scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[CodeDigest, ...] | None = None
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
-    It stands for the resolved scenario with its seed, the contents of the files it names (robot descriptions,
-    tables of poses), the source of the user's own code and of what that imports from beside it, the user's
-    own metrics, and the version of coop_pin. It does not stand for the source of coop_pin, for files that a
-    xacro or a mesh refers to, or for the versions of other packages.
+    The key covers the resolved scenario, the contents of the files that it names (robot descriptions, tables
+    of poses), the source of the user's code with the local modules that it imports, the names of the user's
+    metrics, and the version of coop_pin. It does not cover the source of coop_pin, files that a xacro or a
+    mesh refers to, or the versions of other packages.
 
     Args:
         scenario: the resolved scenario.
-        metrics: the user's own metrics, "module:function".
-        code: the user's own code as ``user_code`` read it; read now when omitted.
+        metrics: the user's metrics, "module:function".
+        code: what ``code_digests`` returned; computed when omitted.
     """
-    code = user_code(scenario, metrics) if code is None else code
+    code = code_digests(scenario, metrics) if code is None else code
     content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
     files = {name: file_digest(path) for name, path in _files(scenario)}
     return _hash(content | {"files": files, "code": dict(code)})
 
 
 def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
-    """Return the key of a run whose changes make no scenario: of the scenario as it was, and the changes."""
+    """Return the key of a run whose changed scenario has mistakes: of the base scenario and the changes."""
     return _hash({"coop_pin": __version__, "base": base.model_dump_json(), "changes": dict(changes)})
 
 
@@ -217,7 +208,7 @@ def _hash(content: Mapping[str, Any]) -> str:
 
 
 def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
-    """Yield the files that determine a run beside its scenario; one that is missing is left for the run to complain of."""
+    """Yield the files that a scenario names; a missing one is skipped, since the run reports it."""
     for arm in scenario.cell.arms.values():
         if path := _urdf_path(arm.urdf):
             yield arm.urdf, path

@@ -1,13 +1,12 @@
-"""Points spread over ranges of several fields at once."""
+"""Sampling of several fields at once: Sobol' sequences, Latin hypercubes, random and Saltelli's points."""
 
 from __future__ import annotations
 
 import functools
-import math
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 from scipy.stats import qmc
 
 from coop_pin.arrays import Array
@@ -21,30 +20,23 @@ class Span(Description):
     """The range of one field.
 
     Attributes:
-        low: where it starts.
-        high: where it ends.
-        scale: "linear", or "log" for a range that is sampled evenly in its logarithm.
+        low: lower end.
+        high: upper end.
+        scale: "linear", or "log" to sample evenly in the logarithm.
     """
 
     low: float
     high: float
     scale: Literal["linear", "log"] = "linear"
 
-    @field_validator("high")
-    @classmethod
-    def _above(cls, high: float, earlier: ValidationInfo) -> float:
-        if not high > earlier.data.get("low", -math.inf):
-            raise FieldError(f"is {high:g}; it must be above low = {earlier.data['low']:g}")
-        return high
-
-    @field_validator("scale")
-    @classmethod
-    def _positive(cls, scale: str, earlier: ValidationInfo) -> str:
-        if scale == "log" and earlier.data.get("low", 1.0) <= 0.0:
-            raise FieldError(
-                f"is 'log', but low is {earlier.data['low']:g}; a logarithmic scale needs positive ends"
-            )
-        return scale
+    @model_validator(mode="after")
+    def _with_valid_ends(self) -> Self:
+        if not self.high > self.low:
+            raise FieldError(f"is {self.high:g}; it must be above low = {self.low:g}", "high")
+        if self.scale == "log" and self.low <= 0.0:
+            wanted = "a logarithmic scale needs positive ends"
+            raise FieldError(f"is 'log', but low is {self.low:g}; {wanted}", "scale")
+        return self
 
     def at(self, fraction: float) -> float:
         """Return the value at a fraction of the range."""
@@ -54,16 +46,16 @@ class Span(Description):
 
 
 class Sample(Description):
-    """Points spread over the ranges of several fields.
+    """Sample of points over the ranges of several fields; one dimension of a sweep plan.
 
     Sobol' points are computed in blocks of 1024 and a Latin hypercube as a whole (8 bytes for each point and
-    field) when its first point is asked for; neither is stored in the plan.
+    field) on first use; neither is stored in the plan.
 
     Attributes:
         fields: the range of each field.
         count: number of points; a power of two for "sobol" and "saltelli".
-        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": the count (2 + number of
-            fields) points that Sobol' indices are computed from.
+        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": count (2 + number of fields)
+            points, from which Sobol' indices are computed.
         seed: of the sampling.
     """
 
@@ -77,30 +69,44 @@ class Sample(Description):
     def _balanced(cls, method: str, earlier: ValidationInfo) -> str:
         count = earlier.data.get("count", 1)
         if method in ("sobol", "saltelli") and count & (count - 1):
-            raise FieldError(
-                f"is {method!r}, whose count must be a power of two; {count} is not (next: {1 << count.bit_length()})"
-            )
+            wanted = f"must be a power of two; {count} is not (next: {1 << count.bit_length()})"
+            raise FieldError(f"is {method!r}, whose count {wanted}")
         return method
 
-    def __len__(self) -> int:
-        """Return the number of points."""
+    @property
+    def name(self) -> str:
+        """Name of the dimension."""
+        return "sample"
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
         return self.count * (2 + len(self.fields)) if self.method == "saltelli" else self.count
 
-    def point(self, index: int) -> dict[str, float]:
+    def changes(self, place: int) -> dict[str, float]:
         """Return the value of each field at one point."""
         return {
             name: span.at(float(u))
-            for (name, span), u in zip(self.fields.items(), self.fractions(index), strict=True)
+            for (name, span), u in zip(self.fields.items(), self.fractions(place), strict=True)
         }
 
-    def fractions(self, index: int) -> Array:
+    def labels(self, place: int) -> dict[str, float]:
+        """Return the coordinates of one point: its number and the value of each field."""
+        return {"sample": place, **self.changes(place)}
+
+    def summary(self) -> str:
+        """Return the method and the ranges on one line."""
+        ranges = (f"{name} in [{span.low:g}, {span.high:g}]" for name, span in self.fields.items())
+        return f"{self.size} {self.method} points over {', '.join(ranges)}"
+
+    def fractions(self, place: int) -> Array:
         """Return one point of the unit cube, shape (number of fields,)."""
         d = len(self.fields)
         if self.method in ("sobol", "saltelli"):
-            row, width = index % self.count, 2 * d if self.method == "saltelli" else d
+            row, width = place % self.count, 2 * d if self.method == "saltelli" else d
             u = _sobol_block(width, self.seed, row // _BLOCK)[row % _BLOCK]
-            return _saltelli(u, index // self.count, d) if self.method == "saltelli" else u
-        return _matrix(self.method, d, self.count, self.seed)[index]
+            return _saltelli(u, place // self.count, d) if self.method == "saltelli" else u
+        return _matrix(self.method, d, self.count, self.seed)[place]
 
 
 def _saltelli(u: Array, block: int, d: int) -> Array:

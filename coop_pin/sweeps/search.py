@@ -1,4 +1,4 @@
-"""Search by optuna's tree-structured Parzen estimator (extra "tune")."""
+"""Search methods of ``tune``: differential evolution (scipy) and Parzen estimators (optuna)."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _SMALLEST = 5
 
 
 class Budget(NamedTuple):
-    """How much is tried.
+    """Budget of a search.
 
     Attributes:
-        generations: after the first one.
+        generations: number of generations after the first one.
         size: runs in a generation.
-        seed: of the search.
+        seed: seed of the search.
     """
 
     generations: int
@@ -35,7 +35,10 @@ class Budget(NamedTuple):
 
     @classmethod
     def of(cls, generations: int, population: int, fields: int, seed: int) -> Budget:
-        """Return the effort for so many runs in a generation for each field; at least five in all, which differential evolution needs."""
+        """Return the budget for ``population`` runs in a generation for each field.
+
+        A generation has at least five runs, which differential evolution needs.
+        """
         return cls(generations, max(_SMALLEST, population * fields), seed)
 
     @property
@@ -45,35 +48,39 @@ class Budget(NamedTuple):
 
 
 Search = Callable[[Costs, Ranges, Budget], None]
-"""A way of searching: the points that it tries depend on its arguments and on the costs alone, never on who computes them or when."""
+"""Search method; its points depend on its arguments and on the costs only, not on when these are computed."""
 
 
-def first_generation(ranges: Ranges, effort: Budget) -> Array:
-    """Return the points that every search begins with, a Latin hypercube: shape (s, fields)."""
+def first_generation(ranges: Ranges, budget: Budget) -> Array:
+    """Return the points of the first generation, a Latin hypercube, shape (s, fields)."""
     spans = {field: Span(low=low, high=high) for field, (low, high) in ranges.items()}
-    sample = Sample(fields=spans, count=effort.size, method="latin-hypercube", seed=effort.seed)
-    return np.array([list(sample.point(index).values()) for index in range(effort.size)])
+    sample = Sample(fields=spans, count=budget.size, method="latin-hypercube", seed=budget.seed)
+    return np.array([list(sample.changes(index).values()) for index in range(budget.size)])
 
 
-def search_by_optuna(costs: Costs, ranges: Ranges, effort: Budget) -> None:
-    """Try a Latin hypercube first, then generations drawn from where good points are dense and bad ones are not.
+def search_by_optuna(costs: Costs, ranges: Ranges, budget: Budget) -> None:
+    """Search with optuna's tree-structured Parzen estimator, after a Latin hypercube.
 
-    Points are asked for and told a generation at a time, so that they do not depend on which run ends first.
+    Points are requested and reported a generation at a time, so that they do not depend on which run ends
+    first.
 
     Args:
         costs: runs a generation and returns its costs.
-        ranges: of the fields.
-        effort: how much is tried.
+        ranges: range of each field.
+        budget: size of the search.
 
     Raises:
         MissingExtraError: optuna is not installed.
     """
     with _quiet() as optuna:
-        study = optuna.create_study(sampler=_sampler(optuna, effort))
-        for point in first_generation(ranges, effort):
+        # Pending points count as bad ones, so that a generation spreads.
+        options = {"multivariate": True, "constant_liar": True, "seed": budget.seed}
+        sampler = optuna.samplers.TPESampler(n_startup_trials=budget.size, **options)
+        study = optuna.create_study(sampler=sampler)
+        for point in first_generation(ranges, budget):
             study.enqueue_trial(dict(zip(ranges, map(float, point), strict=True)))
-        for _ in range(effort.generations + 1):
-            trials = [study.ask() for _ in range(effort.size)]
+        for _ in range(budget.generations + 1):
+            trials = [study.ask() for _ in range(budget.size)]
             points = [
                 [trial.suggest_float(field, low, high) for field, (low, high) in ranges.items()]
                 for trial in trials
@@ -82,16 +89,9 @@ def search_by_optuna(costs: Costs, ranges: Ranges, effort: Budget) -> None:
                 study.tell(trial, float(cost))
 
 
-def _sampler(optuna: Any, effort: Budget) -> Any:
-    """Return the estimator: over all fields together, and counting points under way as bad, so that a generation spreads."""
-    return optuna.samplers.TPESampler(
-        n_startup_trials=effort.size, multivariate=True, constant_liar=True, seed=effort.seed
-    )
-
-
 @contextlib.contextmanager
 def _quiet() -> Iterator[Any]:
-    """Yield optuna, which says nothing meanwhile: neither of each study nor of options that it calls experimental.
+    """Yield optuna without its log messages and without its warnings about experimental options.
 
     Raises:
         MissingExtraError: optuna is not installed.
@@ -110,13 +110,13 @@ def _quiet() -> Iterator[Any]:
         optuna.logging.set_verbosity(level)
 
 
-def search_by_evolution(costs: Costs, ranges: Ranges, effort: Budget) -> None:
-    """Try a Latin hypercube first, then generations bred from the best and from differences of others.
+def search_by_evolution(costs: Costs, ranges: Ranges, budget: Budget) -> None:
+    """Search with scipy's differential evolution, after a Latin hypercube.
 
     Args:
         costs: runs a generation and returns its costs.
-        ranges: of the fields.
-        effort: how much is tried.
+        ranges: range of each field.
+        budget: size of the search.
 
     Raises:
         CoopPinError: whatever ``costs`` raises.
@@ -127,17 +127,15 @@ def search_by_evolution(costs: Costs, ranges: Ranges, effort: Budget) -> None:
         differential_evolution(
             lambda columns: costs(columns.reshape(len(ranges), -1).T),
             list(ranges.values()),
-            maxiter=effort.generations,
-            init=first_generation(ranges, effort),
-            rng=np.random.default_rng(effort.seed),
+            maxiter=budget.generations,
+            init=first_generation(ranges, budget),
+            rng=np.random.default_rng(budget.seed),
             tol=0.0,
             polish=False,
             updating="deferred",
             vectorized=True,
         )
     except RuntimeError as error:
-        if isinstance(
-            error.__cause__, CoopPinError
-        ):  # scipy takes a ValueError for a mistake in its own arguments
+        if isinstance(error.__cause__, CoopPinError):  # scipy wraps any ValueError
             raise error.__cause__ from None
         raise

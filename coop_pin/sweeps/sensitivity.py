@@ -1,4 +1,4 @@
-"""What a table of runs says: the best, the trade-off, the boundary of stability, the sensitivity."""
+"""Sensitivity analysis of a table of runs: Pareto front, stability boundary, Sobol' indices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from coop_pin.arrays import Array
 
 
 class SobolIndices(NamedTuple):
-    """How much of a metric's variance each field explains, alone and together with others, with bootstrap confidence.
+    """Sobol' indices: share of a metric's variance due to each field, with bootstrap confidence intervals.
 
     Attributes:
         fields: names.
@@ -33,13 +33,14 @@ class SobolIndices(NamedTuple):
 
 
 def pareto_front(a: Array, b: Array) -> Array:
-    """Return the places of the runs that no other run beats in one number without losing in the other, by rising ``a``.
+    """Return the indices of the non-dominated runs, sorted by rising ``a``.
 
-    Smaller is better; runs with a number that is not finite are left out.
+    A run is dominated if another one is no worse in both metrics and better in one. Smaller is better; runs
+    with a value that is not finite are left out.
 
     Args:
-        a: shape (n,).
-        b: shape (n,).
+        a: values of one metric, shape (n,).
+        b: values of the other metric, shape (n,).
     """
     front: list[int] = []
     lowest = np.inf
@@ -50,16 +51,16 @@ def pareto_front(a: Array, b: Array) -> Array:
     return np.array(front, dtype=int)
 
 
-def boundary(stable: xr.DataArray, field: str) -> xr.Dataset:
-    """Return along all other dimensions how far a field can grow from its smallest value before runs stop being stable.
+def stability_boundary(stable: xr.DataArray, field: str) -> xr.Dataset:
+    """Return, for each place along the other dimensions, the values of a field where stability ends.
 
     Args:
-        stable: whether each run is stable; dimensions other than the field's stay.
-        field: a dimension with numbers on it.
+        stable: whether each run is stable.
+        field: a dimension with numeric coordinates, searched from its smallest value.
 
     Returns:
-        ``last_stable`` (not a number if the first value is unstable already) and ``first_unstable`` (not a
-        number if none is).
+        ``last_stable`` (NaN if the smallest value is unstable) and ``first_unstable`` (NaN if all are
+        stable), with the dimensions other than the field's.
     """
     stable = stable.sortby(field)
     values = np.asarray(stable[field].values, dtype=float)
@@ -80,12 +81,12 @@ def sobol_indices(
     """Return the Sobol' indices of a metric at Saltelli's points.
 
     Args:
-        values: the metric at the points of A, of B, and of A with one column from B for each field: shape (n
-            (d + 2),).
+        values: the metric at the points of A, of B, and of A with one column from B for each field,
+            shape (n (d + 2),).
         fields: the d fields.
-        confidence: of the intervals.
-        resamples: of the bootstrap.
-        seed: of the bootstrap.
+        confidence: confidence level of the intervals.
+        resamples: number of bootstrap samples.
+        seed: seed of the bootstrap.
     """
     from scipy.stats import sobol_indices as indices  # slow to load
 

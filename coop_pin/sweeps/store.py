@@ -1,4 +1,4 @@
-"""The folder of a sweep: one whole file for each run, found by its key."""
+"""Store of a sweep: a folder with one file for each run, found by its key, and the lock of its writer."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from coop_pin.sweeps.record import Record, from_checksummed_json, to_checksummed
 
 
 class FolderLock:
-    """Holds a folder while the ``with`` block runs.
+    """Lock of a folder, held while the ``with`` block runs.
 
-    The lock is the kernel's (flock): it ends with its process however that ends. The text in the file names
-    the owner; text in a file that nobody locks was left by an owner that died.
+    It is a kernel lock (flock), which ends with its process however that ends. The text in the file names the
+    owner; text in a file that is not locked was left by a process that was killed.
 
     Attributes:
-        left_by: the owner that died without leaving, or empty.
+        killed_owner: the previous owner if it was killed, otherwise empty.
     """
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / "lock"
         self._file: IO[str] | None = None
-        self.left_by = ""
+        self.killed_owner = ""
 
     def __enter__(self) -> Self:
         """Take the lock.
 
         Raises:
-            StoreLockedError: somebody else holds it.
+            StoreLockedError: another process holds it.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         file = self._path.open("a+", encoding="utf-8")
@@ -52,7 +52,7 @@ class FolderLock:
             owner = file.read().strip() or "another process"
             file.close()
             raise StoreLockedError(str(self._path.parent), owner) from None
-        self.left_by = file.read().strip()
+        self.killed_owner = file.read().strip()
         self._file = file
         self._write(f"process {os.getpid()} on {socket.gethostname()}")
         return self
@@ -62,11 +62,12 @@ class FolderLock:
     ) -> None:
         if self._file is not None:
             self._write("")
-            self._file.close()  # which unlocks it; the file stays, since removing it would let two owners lock two files
+            # Closing unlocks. The file stays: removing it would let two owners lock two files.
+            self._file.close()
             self._file = None
 
     def _write(self, text: str) -> None:
-        """Name the owner. On a full disk the lock holds all the same, without a name."""
+        """Write the owner's name; on a full disk the lock holds without it."""
         assert self._file is not None
         with contextlib.suppress(OSError):
             os.ftruncate(self._file.fileno(), 0)
@@ -80,14 +81,14 @@ _PART = re.compile(r"\.[0-9a-f]{64}\.[0-9a-f]{32}\.(json|nc)")
 
 
 class SweepStore:
-    """A folder that holds the runs of a sweep.
+    """Folder that stores the runs of a sweep.
 
     ``runs/ab/ab....json`` is the record of the run with that key, ``results/ab/ab....nc`` its full result if
-    it was asked for, ``quarantine/`` what was found damaged or foreign, ``plan.json`` the last plan.
+    it was requested, ``quarantine/`` holds damaged and foreign files, ``plan.json`` the last plan.
 
     Attributes:
         folder: the folder.
-        lock: who writes holds it; who reads does not need it.
+        lock: held by the process that writes; readers do not need it.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -119,24 +120,25 @@ class SweepStore:
             raise SweepStoreError(f"{self.record_path(key)} holds the record of another run")
         return record
 
-    def read_or_set_aside(self, key: str, *, with_result: bool = False) -> Record | None:
-        """Return the record of a run whose files are whole; others are moved aside, so that the run is computed again.
+    def read_or_quarantine(self, key: str, *, with_result: bool = False) -> Record | None:
+        """Return the record of a run; damaged files are moved to ``quarantine/``, and the run is repeated.
 
         Args:
             key: of the run.
             with_result: whether the full result is needed as well.
+
+        Returns:
+            None if the record, or a needed result, is missing or damaged.
         """
         try:
             record = self.read(key)
         except (SweepStoreError, IsADirectoryError) as error:
-            self._set_aside(self.record_path(key))
-            _LOG.warning("a run is computed again: %s; its file was moved to quarantine", error)
+            self._quarantine(self.record_path(key))
+            _LOG.warning("a run is repeated: %s; its file was moved to quarantine", error)
             return None
-        if record is None or not with_result or record.failure is not None:
+        if record is None or not with_result or record.failure is not None or self._has_result(record):
             return record
-        if self._result_is_whole(record):
-            return record
-        self._set_aside(self.result_path(key))
+        self._quarantine(self.result_path(key))
         return None
 
     def write(self, record: Record, result: bytes | None = None) -> None:
@@ -151,10 +153,10 @@ class SweepStore:
         self._write(self.record_path(record.key), record.to_bytes())
 
     def read_result(self, record: Record) -> RunResult | None:
-        """Return the full result of a run if it is kept and whole."""
-        return RunResult.load(self.result_path(record.key)) if self._result_is_whole(record) else None
+        """Return the full result of a run if it is stored and undamaged."""
+        return RunResult.load(self.result_path(record.key)) if self._has_result(record) else None
 
-    def _result_is_whole(self, record: Record) -> bool:
+    def _has_result(self, record: Record) -> bool:
         try:
             data = self.result_path(record.key).read_bytes()
         except OSError:
@@ -164,7 +166,7 @@ class SweepStore:
     # ------------------------------------------------------------ the plan and tables
 
     def write_plan(self, plan: SweepPlan) -> None:
-        """Write the plan, so that the sweep can be read without the command that made it."""
+        """Write the plan, so that the folder can be read on its own."""
         self._write(self.folder / "plan.json", to_checksummed_json(plan.model_dump(mode="json")))
 
     def read_plan(self) -> SweepPlan:
@@ -184,7 +186,7 @@ class SweepStore:
             ) from None
 
     def write_with(self, name: str, write: Callable[[Path], object]) -> None:
-        """Write a file of the folder whole or not at all.
+        """Write a file of the folder, complete or not at all.
 
         Raises:
             StoreWriteError: the disk is full, or the folder cannot be written.
@@ -194,48 +196,48 @@ class SweepStore:
             write_atomically(path, write)
         except OSError as error:
             raise StoreWriteError(str(path), _reason(error)) from None
-        except RuntimeError as error:  # as HDF5 says it when it closes a file on a full disk
+        except RuntimeError as error:  # HDF5 raises it when it closes a file on a full disk
             raise StoreWriteError(str(path), str(error)) from None
 
     def _write(self, path: Path, data: bytes) -> None:
         self.write_with(str(path.relative_to(self.folder)), lambda part: part.write_bytes(data))
 
-    # ------------------------------------------------------------ order
+    # ------------------------------------------------------------ foreign files
 
-    def tidy(self) -> int:
-        """Remove parts that a kill left behind and move foreign files aside; only for the owner of the lock.
+    def clean_up(self) -> int:
+        """Remove partial files and quarantine foreign ones; only for the owner of the lock.
 
         Returns:
-            The number of files set aside.
+            The number of files moved to ``quarantine/``.
         """
-        aside = 0
+        moved = 0
         for file, known in self._files():
             if _PART.fullmatch(file.name):
                 file.unlink()
             elif not known.fullmatch(file.name) or file.name[:2] != file.parent.name:
-                aside += self._set_aside(file)
-        return aside
+                moved += self._quarantine(file)
+        return moved
 
     def _files(self) -> Iterator[tuple[Path, re.Pattern[str]]]:
-        for room, known in (("runs", _RECORD), ("results", _RESULT)):
-            for shard in sorted((self.folder / room).glob("*")):
+        for name, known in (("runs", _RECORD), ("results", _RESULT)):
+            for shard in sorted((self.folder / name).glob("*")):
                 if shard.is_dir() and len(shard.name) == 2:
                     yield from ((file, known) for file in sorted(shard.iterdir()))
                 else:
                     yield shard, known
 
-    def _set_aside(self, file: Path) -> bool:
-        """Move a file out of the way without destroying it."""
+    def _quarantine(self, file: Path) -> bool:
+        """Move a file to ``quarantine/`` under a free name, and return whether there was one."""
         if not (file.exists() or file.is_symlink()):
             return False
-        aside, count = self.folder / "quarantine" / file.name, 1
-        while aside.exists():
-            aside, count = aside.with_name(f"{file.stem}.{count}{file.suffix}"), count + 1
+        target, count = self.folder / "quarantine" / file.name, 1
+        while target.exists():
+            target, count = target.with_name(f"{file.stem}.{count}{file.suffix}"), count + 1
         try:
-            aside.parent.mkdir(exist_ok=True)
-            file.rename(aside)
+            target.parent.mkdir(exist_ok=True)
+            file.rename(target)
         except OSError as error:
-            raise StoreWriteError(str(aside), _reason(error)) from None
+            raise StoreWriteError(str(target), _reason(error)) from None
         return True
 
 

@@ -1,4 +1,4 @@
-"""All runs of a plan side by side: an xarray Dataset with the plan's dimensions, and a CSV file."""
+"""Table of all runs of a plan: an xarray Dataset with the plan's dimensions, and CSV files."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _TIMES = ("wall_s", "cpu_s")
 
 
 class Row(NamedTuple):
-    """One point of a plan and what is known of it.
+    """One point of a plan with its record.
 
     Attributes:
         point: the point.
-        key: of its run.
-        record: None while it is missing, or when its file is damaged.
+        key: key of its run.
+        record: None if it is missing or its file is damaged.
     """
 
     point: Point
@@ -36,13 +36,13 @@ class Row(NamedTuple):
 
     @property
     def status(self) -> str:
-        """How it ended: "ok", "failed" or "missing"."""
+        """Status of the run: "ok", "failed" or "missing"."""
         if self.record is None:
             return MISSING
         return OK if self.record.failure is None else FAILED
 
 
-def key_of(plan: SweepPlan, index: int) -> str:
+def point_key(plan: SweepPlan, index: int) -> str:
     """Return the key of a point's run."""
     try:
         return run_key(plan.scenario(index), plan.metrics)
@@ -52,9 +52,9 @@ def key_of(plan: SweepPlan, index: int) -> str:
 
 
 def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
-    """Yield the runs in the order of the plan; files are only read, damaged ones count as missing."""
+    """Yield the runs in the order of the plan; damaged files count as missing and are left alone."""
     for point in plan.points():
-        key = key_of(plan, point.number)
+        key = point_key(plan, point.number)
         try:
             record = store.read(key)
         except SweepStoreError:
@@ -91,35 +91,26 @@ def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
 
 
 def _coordinates(dimension: Dimension) -> dict[str, tuple[str, Any]]:
-    """Return what stands along a dimension: its own labels, and those of fields that move with it."""
+    """Return the coordinates along a dimension: its own labels, and those of fields that vary with it."""
     labels = [dimension.labels(place) for place in range(dimension.size)]
     return {name: (dimension.name, np.array([place[name] for place in labels])) for name in labels[0]}
 
 
 def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]) -> None:
-    """Write one line for each run in the order of the plan; numbers are written so that they read back exactly."""
+    """Write one line for each run in the order of the plan; numbers read back exactly."""
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        parameters = list(plan[0].parameters)
-        table.writerow(["point", *parameters, "status", "failure", "message", *metrics, "key"])
+        table.writerow(["point", *plan[0].parameters, "status", "failure", "message", *metrics, "key"])
         for row in rows(plan, store):
             failure = row.record.failure if row.record else None
-            said = (failure.kind, failure.message) if failure else ("", "")
+            reason = (failure.kind, failure.message) if failure else ("", "")
             values = [_text(row.record.metrics.get(name)) if row.record else "" for name in metrics]
-            table.writerow(
-                [
-                    row.point.number,
-                    *map(_text, row.point.parameters.values()),
-                    row.status,
-                    *said,
-                    *values,
-                    row.key,
-                ]
-            )
+            parameters = map(_text, row.point.parameters.values())
+            table.writerow([row.point.number, *parameters, row.status, *reason, *values, row.key])
 
 
 def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:
-    """Write how long each run took, apart from the metrics, which are the same wherever they are computed."""
+    """Write the duration of each run; metrics, unlike durations, are the same on every machine."""
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["point", *_TIMES, "key"])

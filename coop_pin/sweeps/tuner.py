@@ -1,7 +1,8 @@
-"""One call from ranges of gains to the best of them; every try is a run of a sweep."""
+"""Tuning: search of scenario fields for the smallest value of a metric under constraints."""
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import EntryNotFoundError, FieldError, NothingFeasibleError
-from coop_pin.sweeps.backend import Where
+from coop_pin.sweeps.backend import BackendOptions
 from coop_pin.sweeps.engine import Session, open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import PointResult, SweepResult
@@ -22,12 +23,12 @@ _FORM = re.compile(r"\s*(?P<metric>[^\s<>=]+)\s*(?P<sign>[<>])=?\s*(?P<bound>[^\
 
 
 class Bound(NamedTuple):
-    """A bound on a metric; the bound itself is allowed, since no run meets a number exactly.
+    """Constraint on a metric; the bound itself is allowed.
 
     Attributes:
         metric: name.
-        sign: 1 where the metric must stay below, -1 where it must stay above.
-        bound: the number.
+        sign: 1 for an upper bound, -1 for a lower bound.
+        bound: the bound.
     """
 
     metric: str
@@ -36,53 +37,46 @@ class Bound(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read "settling_time_s<2.5" or "internal_axial_mean_N > -11".
+        """Read a constraint such as "settling_time_s<2.5" or "internal_axial_mean_N > -11".
 
         Raises:
-            FieldError: the text does not say that.
+            FieldError: the text is not a constraint.
         """
-        mistake = FieldError(
-            f"is {text!r}; it must read METRIC<NUMBER or METRIC>NUMBER, with a finite number", "subject_to"
-        )
         form = _FORM.fullmatch(text)
-        if form is None:
-            raise mistake
-        try:
-            bound = float(form["bound"])
-        except ValueError:
-            raise mistake from None
-        if not np.isfinite(bound):
-            raise mistake
-        return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
+        with contextlib.suppress(ValueError):
+            if form is not None and np.isfinite(bound := float(form["bound"])):
+                return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
+        wanted = "METRIC<NUMBER or METRIC>NUMBER, with a finite number"
+        raise FieldError(f"is {text!r}; it must read {wanted}", "subject_to")
 
     def excess(self, value: float) -> float:
-        """Return by how much a value is outside, as a share of the bound where that is above 1; inf where it is not a number."""
+        """Return the violation, relative to bounds above 1; inf for a value that is not finite."""
         beyond = self.sign * (value - self.bound) / max(1.0, abs(self.bound))
         return max(beyond, 0.0) if np.isfinite(value) else np.inf
 
 
-_OUTSIDE = 1e12
-"""What a run outside its bounds costs; how far outside it is counts on top."""
+_INFEASIBLE = 1e12
+"""Cost of an infeasible run, to be multiplied by 1 + its violation."""
 _FAILED = 1e100
-"""What a failed run costs; a number, because scipy evaluates a population of infinities twice."""
+"""Cost of a failed run; finite, because scipy evaluates a population of infinities twice."""
 
 
 class Objective(NamedTuple):
-    """What is wanted of a run.
+    """Objective of a search.
 
     Attributes:
-        minimize: name of the metric that should be small.
-        bounds: what other metrics must keep.
+        minimize: name of the metric to minimise.
+        bounds: constraints on metrics.
     """
 
     minimize: str
     bounds: tuple[Bound, ...]
 
     def costs(self, result: SweepResult) -> Array:
-        """Return a number for each run, by which searches compare them: shape (n,).
+        """Return the cost of each run, shape (n,).
 
-        It is the metric of a run within all bounds, more than any metric outside them, and the most for a run
-        that failed.
+        The cost is the metric of a feasible run, grows with the violation of an infeasible one beyond any
+        metric, and is largest for a failed run.
 
         Raises:
             EntryNotFoundError: runs have no such metric.
@@ -98,20 +92,21 @@ class Objective(NamedTuple):
         for bound in self.bounds:
             excess += [bound.excess(value) for value in values[bound.metric]]
         metric = values[self.minimize]
-        costs = np.where(excess > 0.0, _OUTSIDE * (1.0 + excess), metric)
+        costs = np.where(excess > 0.0, _INFEASIBLE * (1.0 + excess), metric)
         return np.where(np.isfinite(metric + excess), costs, _FAILED)
 
     @staticmethod
-    def met(cost: float) -> bool:
-        """Say whether a cost is that of a run within all bounds."""
-        return cost < _OUTSIDE
+    def is_feasible(cost: float) -> bool:
+        """Return whether a cost is that of a run within all bounds."""
+        return cost < _INFEASIBLE
 
 
 class Evaluator:
-    """Points that were tried; a generation of them is one pass of the session."""
+    """Evaluates generations of points, each as one sweep of the session, and collects them."""
 
-    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], goal: Objective) -> None:
-        self._session, self._base, self._fields, self._goal = session, base, tuple(fields), goal
+    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], objective: Objective) -> None:
+        self._session, self._base, self._fields = session, base, tuple(fields)
+        self._objective = objective
         self._points: list[tuple[float, ...]] = []
         self._lowest = np.inf
 
@@ -127,15 +122,14 @@ class Evaluator:
         store, plan = self._session.store, self._plan(points)
         store.write_plan(self._plan(self._points))
         self._session.compute(plan)
-        costs = self._goal.costs(SweepResult(plan, store))
+        costs = self._objective.costs(SweepResult(plan, store))
         self._lowest = min(self._lowest, float(costs.min()))
-        self._session.bar.say(
-            f"best {self._lowest:.4g}" if self._goal.met(self._lowest) else "nothing within the bounds yet"
-        )
+        feasible = self._objective.is_feasible(self._lowest)
+        self._session.bar.describe(f"best {self._lowest:.4g}" if feasible else "no feasible run yet")
         return costs
 
     def history(self) -> SweepResult:
-        """Return all tries as one sweep."""
+        """Return all points as one sweep."""
         return SweepResult(self._plan(self._points), self._session.store)
 
     def _plan(self, points: Sequence[tuple[float, ...]]) -> SweepPlan:
@@ -148,15 +142,25 @@ _SEARCHES: dict[str, Search] = {"evolution": search_by_evolution, "optuna": sear
 
 
 class TuneResult(NamedTuple):
-    """What tuning found.
+    """Result of tuning.
 
     Attributes:
-        best: the run with the smallest metric among those within all bounds.
-        history: every run that was tried, in order, as a sweep.
+        best: the feasible run with the smallest metric.
+        history: all runs in order, as a sweep.
+        objective: the metric and the constraints.
     """
 
     best: PointResult
     history: SweepResult
+    objective: Objective
+
+    def summary(self) -> str:
+        """Return the metrics of the objective and the tuned fields of the best run as text."""
+        failed = self.history.counts()["failed"]
+        lines = [f"best of {len(self.history.plan)} runs ({failed} failed): run {self.best.number}"]
+        metrics = dict.fromkeys([self.objective.minimize, *(b.metric for b in self.objective.bounds)])
+        lines += [f"  {metric} = {self.best.metrics[metric]:.6g}" for metric in metrics]
+        return "\n".join(lines + [f"  {field} = {x:.6g}" for field, x in self.best.parameters.items()])
 
 
 def tune(
@@ -174,75 +178,71 @@ def tune(
     scheduler: str | None = None,
     quiet: bool = False,
 ) -> TuneResult:
-    """Search fields of a scenario for the smallest value of a metric.
+    """Return the values of a scenario's fields that minimise a metric, and every run of the search.
 
-    The search is a function of its arguments: the same call finds its finished runs in the folder and goes on
-    where it was stopped, and one with more generations begins with those that are there. Runs that fail are
-    the worst; of two runs outside the bounds the one that is less outside is better. The workers serve the
-    whole search, and nobody else may use the folder meanwhile.
+    The search is a function of its arguments: the same call finds its finished runs in the folder and resumes
+    an interrupted search; a call with more generations starts with the existing ones. One set of workers
+    serves the whole search, which has the folder to itself.
 
     Args:
         scenario: the scenario, its name or path.
         vary: lowest and highest value of each field.
         minimize: name of the metric.
-        subject_to: one bound on a metric, "settling_time_s<2.5", or several.
-        out: the folder that keeps the runs.
-        method: "evolution" (differential evolution, scipy's) or "optuna" (its tree-structured Parzen
-            estimator; extra "tune").
-        generations: after the first one.
+        subject_to: one constraint on a metric, "settling_time_s<2.5", or several.
+        out: folder of the runs.
+        method: "evolution" (differential evolution, scipy) or "optuna" (tree-structured Parzen estimator;
+            extra "tune").
+        generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
-        seed: of the search, not of the runs.
+        seed: seed of the search.
         workers: number of processes; one for each processor when omitted, 0 for this process.
         scheduler: address of a dask scheduler to use instead.
         quiet: no progress bar.
 
     Raises:
-        FieldError: there is no such field or method, a range is empty, a bound cannot be read, or the
-            scheduler's address is none.
+        FieldError: there is no such field or method, a range is empty, a constraint cannot be read, or the
+            scheduler's address is malformed.
         EntryNotFoundError: runs have no such metric.
         MissingExtraError: the method's package is not installed.
-        NothingFeasibleError: no run is within all bounds; the folder keeps what was tried.
+        NothingFeasibleError: no run is within all bounds; the folder keeps the runs.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
         CoopPinError: whatever else ``sweep`` raises.
     """
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
-    goal = Objective(minimize, tuple(map(Bound.parse, bounds)))
+    objective = Objective(minimize, tuple(map(Bound.parse, bounds)))
     _check(base, vary, method, generations, population)
-    effort = Budget.of(generations, population, len(vary), seed)
-    with open_session(out, Where.of(workers, scheduler), effort.runs, quiet=quiet) as session:
-        tries = Evaluator(session, base, list(vary), goal)
-        _SEARCHES[method](tries.costs, vary, effort)
-        history = tries.history()
+    budget = Budget.of(generations, population, len(vary), seed)
+    with open_session(out, BackendOptions.of(workers, scheduler), budget.runs, quiet=quiet) as session:
+        evaluator = Evaluator(session, base, list(vary), objective)
+        _SEARCHES[method](evaluator.costs, vary, budget)
+        history = evaluator.history()
         history.write_tables()
-    costs = goal.costs(history)
+    costs = objective.costs(history)
     best = int(np.argmin(costs))
-    if not goal.met(costs[best]):
+    if not objective.is_feasible(costs[best]):
         failures = history.failures
         complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
         raise NothingFeasibleError(len(costs), len(failures), bounds, str(out), complaint)
-    return TuneResult(history.point(best), history)
+    return TuneResult(history.point(best), history, objective)
 
 
 def _check(base: Scenario, vary: Ranges, method: str, generations: int, population: int) -> None:
-    """Refuse what cannot be searched before anything is run or written."""
+    """Refuse mistakes in the arguments before anything is run or written."""
     if method not in _SEARCHES:
         raise FieldError(f"is {method!r}; it must be one of {', '.join(_SEARCHES)}", "method")
     if not vary:
-        raise FieldError("names no field; say at least one, with its lowest and highest value", "vary")
+        raise FieldError("names no field; give at least one, with its lowest and highest value", "vary")
     if generations < 0 or population < 1:
-        raise FieldError(
-            f"are {generations} and {population}; they must be at least 0 and 1", "generations and population"
-        )
+        detail = f"are {generations} and {population}; they must be at least 0 and 1"
+        raise FieldError(detail, "generations and population")
     for field, ends in vary.items():
         try:
             low, high = map(float, ends)
         except (TypeError, ValueError):
-            raise FieldError(
-                f"has the range {ends!r}; it must be a lowest and a highest number", field
-            ) from None
+            detail = f"has the range {ends!r}; it must be a lowest and a highest number"
+            raise FieldError(detail, field) from None
         if not (np.isfinite([low, high]).all() and low < high):
-            raise FieldError(
-                f"goes from {low:g} to {high:g}; the range must have a lower and a higher end", field
-            )
-    SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that are not there
+            detail = f"goes from {low:g} to {high:g}; the range must have a lower and a higher end"
+            raise FieldError(detail, field)
+    SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that do not exist

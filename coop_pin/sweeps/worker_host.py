@@ -1,8 +1,8 @@
-"""The process that keeps local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in a session of its own.
+"""Host process of local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in its own session.
 
-DaskBackend are started from here and not from the user's process: they would import the user's script once
-more, and a script without an ``if __name__ == "__main__"`` would start its sweep in every worker. It ends
-with its parent: when its standard input closes.
+Workers are children of this process and not of the user's, whose script they would import: a script without
+``if __name__ == "__main__"`` would start its sweep in every worker. The host ends with its parent, when its
+standard input closes.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from typing import Any
 
 from distributed import Nanny
 
-from coop_pin.sweeps.quiet import QuietWorker
+from coop_pin.sweeps.cluster import QuietWorker
 
 _PRELOAD = "coop_pin.sweeps.job"
 _GRACE_S = 2.0
 
 
 async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) -> None:
-    """Keep workers of one thread each on the loopback device until the parent ends. A worker that dies is replaced.
+    """Keep workers of one thread each on the loopback device until the parent ends; replace dead ones.
 
-    One that dies while it is being started takes this process and its workers with it; the parent starts all
-    of them again.
+    A worker that dies during its start ends this process and all workers; the parent starts them again.
     """
     options: dict[str, Any] = {
         "nthreads": 1,
@@ -47,7 +46,7 @@ async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) ->
 
 
 async def main(address: str, count: int) -> None:
-    """Keep workers, and end with the parent even where a scheduler that died with it leaves them waiting for answers."""
+    """Keep workers, and end with the parent even if a scheduler that died with it leaves them waiting."""
     loop, parent_ended = asyncio.get_running_loop(), asyncio.Event()
 
     def watch() -> None:

@@ -1,0 +1,62 @@
+"""Progress bar of runs and sweeps."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from tqdm import tqdm
+
+
+class ProgressBar:
+    """A progress bar on a terminal's standard error; nothing is drawn elsewhere, for example in a log file.
+
+    Attributes:
+        finished: items done, those of earlier sessions included.
+        failed: how many of these failed.
+
+    Args:
+        unit: what is counted, for example "runs".
+        total: how many there are; ``advance_to`` can give it later.
+        title: text before the bar.
+        quiet: draw nothing at all.
+        keep: leave the finished bar on the terminal.
+    """
+
+    def __init__(
+        self, unit: str, *, total: int | None = None, title: str = "", quiet: bool = False, keep: bool = False
+    ) -> None:
+        self.finished, self.failed = 0, 0
+        # disable=None: tqdm draws on terminals only. smoothing near 0: the rate is that of the whole session.
+        self._bar = tqdm(
+            desc=title or None,
+            total=total,
+            unit=f" {unit}",
+            leave=keep,
+            disable=True if quiet else None,
+            smoothing=0.05,
+            dynamic_ncols=True,
+        )
+
+    def advance_to(self, finished: int, total: int) -> None:
+        """Show that this many items of all are done."""
+        self.finished, self._bar.total = finished, total
+        self._bar.update(finished - self._bar.n)
+
+    def count(self, failed: bool, *, old: bool = False) -> None:
+        """Count one item; old ones, done by an earlier session, do not enter the rate."""
+        self.finished += 1
+        self.failed += failed
+        if old and not self._bar.disable:
+            self._bar.initial += 1
+        self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
+        self._bar.update(1)
+
+    def describe(self, text: str) -> None:
+        """Show a text before the bar."""
+        self._bar.set_description_str(text, refresh=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.close()
