@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
@@ -91,7 +91,7 @@ class RunFolder:
         result.save(self.path / self.RESULT)
         self._write_json(self.TIMING, timing._asdict())
 
-    def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
+    def _write_json(self, name: str, table: Mapping[str, float]) -> None:
         text = (
             json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False)
             + "\n"
@@ -117,8 +117,6 @@ class RunFolder:
             (self.path / name).unlink(missing_ok=True)
 
 
-def _strict(value: Any) -> Any:
+def _strict(value: float) -> float | None:
     """JSON has no number for infinity and not-a-number: they become null."""
-    if isinstance(value, list):
-        return [_strict(entry) for entry in value]
     return value if math.isfinite(value) else None

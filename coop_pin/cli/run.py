@@ -109,15 +109,8 @@ def run_into_folder(command: Run) -> int:
     return OK
 
 
-def _said(value: float | list[float]) -> str:
+def _said(value: float) -> str:
     """Return a metric in words where it is no number."""
-    if isinstance(value, list):
-        start, end = value
-        return (
-            f"{start:g} to {end:g}"
-            if start < end
-            else f"none: the run ends, or an event comes, before {start:g} s"
-        )
     if math.isnan(value):
         return "does not apply"
     return "never" if math.isinf(value) else f"{value:.4g}"
@@ -131,7 +124,10 @@ def table(result: RunResult, timing: Timing) -> str:
     ]
     for name, value in result.metrics().items():
         lines.append(f"  {name:<30} {_said(value)}")
-    if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
+    start, end = result.steady_window
+    if start >= end:
+        lines.append(f"  no rms values: the run ends, or an event comes, before {start:g} s")
+    elif math.isinf(result.settling_time()):
         lines.append("  it never settled: 'coop-pin check' tells whether the control rate can bear the gains")
     for beyond in result.limit_violations():
         where = f"{beyond.kind} of {beyond.arm} {beyond.joint}"

@@ -1,6 +1,6 @@
-"""One page that tells a whole run: what was run, how it went, what the arms did to each other, and the motion in 3-D.
+"""Report of a run as one self-contained HTML page: scenario, metrics, figures, and the 3-D replay.
 
-Everything is loaded on first use: the figures and the replay take their time.
+Everything is loaded on first use, because matplotlib and the replay are slow to load.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ from typing import Any
 from coop_pin.lazy import load_public
 
 _PUBLIC = {
-    "internal_force_figure": "coop_pin.figures.run_figures",
-    "motion_figure": "coop_pin.figures.motion_figure",
+    "MetricRow": "coop_pin.report.report",
+    "metrics_table": "coop_pin.report.report",
     "report_html": "coop_pin.report.report",
     "save_report": "coop_pin.report.report",
-    "singularity_figure": "coop_pin.figures.run_figures",
 }
 
 __all__ = sorted(_PUBLIC)

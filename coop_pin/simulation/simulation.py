@@ -117,7 +117,7 @@ class Simulation:
 
     def moment(self) -> Snapshot:
         """Return the run at its last recorded tick; there must be one."""
-        return self.recorder.moment()
+        return self.recorder.snapshot()
 
     def result(self) -> RunResult:
         """Return the result up to the last recorded tick; there must be one.

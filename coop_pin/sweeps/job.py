@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import NamedTuple, TextIO
 
 import dask
 from distributed import get_worker
@@ -20,7 +20,7 @@ from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
-from coop_pin.sweeps.record import Failure, Record, flat
+from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.run_key import UserCode, require_loaded
 
 
@@ -101,11 +101,11 @@ def run_job(job: Job) -> Outcome:
 
 def _judged(result: RunResult, users: tuple[str, ...]) -> dict[str, float]:
     """Return the metrics of a run, the user's own after ours."""
-    metrics: dict[str, Any] = dict(result.metrics())
+    metrics = result.metrics()
     for name in users:
         function: Callable[[RunResult], Mapping[str, float]] = load_function(name, {})
-        metrics |= function(result)
-    return flat(metrics)
+        metrics |= {metric: float(value) for metric, value in function(result).items()}
+    return metrics
 
 
 def _content(result: RunResult) -> bytes:
