@@ -1,6 +1,6 @@
-"""Figures of runs and sweeps: matplotlib Figures that need neither a display nor pyplot; adapt them before saving.
+"""Figures of runs and sweeps: matplotlib Figures, made without display and pyplot, to be adapted and saved.
 
-Everything is loaded on first use, because matplotlib is slow to load and ``figures.palette`` does not need it.
+Everything is loaded on first use: matplotlib is slow to load, and ``figures.palette`` does not need it.
 """
 
 from __future__ import annotations

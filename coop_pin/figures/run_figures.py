@@ -17,14 +17,12 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
     DESIRED,
-    finish,
     frame_bulk,
     frame_decades,
-    grid_figure,
     label,
     legend_above,
+    run_figure,
     styled,
-    without_zeros,
 )
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
@@ -39,27 +37,18 @@ def tracking_figure(result: RunResult) -> Figure:
     Args:
         result: the run.
     """
-    title, data = "payload and internal force", result.data
-    if result.scenario.cell.rows == "planar":
-        figure, axes = grid_figure(2, 2, result, title)
-        x, y, psi, axial = axes.flat
-        with styled():
-            _draw_positions(data, (x, y))
-            _draw_heading(data, psi)
-            _draw_internal(data, "axial", axial)
-    else:
-        figure, axes = grid_figure(3, 2, result, title)
-        x, y, z, rotation, axial, shear = axes.flat
-        with styled():
-            _draw_positions(data, (x, y, z))
-            _draw_rotation_error(data, rotation)
-            _draw_internal(data, "axial", axial)
-            _draw_internal(data, "shear", shear)
-    finish(figure, axes, result)
+    data, planar = result.data, result.scenario.cell.rows == "planar"
+    n = 2 if planar else 3
+    with run_figure(n, 2, result, "payload and internal force") as (figure, axes):
+        panels = list(axes.flat)
+        _draw_positions(data, panels[:n])
+        (_draw_heading if planar else _draw_rotation_error)(data, panels[n])
+        for part, panel in zip(("axial", "shear"), panels[n + 1 :], strict=False):
+            _draw_internal(data, part, panel)
     return figure
 
 
-def _draw_positions(data: xr.Dataset, panels: tuple[Axes, ...]) -> None:
+def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
     time, actual, desired = (data[name].values for name in ("time", "payload_position", "desired_position"))
     for axis, panel in enumerate(panels):
         panel.plot(time, actual[:, axis], label="actual", **ACTUAL)
@@ -106,15 +95,14 @@ def torque_figure(result: RunResult) -> Figure:
     """
     data = result.data
     torque, arms = data["torque"].values, data["arm"].values
-    figure, axes = grid_figure(torque.shape[2], len(arms), result, "drive torques", panel=(3.6, 1.5))
-    with styled():
+    shape = (torque.shape[2], len(arms))
+    with run_figure(*shape, result, "drive torques", panel=(3.6, 1.5)) as (figure, axes):
         for (joint, arm), panel in np.ndenumerate(axes):
             if np.isnan(torque[:, arm, joint]).all():  # an arm with fewer joints than the others
                 panel.set_visible(False)
                 continue
             panel.plot(data["time"].values, torque[:, arm, joint], drawstyle="steps-post", **ACTUAL)
             label(panel, f"arm {arms[arm]}, joint {data['joint'].values[joint]}", "N m")
-    finish(figure, axes, result)
     return figure
 
 
@@ -126,31 +114,27 @@ def error_figure(result: RunResult) -> Figure:
     """
     data, time = result.data, result.data["time"].values
     error = data["pose_error"].values
-    figure, axes = grid_figure(2, 2, result, "errors")
-    position, orientation, closure, energy = axes.flat
-    with styled():
-        _draw_decades(position, time, np.linalg.norm(error[:, :3], axis=1))
+    distance, angle = data["closure_distance"].values, data["closure_angle"].values
+    with run_figure(2, 2, result, "errors") as (figure, axes):
+        position, orientation, closure, energy = axes.flat
+        _draw_decades(position, time, np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
         _draw_band(position, POSITION_BAND_M, "5 mm")
         label(position, "position error", "m")
-        _draw_decades(orientation, time, np.linalg.norm(error[:, 3:], axis=1))
+        _draw_decades(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
         _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
         label(orientation, "orientation error", "rad")
-        for name, text, colour in (
-            ("closure_distance", "distance (m)", palette.SERIES[0]),
-            ("closure_angle", "angle (rad)", palette.SERIES[1]),
-        ):
-            closure.semilogy(time, without_zeros(data[name].values.max(axis=1)), color=colour, label=text)
-        frame_decades(closure, np.stack((data["closure_distance"].values, data["closure_angle"].values)))
+        _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance (m)")
+        _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle (rad)")
+        frame_decades(closure, np.stack((distance, angle)))
         label(closure, "closure error", "m, rad")
         legend_above(closure)
-        _draw_decades(energy, time, np.abs(energy_balance(data)))
+        _draw_decades(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
-    finish(figure, axes, result)
     return figure
 
 
-def _draw_decades(panel: Axes, time: Array, values: Array) -> None:
-    panel.semilogy(time, without_zeros(values), **ACTUAL)
+def _draw_decades(panel: Axes, time: Array, values: Array, **style: Any) -> None:
+    panel.semilogy(time, np.where(values > 0.0, values, np.nan), **style)
     frame_decades(panel, values)
 
 
@@ -172,10 +156,10 @@ def internal_force_figure(result: RunResult) -> Figure:
         result: the run.
     """
     data, arms = result.data, result.data["arm"].values
-    figure, axes = grid_figure(3, len(arms), result, "internal wrench on each arm", panel=(3.6, 1.6))
-    rows = (("axial", "axial", "N"), ("shear", "shear", "N"), ("moment", "moment about P", "N m"))
-    with styled():
-        for (part, text, unit), row in zip(rows, axes, strict=True):
+    parts = (("axial", "axial", "N"), ("shear", "shear", "N"), ("moment", "moment about P", "N m"))
+    title = "internal wrench on each arm"
+    with run_figure(3, len(arms), result, title, panel=(3.6, 1.6)) as (figure, axes):
+        for (part, text, unit), row in zip(parts, axes, strict=True):
             actual, desired = (data[f"{which}internal_{part}"].values for which in ("", "desired_"))
             for arm, panel in enumerate(row):
                 panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
@@ -183,30 +167,28 @@ def internal_force_figure(result: RunResult) -> Figure:
                 frame_bulk(panel, actual[:, arm], unit)
                 label(panel, f"arm {arms[arm]}, {text}", unit)
         legend_above(axes[0, 0])
-    finish(figure, axes, result)
     return figure
 
 
 def singularity_figure(result: RunResult) -> Figure:
-    """Return the condition number of every arm's payload Jacobian over time; it is infinite at a singular pose.
+    """Return the condition number of every arm's payload Jacobian over time.
 
-    The axis is logarithmic if the number grows tenfold.
+    It is infinite at a singular pose; the axis is logarithmic if it grows tenfold.
 
     Args:
         result: the run.
     """
-    data, time = result.data, result.data["time"].values
-    figure, axes = grid_figure(1, 1, result, "margin to singular poses", panel=(7.2, 2.2))
-    panel, conditions = axes[0, 0], data["jacobian_condition"].values
-    with styled():
-        for index, (arm, condition) in enumerate(zip(data["arm"].values, conditions.T, strict=True)):
+    data, conditions = result.data, result.data["jacobian_condition"].values
+    title = "margin to singular poses"
+    with run_figure(1, 1, result, title, panel=(7.2, 2.2)) as (figure, axes):
+        panel = axes[0, 0]
+        for index, arm in enumerate(data["arm"].values):
             colour = palette.SERIES[index % len(palette.SERIES)]
-            panel.plot(time, condition, color=colour, label=f"arm {arm}")
+            panel.plot(data["time"].values, conditions[:, index], color=colour, label=f"arm {arm}")
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
         label(panel, "condition number of the payload Jacobian", "")
         legend_above(panel)
-    finish(figure, axes, result)
     return figure
 
 
@@ -218,7 +200,7 @@ _WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
 
 
 def motion_figure(result: RunResult) -> Figure:
-    """Return the paths of payload and tips, with the polygon between the tips at six instants, seen from above.
+    """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
 
     Cells that move in space are also drawn from the side (x, z), below the view from above and to the same
     scale.
@@ -242,7 +224,7 @@ def motion_figure(result: RunResult) -> Figure:
 
 
 def _extent(result: RunResult) -> Array:
-    """Return the extent of bases, tips and payload in x, y and z with a margin of 10 % on each side, m, shape (3,)."""
+    """Return the extent of bases, tips and payload in x, y and z with a margin of 10 % on each side, m."""
     names = ("tip_position", "payload_position", "desired_position")
     bases = [arm.base.xyz for arm in result.scenario.cell.arms.values()]
     points = np.concatenate([bases, *(result.data[name].values.reshape(-1, 3) for name in names)])

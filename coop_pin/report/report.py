@@ -29,22 +29,6 @@ from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.replay import replay_html
 
 
-class Wording(NamedTuple):
-    """Description of a metric for readers.
-
-    Attributes:
-        text: what it is.
-        unit: as shown.
-        scale: from the SI value to the unit as shown.
-        numerical: whether it measures the accuracy of the computation, not the quality of the control.
-    """
-
-    text: str
-    unit: str
-    scale: float = 1.0
-    numerical: bool = False
-
-
 class MetricRow(NamedTuple):
     """Row of the table of metrics.
 
@@ -52,53 +36,50 @@ class MetricRow(NamedTuple):
         name: of the metric.
         text: what it is.
         value: with its unit, or why there is none.
-        numerical: as for ``Wording``.
     """
 
     name: str
     text: str
     value: str
-    numerical: bool
 
 
-_WORDINGS = {
-    "settling_time_s": Wording("settles to 5 mm and 5 mrad after the start", "s"),
-    "resettling_time_s": Wording("settles again after the first event", "s"),
-    "event_peak_position_error_m": Wording("largest position error from the first event on", "mm", 1e3),
-    "position_rms_m": Wording("position error, rms", "mm", 1e3),
-    "orientation_rms_rad": Wording("orientation error, rms", "mrad", 1e3),
-    "internal_axial_mean_N": Wording("internal force along the line between the tips, mean", "N"),
-    "internal_axial_rms_error_N": Wording("internal force along the line, rms of its error", "N"),
-    "internal_shear_rms_N": Wording("internal force across the line, rms of its error", "N"),
-    "internal_moment_rms_error_Nm": Wording("internal moment about P, rms of its error", "N m"),
-    "torque_peak_Nm": Wording("largest drive torque", "N m"),
-    "closure_error_max_m": Wording("closure error, largest distance", "m", numerical=True),
-    "closure_error_max_rad": Wording("closure error, largest angle", "rad", numerical=True),
-    "energy_balance_max_J": Wording("energy minus work, largest", "J", numerical=True),
+_ROWS = {
+    "settling_time_s": ("settles to 5 mm and 5 mrad after the start", "s", 1.0),
+    "resettling_time_s": ("settles again after the first event", "s", 1.0),
+    "event_peak_position_error_m": ("largest position error from the first event on", "mm", 1e3),
+    "position_rms_m": ("position error, rms", "mm", 1e3),
+    "orientation_rms_rad": ("orientation error, rms", "mrad", 1e3),
+    "internal_axial_mean_N": ("internal force along the line between the tips, mean", "N", 1.0),
+    "internal_axial_rms_error_N": ("internal force along the line, rms of its error", "N", 1.0),
+    "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
+    "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
+    "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
+    "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
+    "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
+    "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
 }
-_WINDOW = ("window_start_s", "window_end_s")
-"""Metrics that stand below the table."""
+"""Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
+
+_NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
+"""Metrics of the accuracy of the computation, not of the control."""
 
 
 def metrics_table(result: RunResult) -> list[MetricRow]:
     """Return the metrics of a run as rows of a table: of the control first, then of the computation.
 
-    A metric without a wording of its own is shown by its name.
+    The window of means and rms values is not among them.
     """
-    rows = []
-    for name, value in result.metrics().items():
-        if name not in _WINDOW:
-            wording = _WORDINGS.get(name, Wording(name.replace("_", " "), ""))
-            rows.append(MetricRow(name, wording.text, _number(value, wording), wording.numerical))
-    return sorted(rows, key=lambda row: row.numerical)
+    metrics = result.metrics()
+    return [
+        MetricRow(name, text, _number(metrics[name] * scale, unit))
+        for name, (text, unit, scale) in _ROWS.items()
+    ]
 
 
-def _number(value: float, wording: Wording) -> str:
+def _number(value: float, unit: str) -> str:
     if math.isnan(value):
         return "does not apply"
-    if math.isinf(value):
-        return "never"
-    return f"{value * wording.scale:.3g} {wording.unit}".strip()
+    return "never" if math.isinf(value) else f"{value:.3g} {unit}"
 
 
 def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
@@ -217,7 +198,7 @@ def _facts(result: RunResult) -> str:
 
 def _metrics(rows: list[MetricRow]) -> str:
     return "\n".join(
-        f"<tr{' class=numerical' if row.numerical else ''}><td>{html.escape(row.text)}</td>"
+        f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
         f'<td class="number">{html.escape(row.value)}</td>'
         f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
         for row in rows

@@ -6,7 +6,7 @@ arrays by the table and the dataset is labelled by it; snapshots, metrics and fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -67,7 +67,7 @@ def _axial_directions(tips: Array) -> Array:
 
 
 def _internal_parts(name: str, text: str, wrench: Callable[[Samples], Array]) -> tuple[Quantity, ...]:
-    """Return axial force, shear force and moment of a wrench on each arm: ``internal_axial``, ``internal_shear`` etc.
+    """Return axial force, shear force and moment of a wrench on each arm, such as ``internal_axial``.
 
     Rows that rigid bodies do not determine count as zero.
 
@@ -145,6 +145,14 @@ QUANTITIES = (
 )
 # fmt: on
 
+LIMITS = {
+    "position_lower": "rad or m",
+    "position_upper": "rad or m",
+    "velocity_limit": "rad/s or m/s",
+    "torque_limit": "N m",
+}
+"""Units of the limits of joints and drives, which are variables of the dataset without time."""
+
 
 def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
     """Return empty samples of every recorded quantity.
@@ -176,33 +184,9 @@ def computed(samples: Samples, load_shares: Array, names: Collection[str] | None
     return values
 
 
-class LimitTable(NamedTuple):
-    """Limits of m arms with at most k joints each; NaN where there is none, and beyond an arm's joints.
-
-    Attributes:
-        joints: names of each arm's joints.
-        position_lower: rad or m, shape (m, k).
-        position_upper: rad or m, shape (m, k).
-        velocity_limit: rad/s or m/s, shape (m, k).
-        torque_limit: of the drives, N m, shape (m, k).
-    """
-
-    joints: tuple[tuple[str, ...], ...]
-    position_lower: Array
-    position_upper: Array
-    velocity_limit: Array
-    torque_limit: Array
-
-
-_LIMIT_UNITS = {
-    "position_lower": "rad or m",
-    "position_upper": "rad or m",
-    "velocity_limit": "rad/s or m/s",
-    "torque_limit": "N m",
-}
-
-
-def dataset(scenario: Scenario, samples: Samples, limits: LimitTable) -> xr.Dataset:
+def dataset(
+    scenario: Scenario, samples: Samples, joints: Sequence[Sequence[str]], limits: Array
+) -> xr.Dataset:
     """Return the labelled arrays of a run: every stored quantity, and the joint limits.
 
     Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
@@ -211,7 +195,8 @@ def dataset(scenario: Scenario, samples: Samples, limits: LimitTable) -> xr.Data
     Args:
         scenario: what was run.
         samples: of every recorded quantity.
-        limits: of joints and drives.
+        joints: names of each arm's joints.
+        limits: the four ``LIMITS`` of m arms with at most k joints, shape (4, m, k); NaN where there is none.
     """
     values = computed(samples, scenario.cell.shares)
     # All variables are gathered first: assigning one to a Dataset aligns the whole Dataset anew.
@@ -220,11 +205,11 @@ def dataset(scenario: Scenario, samples: Samples, limits: LimitTable) -> xr.Data
         for name, dims, unit, text, _, _, stored in QUANTITIES
         if stored
     }
-    joint, without = ("arm", "joint"), "NaN where there is none"
-    for name, unit in _LIMIT_UNITS.items():
-        variables[name] = (joint, getattr(limits, name), {"units": unit, "long_name": without})
-    k = samples["torque"].shape[2]
-    names = np.array([(*joints, *[""] * (k - len(joints))) for joints in limits.joints])
+    joint, k = ("arm", "joint"), samples["torque"].shape[2]
+    for name, values_of_joints in zip(LIMITS, limits, strict=True):
+        attributes = {"units": LIMITS[name], "long_name": "NaN where there is none"}
+        variables[name] = (joint, values_of_joints, attributes)
+    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
     variables["joint_name"] = (joint, names, {"long_name": "empty beyond an arm's joints"})
     determined = np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1))
     text = "rows of wrenches that rigid bodies determine; others are NaN"

@@ -13,7 +13,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.results.dataset import LimitTable, allocate, computed, dataset
+from coop_pin.results.dataset import allocate, computed, dataset
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
@@ -106,16 +106,13 @@ class Recorder:
             angles = place.angles.along(kept["configuration"][:, place.q], start)
             kept["joint_position"][:, index, :joints] = angles
             kept["joint_velocity"][:, index, :joints] = kept["velocity"][:, place.v]
-        return RunResult(scenario, dataset(scenario, kept, self._limit_table(kept["torque"].shape[2])))
+        names = [[name.removeprefix(f"{arm.name}/") for name in arm.angles.names] for arm in arms]
+        return RunResult(scenario, dataset(scenario, kept, names, self._limit_table(kept["torque"].shape[2])))
 
-    def _limit_table(self, joints: int) -> LimitTable:
-        """Return the limits with one row for each arm, NaN where there is none."""
-        tables = np.full((4, len(self._limits), joints), np.nan)
+    def _limit_table(self, joints: int) -> Array:
+        """Return the four limits of each arm's joints, shape (4, m, joints); NaN where there is none."""
+        table = np.full((4, len(self._limits), joints), np.nan)
         for index, limits in enumerate(self._limits):
-            for table, values in zip(tables, limits, strict=True):
-                table[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
-        names = tuple(
-            tuple(name.removeprefix(f"{arm.name}/") for name in arm.angles.names)
-            for arm in self._plant.chain.tree.arms
-        )
-        return LimitTable(names, *tables)
+            for row, values in zip(table, limits, strict=True):
+                row[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
+        return table
