@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
@@ -92,9 +92,11 @@ class RunFolder:
         path = self.path / self.REPLAY
         return path if path.is_file() else self.write_replay(RunResult.load(self.path / self.RESULT))
 
-    def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
-        numbers = {key: _strict(value) for key, value in table.items()}
-        text = json.dumps(numbers, indent=2, allow_nan=False) + "\n"
+    def _write_json(self, name: str, table: Mapping[str, float]) -> None:
+        text = (
+            json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False)
+            + "\n"
+        )
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _write_figures(self, result: RunResult) -> None:
@@ -105,8 +107,6 @@ class RunFolder:
             figures.save_figure(make(result), self.path / name)
 
 
-def _strict(value: Any) -> Any:
-    """Return a metric for JSON, which has no infinity and no not-a-number: they become null."""
-    if isinstance(value, list):
-        return [_strict(entry) for entry in value]
+def _strict(value: float) -> float | None:
+    """JSON has no number for infinity and not-a-number: they become null."""
     return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""How the internal force grows with time when one arm's kinematics are off, by law and by alpha."""
+"""Growth of the internal force with time under a kinematic bias of one arm, by law and by alpha."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
 
 
 def numbers(results: Mapping[str, cp.SweepResult]) -> str:
-    """Return the table of the figure, and that of sgn by rate and bias."""
+    """Return the errors that the figure shows, and those with sgn by rate and bias, as tables."""
     error = results["law"].values(ERROR)
     lines = [_header(error.duration.values)]
     for law in error.law.values:

@@ -1,6 +1,6 @@
-"""Run one of the studies, print its numbers and draw it into docs/images. Finished runs are kept in out/studies/NAME.
+"""Run one of the studies, print its numbers and save its figure in docs/images.
 
-python studies/draw.py force_gain
+Finished runs are kept in out/studies/NAME. Usage: python studies/draw.py NAME, for example force_gain.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Study(NamedTuple):
     """One study.
 
     Attributes:
-        image: name of its picture.
-        figure: draws it from its sweeps by name.
-        numbers: says in words what the README quotes.
+        image: file name of its figure, without the suffix.
+        figure: returns the figure of its sweeps, which are given by name.
+        numbers: returns the numbers that the README quotes, as text.
     """
 
     image: str
@@ -53,12 +53,12 @@ def plans(name: str) -> dict[str, cp.SweepPlan]:
 
 
 def run(name: str, folder: Path) -> dict[str, cp.SweepResult]:
-    """Run what is still to be run of a study and return its sweeps."""
+    """Run the missing runs of a study and return its sweeps."""
     return {part: cp.sweep(plan, out=folder / part) for part, plan in plans(name).items()}
 
 
 def main() -> None:
-    """Run, say and draw the study that the command names."""
+    """Run the study that the command names, print its numbers and save its figure."""
     if len(sys.argv) != 2 or sys.argv[1] not in STUDIES:
         sys.exit(f"usage: python {sys.argv[0]} {{{' | '.join(STUDIES)}}}")
     name = sys.argv[1]

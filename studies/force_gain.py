@@ -1,4 +1,4 @@
-"""Where sampled force feedback becomes unstable: K_f against the pole p of its filter, beside K_f = (1 + p) / (1 - p)."""
+"""Stability boundary of sampled force feedback: K_f over the filter pole p; bound K_f = (1 + p) / (1 - p)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GAIN = "controller.gains.force_gain"
 
 
 def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
-    """Return the map, with the bound of theory."""
+    """Return the map, with the theoretical bound."""
     drawn = sweep_figure(results["force_gain"], ERROR)
     panel = drawn.axes[0]
     pole = np.linspace(0.0, 0.94, 200)
@@ -37,7 +37,7 @@ def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
 
 
 def numbers(results: Mapping[str, cp.SweepResult]) -> str:
-    """Return the boundary beside the theory's, and the error of the last stable gain beside that of the gain below."""
+    """Return the bound, the simulated boundary, and the growth of the error towards the last stable gain."""
     result = results["force_gain"]
     edges = result.stability_boundary(GAIN)
     lines = ["    p   theory  last stable  first unstable  its error over that of the gain below"]

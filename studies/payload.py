@@ -1,4 +1,4 @@
-"""What an unknown mass and unknown friction cost in internal force, without and with the sign term."""
+"""Internal-force error under unknown payload mass and joint friction, without and with the sign term."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
 
 
 def numbers(results: Mapping[str, cp.SweepResult]) -> str:
-    """Return the error for each friction: its mean over the masses, its spread, and the largest ratio of neighbours."""
+    """Return mean and range of the error over the masses for each friction, and how far neighbours differ."""
     lines = [f"{ERROR} over the masses, for each Coulomb friction"]
     for name in ("without_sign", "with_sign"):
         error = results[name].values(ERROR).transpose(FRICTION, MASS)
         lines.append(
-            f"{name}: {error.min().item():.3f} .. {error.max().item():.3f} N, neighbours differ by up to {_ratio(error.values):.1f}"
+            f"{name}: {error.min().item():.3f} .. {error.max().item():.3f} N, "
+            f"neighbours differ by up to {_ratio(error.values):.1f}"
         )
         for friction, row in zip(error[FRICTION].values, error.values, strict=True):
             lines.append(f"  {friction:5g} N m: mean {row.mean():.3f} N, {row.min():.3f} .. {row.max():.3f}")
@@ -33,6 +34,6 @@ def numbers(results: Mapping[str, cp.SweepResult]) -> str:
 
 
 def _ratio(values: np.ndarray) -> float:
-    """Return the largest ratio of cells beside or above each other."""
+    """Return the largest ratio of neighbouring cells of the map."""
     logarithm = np.log(values)
     return float(np.exp(max(np.abs(np.diff(logarithm, axis=axis)).max(initial=0.0) for axis in (0, 1))))

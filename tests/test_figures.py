@@ -15,17 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin import run
-from coop_pin.figures import (
-    BiasRun,
-    ForceGainRun,
-    InternalForceStudy,
-    SignGainRun,
-    error_figure,
-    internal_force_study_figure,
-    save_figure,
-    torque_figure,
-    tracking_figure,
-)
+from coop_pin.figures import error_figure, save_figure, torque_figure, tracking_figure
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import energy_balance
 
@@ -78,18 +68,14 @@ def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunR
         assert_allclose(drawn, wanted, atol=1e-9)
 
 
-def test_drawn_axial_force_has_the_mean_and_the_error_that_the_result_judges(planar: RunResult) -> None:
+def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(planar: RunResult) -> None:
     actual, desired = data_lines(tracking_figure(planar).axes[3])
     time, window = planar.data["time"].values, planar.steady_window
     inside = (time >= window.start) & (time < window.end - 1e-9)
-    judged = (
-        planar.internal_force()
-    )  # over both arms, whose internal forces are opposite and so are their axes
-    assert_allclose(actual[inside].mean(), judged.axial_mean, rtol=1e-9)
-    assert_allclose(np.sqrt(np.mean((actual - desired)[inside] ** 2)), judged.axial_rms_error, rtol=1e-9)
-    assert_allclose(
-        desired, -10.0, atol=0.6
-    )  # the squeeze is fixed in the payload, the line is that of the tips
+    metrics = planar.internal_force()  # of both arms: their internal forces and axial directions are opposite
+    assert_allclose(actual[inside].mean(), metrics.axial_mean, rtol=1e-9)
+    assert_allclose(np.sqrt(np.mean((actual - desired)[inside] ** 2)), metrics.axial_rms_error, rtol=1e-9)
+    assert_allclose(desired, -10.0, atol=0.6)  # the squeeze turns with the payload, the line with the tips
 
 
 def test_peaks_out_of_the_picture_are_told(planar: RunResult) -> None:
@@ -196,34 +182,11 @@ def test_drawing_changes_no_setting_of_matplotlib(spatial: RunResult, tmp_path: 
     assert dict(mpl.rcParams) == before
 
 
-def test_pyplot_stays_out() -> None:
-    code = "import sys, coop_pin.figures; print('matplotlib.pyplot' in sys.modules)"
+@pytest.mark.parametrize(
+    ("imported", "absent"),
+    [("palette", "matplotlib"), ("tracking_figure, sweep_figure", "matplotlib.pyplot")],
+)
+def test_figures_do_without_pyplot_and_the_palette_without_matplotlib(imported: str, absent: str) -> None:
+    code = f"import sys; from coop_pin.figures import {imported}; print({absent!r} in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
-
-
-# ---------------------------------------------------------------- the study
-
-
-def test_the_study_shows_its_runs() -> None:
-    time = np.linspace(0.0, 20.0, 50)
-    study = InternalForceStudy(
-        sign_gains=tuple(
-            SignGainRun(alpha, rate, 0.15 + alpha * rate / 10.0)
-            for rate in (80.0, 400.0, 2000.0)
-            for alpha in (0.5, 0.0, 0.2)
-        ),
-        force_gains=tuple(ForceGainRun(gain, 2.0 / (1.0 + gain)) for gain in (0.9, 0.0, 0.5)),
-        biased=(BiasRun(0.0, time, np.full(50, -10.0)), BiasRun(0.2, time, -10.0 + time)),
-    )
-    over_alpha, over_force_gain, over_time = internal_force_study_figure(study).axes
-    assert over_alpha.get_yscale() == "log"
-    assert [text.get_text() for text in over_alpha.get_legend().get_texts()] == ["80 Hz", "400 Hz", "2000 Hz"]
-    for line, rate in zip(over_alpha.lines, (80.0, 400.0, 2000.0), strict=True):
-        assert_allclose(line.get_xdata(), (0.0, 0.2, 0.5))
-        assert_allclose(line.get_ydata(), 0.15 + np.array((0.0, 0.2, 0.5)) * rate / 10.0)
-    proportional, runs = over_force_gain.lines
-    assert_allclose(runs.get_ydata() / runs.get_xdata(), 2.0)
-    assert_allclose(proportional.get_ydata(), (0.0, 2.0))
-    assert [len(line.get_xdata()) for line in over_time.lines] == [50, 50]
-    assert "0.1 mm" in over_time.get_title(loc="left")

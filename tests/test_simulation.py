@@ -31,7 +31,7 @@ def test_paper_experiment_is_a_good_run(paper):
     assert m["closure_error_max_m"] < 1e-8
     assert m["closure_error_max_rad"] < 1e-8
     assert m["energy_balance_max_J"] < 1e-6
-    assert m["window_s"] == [4.0, 10.0]
+    assert (m["window_start_s"], m["window_end_s"]) == (4.0, 10.0)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)

@@ -13,7 +13,7 @@ import pytest
 
 from coop_pin.errors import DivergedError, StoreLockedError, StoreWriteError, SweepStoreError
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record, flat, from_checksummed_json, to_checksummed_json
+from coop_pin.sweeps.record import Failure, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.store import FolderLock, SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
@@ -72,10 +72,6 @@ def test_a_failure_keeps_numbers_and_never_the_result():
     assert failure.kind == "DivergedError"
     assert failure.trace == ""
     assert "ZeroDivisionError" in Failure.of(ZeroDivisionError("x")).trace
-
-
-def test_lists_of_metrics_become_numbers():
-    assert flat({"a": 1, "window": [4.0, 10.0]}) == {"a": 1.0, "window.0": 4.0, "window.1": 10.0}
 
 
 # ---------------------------------------------------------------- the folder

@@ -88,7 +88,10 @@ def _metrics_table(result: Any, real_time_factor: float) -> str:
     speed = f"{real_time_factor:.1f} times real time"
     lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {speed}"]
     lines += [f"  {name:<30} {_metric_text(value)}" for name, value in result.metrics().items()]
-    if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
+    start, end = result.steady_window
+    if start >= end:
+        lines.append(f"  no rms values: the run ends, or an event occurs, before {start:g} s")
+    elif math.isinf(result.settling_time()):
         advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
         lines.append(f"  did not settle; {advice}")
     for violation in result.limit_violations():
@@ -98,12 +101,8 @@ def _metrics_table(result: Any, real_time_factor: float) -> str:
     return "\n".join(lines)
 
 
-def _metric_text(value: float | list[float]) -> str:
+def _metric_text(value: float) -> str:
     """Return a metric as text; a word stands for what is no number."""
-    if isinstance(value, list):
-        start, end = value
-        empty = f"none: the run ends, or an event occurs, before {start:g} s"
-        return f"{start:g} to {end:g}" if start < end else empty
     if math.isnan(value):
         return "does not apply"
     return "never" if math.isinf(value) else f"{value:.4g}"

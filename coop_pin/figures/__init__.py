@@ -1,26 +1,34 @@
-"""Figures of results, as matplotlib Figures that need no display and leave pyplot alone; adapt them before saving."""
+"""Figures of runs and sweeps: matplotlib Figures, made without display and pyplot, to be adapted and saved.
 
-from coop_pin.figures.run_figures import error_figure, torque_figure, tracking_figure
-from coop_pin.figures.study import (
-    BiasRun,
-    ForceGainRun,
-    InternalForceStudy,
-    SignGainRun,
-    internal_force_study_figure,
-)
-from coop_pin.figures.style import save_figure
-from coop_pin.figures.sweep_figures import pareto_figure, sweep_figure
+Everything is loaded on first use: matplotlib is slow to load, and ``figures.palette`` does not need it.
+"""
 
-__all__ = [
-    "BiasRun",
-    "ForceGainRun",
-    "InternalForceStudy",
-    "SignGainRun",
-    "error_figure",
-    "internal_force_study_figure",
-    "pareto_figure",
-    "save_figure",
-    "sweep_figure",
-    "torque_figure",
-    "tracking_figure",
-]
+from __future__ import annotations
+
+from typing import Any
+
+from coop_pin.lazy import load_public
+
+_PUBLIC = {
+    "error_figure": "coop_pin.figures.run_figures",
+    "internal_force_figure": "coop_pin.figures.run_figures",
+    "motion_figure": "coop_pin.figures.run_figures",
+    "pareto_figure": "coop_pin.figures.sweep_figures",
+    "save_figure": "coop_pin.figures.style",
+    "singularity_figure": "coop_pin.figures.run_figures",
+    "sweep_figure": "coop_pin.figures.sweep_figures",
+    "torque_figure": "coop_pin.figures.run_figures",
+    "tracking_figure": "coop_pin.figures.run_figures",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use."""
+    return load_public(__name__, _PUBLIC, name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return list(__all__)

@@ -1,4 +1,4 @@
-"""Colours by meaning, the same in figures and in the 3-D scene; after Okabe and Ito, told apart by colour-blind eyes."""
+"""Colours by meaning, the same in figures and the 3-D scene; the colour-blind-safe set of Okabe and Ito."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SATURATED = "#f0e442"
 SINGULAR = "#56b4e9"
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""For lines that only need to differ from each other."""
+"""Colours of lines that only need to differ from each other."""
 
 FLOOR = "#dfe3e8"
 FLOOR_LINES = "#b9c0ca"

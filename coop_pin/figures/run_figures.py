@@ -1,4 +1,7 @@
-"""How well the payload followed, and how the arms squeezed it: in the manner of Fig. 2 of Gueaieb et al. (2007)."""
+"""Figures of one run: tracking, torques, errors, internal wrench, margin to singular poses, and the motion.
+
+The tracking figure follows Fig. 2 of Gueaieb et al. (2007).
+"""
 
 from __future__ import annotations
 
@@ -14,54 +17,39 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
     DESIRED,
-    finish,
     frame_bulk,
     frame_decades,
-    grid_figure,
     label,
     legend_above,
+    run_figure,
     styled,
-    without_zeros,
 )
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, axial_directions, energy_balance
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 
 
 def tracking_figure(result: RunResult) -> Figure:
-    """Return actual against desired payload pose, and the first arm's internal force along the line to the other tips.
+    """Return actual and desired payload pose, and the first arm's internal force along its axial direction.
 
     Planar cells show x, y and psi (degrees); others x, y, z, the rotation-vector error (mrad), and the
-    internal force across the line too.
+    internal force across the axial direction too.
 
     Args:
         result: the run.
     """
-    title = "payload and internal force"
-    if result.scenario.cell.rows == "planar":
-        figure, axes = grid_figure(2, 2, result, title)
-        x, y, psi, axial = axes.flat
-        with styled():
-            _draw_positions(result.data, (x, y))
-            _draw_heading(result.data, psi)
-            _draw_axial_force(result.data, axial)
-    else:
-        figure, axes = grid_figure(3, 2, result, title)
-        x, y, z, rotation, axial, across = axes.flat
-        with styled():
-            _draw_positions(result.data, (x, y, z))
-            _draw_rotation_error(result.data, rotation)
-            _draw_axial_force(result.data, axial)
-            _draw_force_across(result.data, across)
-    finish(figure, axes, result)
+    data, planar = result.data, result.scenario.cell.rows == "planar"
+    n = 2 if planar else 3
+    with run_figure(n, 2, result, "payload and internal force") as (figure, axes):
+        panels = list(axes.flat)
+        _draw_positions(data, panels[:n])
+        (_draw_heading if planar else _draw_rotation_error)(data, panels[n])
+        for part, panel in zip(("axial", "shear"), panels[n + 1 :], strict=False):
+            _draw_internal(data, part, panel)
     return figure
 
 
-def _draw_positions(data: xr.Dataset, panels: tuple[Axes, ...]) -> None:
-    time, actual, desired = (
-        data["time"].values,
-        data["payload_position"].values,
-        data["desired_position"].values,
-    )
+def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
+    time, actual, desired = (data[name].values for name in ("time", "payload_position", "desired_position"))
     for axis, panel in enumerate(panels):
         panel.plot(time, actual[:, axis], label="actual", **ACTUAL)
         panel.plot(time, desired[:, axis], label="desired", **DESIRED)
@@ -76,7 +64,7 @@ def _draw_heading(data: xr.Dataset, panel: Axes) -> None:
 
 
 def _heading_deg(quaternion: Array) -> Array:
-    """Return the turn about z of orientations that turn about z only, without jumps of a whole turn, degrees, shape (n,)."""
+    """Return the angle of rotations about z, without jumps of a whole turn, degrees, shape (n,)."""
     z, w = quaternion[:, 2], quaternion[:, 3]
     return np.degrees(np.unwrap(2.0 * np.arctan2(z, w)))
 
@@ -89,27 +77,14 @@ def _draw_rotation_error(data: xr.Dataset, panel: Axes) -> None:
     panel.legend(loc="best", ncols=3)
 
 
-def _draw_axial_force(data: xr.Dataset, panel: Axes) -> None:
-    time, axis = data["time"].values, axial_directions(data)[:, 0]
-    actual = np.sum(_force(data, "internal_wrench") * axis, axis=1)
+def _draw_internal(data: xr.Dataset, part: str, panel: Axes) -> None:
+    """Draw a part of the internal force on the first arm, actual and desired."""
+    time, actual = data["time"].values, data[f"internal_{part}"].values[:, 0]
     panel.plot(time, actual, **ACTUAL)
-    panel.plot(time, np.sum(_force(data, "desired_internal_wrench") * axis, axis=1), **DESIRED)
-    label(panel, f"internal force on arm {data['arm'].values[0]}, axial", "N")
-    frame_bulk(panel, actual, "N")
-
-
-def _draw_force_across(data: xr.Dataset, panel: Axes) -> None:
-    time, axis = data["time"].values, axial_directions(data)[:, 0]
-    for name, style in (("internal_wrench", ACTUAL), ("desired_internal_wrench", DESIRED)):
-        force = _force(data, name)
-        across = np.linalg.norm(force - np.sum(force * axis, axis=1, keepdims=True) * axis, axis=1)
-        panel.plot(time, across, **style)
-    label(panel, f"internal force on arm {data['arm'].values[0]}, shear", "N")
-
-
-def _force(data: xr.Dataset, name: str) -> Array:
-    """Return a wrench's force on the first arm, N, shape (n, 3); zero where rigid bodies do not determine it."""
-    return np.nan_to_num(data[name].values[:, 0, :3])
+    panel.plot(time, data[f"desired_internal_{part}"].values[:, 0], **DESIRED)
+    label(panel, f"internal force on arm {data['arm'].values[0]}, {part}", "N")
+    if part == "axial":
+        frame_bulk(panel, actual, "N")
 
 
 def torque_figure(result: RunResult) -> Figure:
@@ -120,121 +95,157 @@ def torque_figure(result: RunResult) -> Figure:
     """
     data = result.data
     torque, arms = data["torque"].values, data["arm"].values
-    figure, axes = grid_figure(torque.shape[2], len(arms), result, "drive torques", panel=(3.6, 1.5))
-    with styled():
+    shape = (torque.shape[2], len(arms))
+    with run_figure(*shape, result, "drive torques", panel=(3.6, 1.5)) as (figure, axes):
         for (joint, arm), panel in np.ndenumerate(axes):
             if np.isnan(torque[:, arm, joint]).all():  # an arm with fewer joints than the others
                 panel.set_visible(False)
                 continue
             panel.plot(data["time"].values, torque[:, arm, joint], drawstyle="steps-post", **ACTUAL)
             label(panel, f"arm {arms[arm]}, joint {data['joint'].values[joint]}", "N m")
-    finish(figure, axes, result)
     return figure
 
 
 def error_figure(result: RunResult) -> Figure:
-    """Return position and orientation errors with their bands of 5 mm and 5 mrad, the closure drift, and the energy balance.
+    """Return pose errors with their bands of 5 mm and 5 mrad, closure error, and energy balance.
 
     Args:
         result: the run.
     """
     data, time = result.data, result.data["time"].values
     error = data["pose_error"].values
-    figure, axes = grid_figure(2, 2, result, "errors")
-    position, orientation, closure, energy = axes.flat
-    with styled():
-        _draw(position, time, np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
+    distance, angle = data["closure_distance"].values, data["closure_angle"].values
+    with run_figure(2, 2, result, "errors") as (figure, axes):
+        position, orientation, closure, energy = axes.flat
+        _draw_decades(position, time, np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
         _draw_band(position, POSITION_BAND_M, "5 mm")
         label(position, "position error", "m")
-        _draw(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
+        _draw_decades(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
         _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
         label(orientation, "orientation error", "rad")
-        for name, text, colour in (
-            ("closure_distance", "distance (m)", palette.SERIES[0]),
-            ("closure_angle", "angle (rad)", palette.SERIES[1]),
-        ):
-            closure.semilogy(time, without_zeros(data[name].values.max(axis=1)), color=colour, label=text)
-        frame_decades(closure, np.stack((data["closure_distance"].values, data["closure_angle"].values)))
-        label(closure, "closure drift", "m, rad")
+        _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance (m)")
+        _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle (rad)")
+        frame_decades(closure, np.stack((distance, angle)))
+        label(closure, "closure error", "m, rad")
         legend_above(closure)
-        _draw(energy, time, np.abs(energy_balance(data)), **ACTUAL)
+        _draw_decades(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
-    finish(figure, axes, result)
     return figure
 
 
-def _draw(panel: Axes, time: Array, values: Array, **style: Any) -> None:
-    panel.semilogy(time, without_zeros(values), **style)
+def _draw_decades(panel: Axes, time: Array, values: Array, **style: Any) -> None:
+    panel.semilogy(time, np.where(values > 0.0, values, np.nan), **style)
     frame_decades(panel, values)
 
 
 def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.axhline(limit, color=palette.LIMIT, linewidth=0.8, linestyle="--")
     panel.set_ylim(top=max(panel.get_ylim()[1], 3.0 * limit))
-    panel.annotate(
-        text, (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7.5
-    )
+    place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+    panel.annotate(text, (0.995, limit), fontsize=7.5, **place)
 
 
 def internal_force_figure(result: RunResult) -> Figure:
-    """Return axial force, shear force and moment of the internal wrench: a column for each arm, actual and desired.
+    """Return axial force, shear force and moment of the internal wrench: a column for each arm.
 
     Axial is along the line from the arm's tip to the middle of the other tips, negative where the arms
-    squeeze; shear is the size of what lies across that line; the moment's size is about P. Rows that rigid
-    bodies do not determine count as zero.
+    squeeze; shear is the norm of the force across that line; moment is the norm of the moment about P. Rows
+    that rigid bodies do not determine count as zero.
 
     Args:
         result: the run.
     """
     data, arms = result.data, result.data["arm"].values
-    time, axis = data["time"].values, axial_directions(data)
-    figure, axes = grid_figure(3, len(arms), result, "internal wrench on each arm", panel=(3.6, 1.6))
-    with styled():
-        for name, style, text in (
-            ("internal_wrench", ACTUAL, "actual"),
-            ("desired_internal_wrench", DESIRED, "desired"),
-        ):
-            wrench = np.nan_to_num(data[name].values)
-            force, moment = wrench[..., :3], np.linalg.norm(wrench[..., 3:], axis=2)
-            axial = np.einsum("nmi,nmi->nm", force, axis)
-            shear = np.linalg.norm(force - axial[..., None] * axis, axis=2)
-            for row, values in enumerate((axial, shear, moment)):
-                for arm, panel in enumerate(axes[row]):
-                    panel.plot(time, values[:, arm], label=text, **style)
-                    if name == "internal_wrench":
-                        frame_bulk(panel, values[:, arm], "N m" if row == 2 else "N")
-        for arm, column in zip(arms, axes.T, strict=True):
-            for panel, part, unit in zip(
-                column, ("axial", "shear", "moment about P"), ("N", "N", "N m"), strict=True
-            ):
-                label(panel, f"arm {arm}, {part}", unit)
+    parts = (("axial", "axial", "N"), ("shear", "shear", "N"), ("moment", "moment about P", "N m"))
+    title = "internal wrench on each arm"
+    with run_figure(3, len(arms), result, title, panel=(3.6, 1.6)) as (figure, axes):
+        for (part, text, unit), row in zip(parts, axes, strict=True):
+            actual, desired = (data[f"{which}internal_{part}"].values for which in ("", "desired_"))
+            for arm, panel in enumerate(row):
+                panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
+                panel.plot(data["time"].values, desired[:, arm], label="desired", **DESIRED)
+                frame_bulk(panel, actual[:, arm], unit)
+                label(panel, f"arm {arms[arm]}, {text}", unit)
         legend_above(axes[0, 0])
-    finish(figure, axes, result)
     return figure
 
 
 def singularity_figure(result: RunResult) -> Figure:
-    """Return the condition number of every arm's payload Jacobian over time; it is infinite at a singular pose.
+    """Return the condition number of every arm's payload Jacobian over time.
 
-    The axis is logarithmic where the number grows tenfold.
+    It is infinite at a singular pose; the axis is logarithmic if it grows tenfold.
 
     Args:
         result: the run.
     """
-    data, arms = result.data, result.data["arm"].values
-    figure, axes = grid_figure(1, 1, result, "margin to singular poses", panel=(7.2, 2.2))
-    panel, conditions = axes[0, 0], data["jacobian_condition"].values
-    with styled():
-        for arm, condition in enumerate(conditions.T):
-            panel.plot(
-                data["time"].values,
-                condition,
-                color=palette.SERIES[arm % len(palette.SERIES)],
-                label=f"arm {arms[arm]}",
-            )
+    data, conditions = result.data, result.data["jacobian_condition"].values
+    title = "margin to singular poses"
+    with run_figure(1, 1, result, title, panel=(7.2, 2.2)) as (figure, axes):
+        panel = axes[0, 0]
+        for index, arm in enumerate(data["arm"].values):
+            colour = palette.SERIES[index % len(palette.SERIES)]
+            panel.plot(data["time"].values, conditions[:, index], color=colour, label=f"arm {arm}")
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
         label(panel, "condition number of the payload Jacobian", "")
         legend_above(panel)
-    finish(figure, axes, result)
     return figure
+
+
+# ------------------------------------------------------------ motion
+
+_INSTANTS = 6
+_WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
+"""Inches; at the least width, the legend still fits beside a cell that is narrow seen from above."""
+
+
+def motion_figure(result: RunResult) -> Figure:
+    """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
+
+    Cells that move in space are also drawn from the side (x, z), below the view from above and to the same
+    scale.
+
+    Args:
+        result: the run.
+    """
+    views = [(0, 1)] if result.scenario.cell.rows == "planar" else [(0, 1), (0, 2)]
+    extent = _extent(result)
+    scale = min(_WIDTH / extent[0], _MAX_HEIGHT / sum(extent[second] for _, second in views))
+    heights = [scale * extent[second] + _MARGIN for _, second in views]
+    size = (max(scale * extent[0], _MIN_WIDTH) + 2.0 * _MARGIN, sum(heights) + 2.0 * _MARGIN)
+    with styled():
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(views), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for panel, view in zip(panels, views, strict=True):
+            _draw_motion(panel, result, view)
+        panels[-1].set_xlabel("x (m)")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _extent(result: RunResult) -> Array:
+    """Return the extent of bases, tips and payload in x, y and z with a margin of 10 % on each side, m."""
+    names = ("tip_position", "payload_position", "desired_position")
+    bases = [arm.base.xyz for arm in result.scenario.cell.arms.values()]
+    points = np.concatenate([bases, *(result.data[name].values.reshape(-1, 3) for name in names)])
+    return 1.2 * np.maximum(np.ptp(points, axis=0), 0.1)
+
+
+def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
+    data, first, second = result.data, *view
+    tips, actual, desired = (
+        data[name].values for name in ("tip_position", "payload_position", "desired_position")
+    )
+    chosen = np.unique(np.linspace(0, len(tips) - 1, _INSTANTS).round().astype(int))
+    for age, sample in enumerate(chosen):
+        corners = np.concatenate((tips[sample], tips[sample, :1]))
+        style: dict[str, Any] = {"color": palette.LOAD, "alpha": 0.25 + 0.75 * age / len(chosen)}
+        panel.plot(corners[:, first], corners[:, second], linewidth=2.5, **style)
+    panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
+    panel.plot(actual[:, first], actual[:, second], label="actual path", **ACTUAL)
+    for arm, (name, described) in enumerate(result.scenario.cell.arms.items()):
+        base, colour = described.base.xyz, palette.SERIES[(arm + 1) % len(palette.SERIES)]
+        panel.plot(tips[:, arm, first], tips[:, arm, second], color=colour, linewidth=0.6)
+        panel.plot(base[first], base[second], "^", color=colour, label=f"base of {name}")
+    panel.set_aspect("equal", adjustable="box")
+    label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")

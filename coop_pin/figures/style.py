@@ -1,8 +1,9 @@
-"""What all figures share: size, lines, titles, and how events are marked."""
+"""Style and parts that all figures share: panels, labels, event marks, axis limits and scales, and saving."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -44,19 +45,22 @@ Grid: TypeAlias = NDArray[Any]
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context in which matplotlib draws in our style; outside it nothing is changed."""
+    """Return a context manager in which matplotlib draws in the style of this package."""
     return mpl.rc_context(STYLE)
 
 
-def grid_figure(
+@contextmanager
+def run_figure(
     rows: int, columns: int, result: RunResult, title: str, panel: tuple[float, float] = (3.6, 2.0)
-) -> tuple[Figure, Grid]:
-    """Return an empty figure and its axes, shape (rows, columns), which share the time axis.
+) -> Iterator[tuple[Figure, Grid]]:
+    """Yield an empty figure of a run and its axes, shape (rows, columns), which share the time axis.
+
+    At the end, the events are marked in every panel and the time axes are labelled.
 
     Args:
         rows: of panels.
         columns: of panels.
-        result: the run; its name stands in the title, its summary below the panels.
+        result: the run; its name is in the title, its summary below the panels.
         title: above all panels.
         panel: width and height of a panel, inches.
     """
@@ -67,29 +71,24 @@ def grid_figure(
         figure.suptitle(f"{scenario.name}: {title}")
         if scenario.summary:
             figure.supxlabel(scenario.summary, fontsize=7.5, color=palette.CAPTION)
-    return figure, axes
-
-
-def finish(figure: Figure, axes: Grid, result: RunResult) -> None:
-    """Mark the events in every panel, label the time axis at the bottom, and line up the rest."""
-    with styled():
+        yield figure, axes
         figure.align_ylabels()
-        for panel in axes.flat:
-            for event in result.scenario.events:
-                _mark_event(panel, event)
-            panel.set_xlim(0.0, max(result.end, result.scenario.clock.period))
-        for panel in axes[-1]:
-            panel.set_xlabel("time (s)")
+        for panel_axes in axes.flat:
+            for event in scenario.events:
+                _mark_event(panel_axes, event)
+            panel_axes.set_xlim(0.0, max(result.end, scenario.clock.period))
+        for panel_axes in axes[-1]:
+            panel_axes.set_xlabel("time (s)")
 
 
 def label(panel: Axes, title: str, unit: str) -> None:
-    """Write what a panel shows, and its unit."""
+    """Set the title of a panel and the label of its vertical axis."""
     panel.set_title(title, loc="left", fontsize=STYLE["axes.titlesize"])
     panel.set_ylabel(unit)
 
 
 def legend_above(panel: Axes) -> None:
-    """Name the lines of a panel beside its title, where no curve passes."""
+    """Put the legend of a panel beside its title, above the curves."""
     panel.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
@@ -101,13 +100,8 @@ def legend_above(panel: Axes) -> None:
     )
 
 
-def without_zeros(values: Array) -> Array:
-    """Return values with zeros left out: a logarithmic axis has no place for them."""
-    return np.where(values > 0.0, values, np.nan)
-
-
 def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
-    """Limit a panel to the middle 98 % of its values, and say so where a short peak leaves the picture."""
+    """Limit a panel to the middle 98 % of its values, and note the range of the peaks that it cuts off."""
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return
@@ -116,27 +110,16 @@ def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
     if finite.min() >= low - margin and finite.max() <= high + margin:
         return
     panel.set_ylim(low - margin, high + margin)
-    least, most = (
-        0.0 if abs(edge) < 1e-6 * np.abs(finite).max() else float(edge)
-        for edge in (finite.min(), finite.max())
-    )
+    ends = np.array((finite.min(), finite.max()))
+    least, most = np.where(np.abs(ends) < 1e-6 * np.abs(finite).max(), 0.0, ends)
+    style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 7.0, "color": palette.CAPTION}
+    box = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
     text = f"peaks cut off: {least:.3g} to {most:.3g} {unit}"
-    backing = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
-    panel.text(
-        0.99,
-        0.03,
-        text,
-        transform=panel.transAxes,
-        ha="right",
-        va="bottom",
-        fontsize=7.0,
-        color=palette.CAPTION,
-        bbox=backing,
-    )
+    panel.text(0.99, 0.03, text, transform=panel.transAxes, bbox=box, **style)
 
 
 def frame_decades(panel: Axes, values: Array) -> None:
-    """Limit a logarithmic panel from below: where a value crosses zero its logarithm has nothing to say."""
+    """Limit a logarithmic panel from below, because values that cross zero extend to minus infinity."""
     positive = values[values > 0.0]
     if positive.size:
         panel.set_ylim(bottom=float(np.percentile(positive, 1.0)) / 3.0)
@@ -149,52 +132,52 @@ def _mark_event(panel: Axes, event: PayloadChange | WrenchPulse) -> None:
 
 
 _LARGE_RATIO = 30.0
-"""Ratio of largest to smallest from which a scale is logarithmic."""
-_FEW_PLACES = 8
-"""Up to so many places a logarithmic field shows each of them."""
+"""Ratio of the largest to the smallest value above which a scale is logarithmic."""
+_MAX_TICKS = 8
+"""Up to so many values of a field have ticks of their own on a logarithmic scale."""
 
 
-def scale_to_values(panel: Axes, axis: str, values: Array) -> None:
-    """Make an axis logarithmic where the values of a metric reach over large ratios.
-
-    Args:
-        panel: the axes.
-        axis: "x" or "y".
-        values: shape (n,), or any; what is not finite is left out.
-    """
-    if is_wide(values):
-        (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
-
-
-def scale_to_places(panel: Axes, axis: str, places: Array) -> None:
-    """Make an axis logarithmic where the places of a field are spaced in ratios, and show each of a few.
+def scale_to_metric(panel: Axes, axis: str, values: Array) -> None:
+    """Make an axis logarithmic if the values of a metric span a large ratio.
 
     Args:
         panel: the axes.
         axis: "x" or "y".
-        places: shape (n,).
+        values: any shape; those that are not finite are ignored.
     """
-    if not is_in_ratios(places):
+    if spans_large_ratio(values):
+        panel.set(**{f"{axis}scale": "log"})
+
+
+def scale_to_field(panel: Axes, axis: str, values: Array) -> None:
+    """Make an axis logarithmic if the values of a field are spaced so; a few values have a tick each.
+
+    Args:
+        panel: the axes.
+        axis: "x" or "y".
+        values: shape (n,).
+    """
+    if not is_log_spaced(values):
         return
-    (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
-    if len(set(places.tolist())) <= _FEW_PLACES:
+    panel.set(**{f"{axis}scale": "log"})
+    if np.unique(values).size <= _MAX_TICKS:
         side = panel.xaxis if axis == "x" else panel.yaxis
-        side.set_ticks(places.tolist(), [f"{place:g}" for place in places])
+        side.set_ticks(values.tolist(), [f"{value:g}" for value in values])
         side.set_ticks([], minor=True)
 
 
-def is_wide(values: Array) -> bool:
-    """Say whether positive values reach over large ratios; what is not finite is left out."""
+def spans_large_ratio(values: Array) -> bool:
+    """Return whether the finite values are positive and span a large ratio."""
     finite = values[np.isfinite(values)]
     return bool(finite.size and finite.min() > 0.0 and finite.max() > _LARGE_RATIO * finite.min())
 
 
-def is_in_ratios(values: Array) -> bool:
-    """Say whether numbers are spaced more evenly in ratio than in difference."""
-    places = np.unique(values).astype(float)
-    if places.size < 3 or places[0] <= 0.0:
+def is_log_spaced(values: Array) -> bool:
+    """Return whether at least three positive values are spaced more evenly in ratio than in difference."""
+    ordered = np.unique(values).astype(float)
+    if ordered.size < 3 or ordered[0] <= 0.0:
         return False
-    steps, ratios = np.diff(places), np.diff(np.log(places))
+    steps, ratios = np.diff(ordered), np.diff(np.log(ordered))
     return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean() - 1e-9)
 
 
@@ -203,7 +186,7 @@ _METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Da
 
 
 def save_figure(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
-    """Write a figure as PNG and as SVG; good files at those paths are never destroyed half-way.
+    """Write a figure as PNG and as SVG; if writing fails, older files at these paths stay.
 
     Args:
         figure: the figure.
@@ -219,6 +202,6 @@ def save_figure(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
 
 
 def _write(figure: Figure, part: Path) -> None:
-    # matplotlib salts the names inside an SVG with a random number unless it is told one.
+    # Without a fixed salt, matplotlib makes the ids inside an SVG random.
     with mpl.rc_context({"svg.hashsalt": "coop_pin"}):
         figure.savefig(part, dpi=_DPI, metadata=_METADATA[part.suffix])

@@ -1,74 +1,72 @@
-"""A sweep as a map over two fields."""
+"""Figures of sweeps: lines over one field, maps over two, and Pareto fronts of two metrics."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from coop_pin.arrays import Array
 from coop_pin.errors import EntryNotFoundError, FieldError
 from coop_pin.figures import palette
-from coop_pin.figures.style import is_in_ratios, is_wide, label, scale_to_places, scale_to_values, styled
+from coop_pin.figures.style import (
+    is_log_spaced,
+    label,
+    scale_to_field,
+    scale_to_metric,
+    spans_large_ratio,
+    styled,
+)
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import FAILED
 
 
-class MetricTable(NamedTuple):
-    """One metric of a sweep.
+def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
+    """Return the values of a metric over the dimensions of a sweep.
 
-    Attributes:
-        metric: its name.
-        values: its values; not a number where a run failed, is missing, or has no finite value.
-        failed: where runs failed.
+    Its variables are ``value``, NaN for runs that failed, are missing, or have no finite value,
+    and ``failed``.
+
+    Raises:
+        EntryNotFoundError: no run has the metric.
     """
+    values, failed = result.values(metric), result.data["status"] == FAILED
+    values = values.where(np.isfinite(values))
+    return xr.Dataset({"value": values, "failed": failed}, attrs={"metric": metric})
 
-    metric: str
-    values: xr.DataArray
-    failed: xr.DataArray
 
-    @classmethod
-    def of(cls, result: SweepResult, metric: str) -> Self:
-        """Return the table of a sweep.
-
-        Raises:
-            EntryNotFoundError: no run has the metric.
-        """
-        values, failed = result.values(metric), result.data["status"] == FAILED
-        return cls(metric, values.where(np.isfinite(values)), failed)
-
-    @property
-    def numbered(self) -> list[str]:
-        """The dimensions with numbers on them."""
-        names = map(str, self.values.dims)
-        return [name for name in names if name != "sample" and self.values[name].dtype.kind in "iuf"]
+def _numeric_dimensions(table: xr.Dataset) -> list[str]:
+    names = map(str, table.dims)
+    return [name for name in names if name != "sample" and table[name].dtype.kind in "iuf"]
 
 
 _MARKERS = "osDv^P"
+_HATCHED: Any = {"facecolor": "#f3f4f6", "edgecolor": palette.EVENT, "hatch": "////", "linewidth": 0.0}
 
 
-def lines_figure(table: MetricTable, field: str) -> Figure:
-    """Return a line along a field for each place along all other dimensions, with crosses where runs failed.
+def lines_figure(table: xr.Dataset, field: str) -> Figure:
+    """Return a line over a field for each combination of the other dimensions, with crosses for failed runs.
 
     Args:
         table: the metric.
-        field: a dimension with numbers.
+        field: a numeric dimension.
 
     Raises:
-        FieldError: there are more lines than a figure can tell apart.
+        FieldError: there are more lines than distinguishable colours.
     """
-    values, failed = table.values.sortby(field), table.failed.sortby(field)
-    others = [str(name) for name in values.dims if name != field]
-    series = list(itertools.product(*(values[name].values.tolist() for name in others)))
+    table = table.sortby(field)
+    x, others = table[field].values, [str(name) for name in table["value"].dims if name != field]
+    series = list(itertools.product(*(table[name].values.tolist() for name in others)))
     if len(series) > len(palette.SERIES):
         raise FieldError(
-            f"would need {len(series)} lines; a figure tells {len(palette.SERIES)} apart. Let fewer fields vary",
+            f"would need {len(series)} lines; a figure has colours for {len(palette.SERIES)}. "
+            "Let fewer fields vary",
             field,
         )
     with styled():
@@ -76,70 +74,65 @@ def lines_figure(table: MetricTable, field: str) -> Figure:
         panel = figure.subplots()
         for place, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
             chosen = dict(zip(others, place, strict=True))
-            x, y = values[field].values, values.sel(chosen).values
+            line = table.sel(chosen)
             text = ", ".join(_written(name, value) for name, value in chosen.items())
-            panel.plot(x, y, color=colour, marker=marker, markersize=4.0, label=text or None)
-            gone = failed.sel(chosen).values
-            panel.plot(
-                x[gone],
-                np.full(gone.sum(), 0.97),
-                "x",
-                color=colour,
-                transform=panel.get_xaxis_transform(),
-                clip_on=False,
-            )
-        scale_to_places(panel, "x", values[field].values)
-        scale_to_values(panel, "y", values.values)
+            panel.plot(x, line["value"], color=colour, marker=marker, markersize=4.0, label=text or None)
+            crosses = x[line["failed"].values]
+            at_top: dict[str, Any] = {"transform": panel.get_xaxis_transform(), "clip_on": False}
+            panel.plot(crosses, np.full(crosses.size, 0.97), "x", color=colour, **at_top)
+        scale_to_field(panel, "x", x)
+        scale_to_metric(panel, "y", table["value"].values)
         panel.set_xlabel(field)
-        label(panel, "", table.metric)
-        if failed.any():
+        label(panel, "", table.attrs["metric"])
+        if table["failed"].any():
             panel.plot([], [], "x", color=palette.EVENT, label="failed")
-        if others or failed.any():
+        if others or table["failed"].any():
             panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
 
 
 def _written(field: str, value: Any) -> str:
-    """Return a case by its name, and a number with the last part of its field before it."""
+    """Return a coordinate as text: a case by its name, a number after the last part of its field."""
     if isinstance(value, str):
         return value
     return f"{field.rsplit('.', 1)[-1]} {value:g}"
 
 
-def map_figure(table: MetricTable) -> Figure:
-    """Return a map over the two dimensions, with failed runs hatched and the boundary around them drawn.
+def map_figure(table: xr.Dataset) -> Figure:
+    """Return a map over the two dimensions, with failed runs hatched and their boundary drawn.
 
     Args:
-        table: the metric; both of its dimensions have numbers.
+        table: the metric; both of its dimensions are numeric.
     """
-    across, up = (str(name) for name in table.values.dims)
-    values, failed = (
-        entry.sortby([across, up]).transpose(up, across) for entry in (table.values, table.failed)
-    )
+    across, up = (str(name) for name in table["value"].dims)
+    table = table.sortby([across, up]).transpose(up, across)
+    values, failed = table["value"].values, table["failed"].values
     with styled():
         figure = Figure(figsize=(5.8, 4.2), layout="constrained")
         panel = figure.subplots()
         panel.grid(visible=False)
-        x, y = (_edges(values[name].values) for name in (across, up))
-        mesh = panel.pcolormesh(
-            x, y, np.ma.masked_invalid(values.values), norm=_norm(values.values), cmap="cividis"
-        )
-        for row, column in np.argwhere(failed.values):
-            _hatch(panel, x[column : column + 2], y[row : row + 2])
-        _draw_boundary(panel, x, y, failed.values)
+        x, y = (_edges(table[name].values) for name in (across, up))
+        finite = values[np.isfinite(values)]
+        norm = LogNorm(finite.min(), finite.max()) if spans_large_ratio(finite) else None
+        mesh = panel.pcolormesh(x, y, np.ma.masked_invalid(values), norm=norm, cmap="cividis")
+        for row, column in np.argwhere(failed):
+            (left, right), (low, high) = x[column : column + 2], y[row : row + 2]
+            panel.fill([left, right, right, left], [low, low, high, high], **_HATCHED)
+        _draw_boundary(panel, x, y, failed)
         for axis, edges, name in (("x", x, across), ("y", y, up)):
-            scale_to_places(panel, axis, values[name].values)
-            (panel.set_xlim if axis == "x" else panel.set_ylim)(edges[0], edges[-1])
+            scale_to_field(panel, axis, table[name].values)
+            panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
         panel.set_xlabel(across)
         label(panel, "", up)
-        figure.colorbar(mesh, label=table.metric)
-        if failed.values.any():
-            panel.legend(handles=[_failed_patch()], loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        figure.colorbar(mesh, label=table.attrs["metric"])
+        if failed.any():
+            failed_patch = Patch(label="failed", **_HATCHED)
+            panel.legend(handles=[failed_patch], loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
 def _draw_boundary(panel: Axes, x: Array, y: Array, failed: Array) -> None:
-    """Draw the sides that a failed cell shares with one that did not fail."""
+    """Draw the edges between failed cells and others."""
     style: dict[str, Any] = {"color": palette.INTERNAL, "linewidth": 2.0, "solid_capstyle": "round"}
     for row, column in np.argwhere(failed[1:] != failed[:-1]):
         panel.plot(x[column : column + 2], [y[row + 1]] * 2, **style)
@@ -147,64 +140,44 @@ def _draw_boundary(panel: Axes, x: Array, y: Array, failed: Array) -> None:
         panel.plot([x[column + 1]] * 2, y[row : row + 2], **style)
 
 
-def _hatch(panel: Axes, x: Array, y: Array) -> None:
-    panel.fill(
-        [x[0], x[1], x[1], x[0]],
-        [y[0], y[0], y[1], y[1]],
-        facecolor="#f3f4f6",
-        edgecolor=palette.EVENT,
-        hatch="////",
-        linewidth=0.0,
-    )
-
-
-def _failed_patch() -> Patch:
-    return Patch(facecolor="#f3f4f6", edgecolor=palette.EVENT, hatch="////", linewidth=0.0, label="failed")
-
-
-def _norm(values: Array) -> Normalize | None:
-    finite = values[np.isfinite(values)]
-    return LogNorm(float(finite.min()), float(finite.max())) if is_wide(finite) else None
-
-
-def _edges(places: Array) -> Array:
-    """Return the sides of cells around sorted numbers, half-way between them on the scale that they are drawn on."""
-    places = places.astype(float)
-    if places.size == 1:
-        return np.array([places[0] - 0.5, places[0] + 0.5])
-    drawn = np.log(places) if is_in_ratios(places) else places
+def _edges(values: Array) -> Array:
+    """Return the edges of cells around sorted values: midpoints on the scale that the values are drawn on."""
+    values = values.astype(float)
+    if values.size == 1:
+        return np.array([values[0] - 0.5, values[0] + 0.5])
+    drawn = np.log(values) if is_log_spaced(values) else values
     middle = (drawn[1:] + drawn[:-1]) / 2.0
     edges = np.concatenate(([2.0 * drawn[0] - middle[0]], middle, [2.0 * drawn[-1] - middle[-1]]))
-    return np.exp(edges) if is_in_ratios(places) else edges
+    return np.exp(edges) if is_log_spaced(values) else edges
 
 
 def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> Figure:
-    """Return a metric over what varies: a map if exactly two fields with numbers vary, lines otherwise.
+    """Return a metric over the fields that vary: a map if exactly two numeric fields vary, lines otherwise.
 
     Args:
         result: the sweep.
         metric: name.
-        over: a field with numbers: draw lines along it, one for each place along all other dimensions.
+        over: a numeric field: draw lines over it, one for each combination of the other dimensions.
 
     Raises:
-        EntryNotFoundError: no run has the metric, or no dimension the name ``over``.
-        FieldError: nothing that varies has numbers, or there are more lines than a figure can tell apart.
+        EntryNotFoundError: no run has the metric, or no dimension has the name ``over``.
+        FieldError: no numeric field varies, or there are more lines than distinguishable colours.
     """
-    table = MetricTable.of(result, metric)
-    fields = table.numbered
-    if over is None and len(fields) == 2 and table.values.ndim == 2:
+    table = metric_table(result, metric)
+    fields = _numeric_dimensions(table)
+    if over is None and len(fields) == 2 and table["value"].ndim == 2:
         return map_figure(table)
-    if over is not None and over not in table.values.dims:
-        raise EntryNotFoundError("dimension", over, [str(name) for name in table.values.dims], "the sweep")
+    if over is not None and over not in table.dims:
+        raise EntryNotFoundError("dimension", over, [str(name) for name in table.dims], "the sweep")
     if (not fields) if over is None else (over not in fields):
         raise FieldError(
-            "has no numbers to draw along; use pareto_figure, or result.best", over or "the sweep"
+            "has no numbers to draw a line over; use pareto_figure, or result.best", over or "the sweep"
         )
-    return lines_figure(table, over or max(fields, key=lambda name: table.values.sizes[name]))
+    return lines_figure(table, over or max(fields, key=lambda name: table.sizes[name]))
 
 
 def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
-    """Return all runs by two metrics, for example tracking and internal force, with the front of those that none beats in both.
+    """Return all runs by two metrics, for example tracking and internal force, with their Pareto front.
 
     Args:
         result: the sweep.
@@ -216,33 +189,19 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     """
     a, b = (result.values(name).values.ravel() for name in (metric_a, metric_b))
     front = result.pareto(metric_a, metric_b)
-    edge = np.array([[place.metrics[metric_a], place.metrics[metric_b]] for place in front]).reshape(-1, 2)
+    edge = np.array([[run.metrics[metric_a], run.metrics[metric_b]] for run in front]).reshape(-1, 2)
     shown = np.isfinite(a) & np.isfinite(b)
+    dots: dict[str, Any] = {"color": palette.EVENT, "markersize": 3.5, "alpha": 0.7}
+    line: dict[str, Any] = {"color": palette.ACTUAL, "marker": "o", "markersize": 4.5}
     with styled():
         figure = Figure(figsize=(5.4, 3.8), layout="constrained")
         panel = figure.subplots()
-        panel.plot(
-            a[shown],
-            b[shown],
-            "o",
-            color=palette.EVENT,
-            markersize=3.5,
-            alpha=0.7,
-            label=f"{np.count_nonzero(shown)} runs",
-        )
-        panel.step(
-            edge[:, 0],
-            edge[:, 1],
-            where="post",
-            color=palette.ACTUAL,
-            marker="o",
-            markersize=4.5,
-            label="front",
-        )
-        for place, (x, y) in zip(front, edge, strict=True):
-            panel.annotate(f"{place.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
-        scale_to_values(panel, "x", a[shown])
-        scale_to_values(panel, "y", b[shown])
+        panel.plot(a[shown], b[shown], "o", label=f"{np.count_nonzero(shown)} runs", **dots)
+        panel.step(edge[:, 0], edge[:, 1], where="post", label="front", **line)
+        for run, (x, y) in zip(front, edge, strict=True):
+            panel.annotate(f"{run.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
+        scale_to_metric(panel, "x", a[shown])
+        scale_to_metric(panel, "y", b[shown])
         panel.set_xlabel(metric_a)
         label(panel, "numbers at the front: runs of the sweep", metric_b)
         panel.legend(loc="best")

@@ -1,4 +1,4 @@
-"""The page of a run: one file that needs no network, on screen and on paper."""
+"""Report of a run: one self-contained HTML page with its scenario, metrics, figures and 3-D replay."""
 
 from __future__ import annotations
 
@@ -16,86 +16,70 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
-from coop_pin.figures import error_figure, torque_figure, tracking_figure
-from coop_pin.figures.motion_figure import motion_figure
-from coop_pin.figures.run_figures import internal_force_figure, singularity_figure
+from coop_pin.figures.run_figures import (
+    error_figure,
+    internal_force_figure,
+    motion_figure,
+    singularity_figure,
+    torque_figure,
+    tracking_figure,
+)
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.replay import replay_html
 
 
-class Wording(NamedTuple):
-    """How a metric is told.
-
-    Attributes:
-        text: what it is.
-        unit: as shown.
-        scale: from the SI value to the unit as shown.
-        tight: whether it says how exact the computation was, not how good the control.
-    """
-
-    text: str
-    unit: str
-    scale: float = 1.0
-    tight: bool = False
-
-
-class Judgement(NamedTuple):
-    """One line of the table.
+class MetricRow(NamedTuple):
+    """Row of the table of metrics.
 
     Attributes:
         name: of the metric.
         text: what it is.
         value: with its unit, or why there is none.
-        tight: as for ``Wording``.
     """
 
     name: str
     text: str
     value: str
-    tight: bool
 
 
-_WORDINGS = {
-    "settling_time_s": Wording("settles to 5 mm and 5 mrad after the start", "s"),
-    "resettling_time_s": Wording("settles again after the first event", "s"),
-    "event_peak_position_error_m": Wording("largest position error from the first event on", "mm", 1e3),
-    "position_rms_m": Wording("position error, rms", "mm", 1e3),
-    "orientation_rms_rad": Wording("orientation error, rms", "mrad", 1e3),
-    "internal_axial_mean_N": Wording("internal force along the line between the tips, mean", "N"),
-    "internal_axial_rms_error_N": Wording("internal force along the line, rms of its error", "N"),
-    "internal_shear_rms_N": Wording("internal force across the line, rms of its error", "N"),
-    "internal_moment_rms_error_Nm": Wording("internal moment about P, rms of its error", "N m"),
-    "torque_peak_Nm": Wording("largest drive torque", "N m"),
-    "closure_error_max_m": Wording("closure error, largest distance", "m", tight=True),
-    "closure_error_max_rad": Wording("closure error, largest angle", "rad", tight=True),
-    "energy_balance_max_J": Wording("energy minus work, largest", "J", tight=True),
+_ROWS = {
+    "settling_time_s": ("settles to 5 mm and 5 mrad after the start", "s", 1.0),
+    "resettling_time_s": ("settles again after the first event", "s", 1.0),
+    "event_peak_position_error_m": ("largest position error from the first event on", "mm", 1e3),
+    "position_rms_m": ("position error, rms", "mm", 1e3),
+    "orientation_rms_rad": ("orientation error, rms", "mrad", 1e3),
+    "internal_axial_mean_N": ("internal force along the line between the tips, mean", "N", 1.0),
+    "internal_axial_rms_error_N": ("internal force along the line, rms of its error", "N", 1.0),
+    "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
+    "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
+    "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
+    "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
+    "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
+    "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
 }
-_WINDOW = "window_s"
+"""Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
+
+_NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
+"""Metrics of the accuracy of the computation, not of the control."""
 
 
-def judgements(result: RunResult) -> list[Judgement]:
-    """Return every judgement of a run: control first, then the exactness of the computation.
+def metrics_table(result: RunResult) -> list[MetricRow]:
+    """Return the metrics of a run as rows of a table: of the control first, then of the computation.
 
-    A metric without words of its own is shown by its name.
+    The window of means and rms values is not among them.
     """
-    found = []
-    for name, value in result.metrics().items():
-        if name == _WINDOW:
-            continue
-        wording = _WORDINGS.get(name, Wording(name.replace("_", " "), ""))
-        numbers = value if isinstance(value, list) else [value]
-        text = ", ".join(_number(number, wording) for number in numbers)
-        found.append(Judgement(name, wording.text, text, wording.tight))
-    return sorted(found, key=lambda judgement: judgement.tight)
+    metrics = result.metrics()
+    return [
+        MetricRow(name, text, _number(metrics[name] * scale, unit))
+        for name, (text, unit, scale) in _ROWS.items()
+    ]
 
 
-def _number(value: float, wording: Wording) -> str:
+def _number(value: float, unit: str) -> str:
     if math.isnan(value):
         return "does not apply"
-    if math.isinf(value):
-        return "never"
-    return f"{value * wording.scale:.3g} {wording.unit}".strip()
+    return "never" if math.isinf(value) else f"{value:.3g} {unit}"
 
 
 def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
@@ -120,7 +104,8 @@ def _arm(result: RunResult, index: int) -> str:
     arm = list(cell.arms.values())[index]
     squeeze = result.scenario.squeeze_wrenches[index]
     return (
-        f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, carries {cell.shares[index]:.3g} of the load; "
+        f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, "
+        f"carries {cell.shares[index]:.3g} of the load; "
         f"desired internal wrench ({_row(squeeze)}) N, N m about P in payload axes"
     )
 
@@ -132,21 +117,15 @@ def _controller(result: RunResult) -> str:
 
 
 def _fields(table: dict[str, object]) -> str:
-    """Return a table as words; empty entries say nothing."""
-    return ", ".join(
-        f"{name.replace('_', ' ')} {_value(value)}"
-        for name, value in table.items()
-        if value not in ({}, (), None)
-    )
+    """Return the entries of a table as text, without the empty ones."""
+    given = {name: value for name, value in table.items() if value not in ({}, (), None)}
+    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in given.items())
 
 
 def _value(value: object) -> str:
     if isinstance(value, dict):
-        kind = value.get("kind")
         rest = {name: entry for name, entry in value.items() if name != "kind"}
-        return " ".join(
-            part for part in (str(kind) if kind else "", f"({_fields(rest)})" if rest else "") if part
-        )
+        return f"{value.get('kind', '')} {f'({_fields(rest)})' if rest else ''}".strip()
     if isinstance(value, list | tuple):
         return f"({', '.join(_value(entry) for entry in value)})"
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -156,14 +135,11 @@ def _row(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
 
 
-_NO_LIMIT_EXCEEDED = "<p>No joint and no drive went beyond its limits.</p>"
-
-
 def report_html(result: RunResult) -> str:
-    """Return one self-contained page: scenario, judgements, figures, limits, and the 3-D replay.
+    """Return one self-contained page: scenario, metrics, figures, limits, and the 3-D replay.
 
-    It loads nothing from outside, plays offline, and prints; on paper a drawing of the motion stands in for
-    the replay. The same result gives the same bytes.
+    It loads nothing from the network and can be printed; on paper a figure of the motion replaces the replay.
+    The same result gives the same bytes.
 
     Args:
         result: the run, finished or not.
@@ -176,7 +152,7 @@ def report_html(result: RunResult) -> str:
         version=html.escape(__version__),
         broken_off=_broken_off(result),
         facts=_facts(result),
-        judgements=_judgements(judgements(result)),
+        metrics=_metrics(metrics_table(result)),
         window=_window(result),
         replay=html.escape(replay_html(result)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
@@ -196,7 +172,7 @@ def report_html(result: RunResult) -> str:
 
 
 def save_report(result: RunResult, path: str | Path) -> None:
-    """Write the report of a run; a good file at that path is never destroyed half-way.
+    """Write the report of a run; if writing fails, an older file at that path stays.
 
     Args:
         result: the run.
@@ -207,54 +183,51 @@ def save_report(result: RunResult, path: str | Path) -> None:
 
 
 def _broken_off(result: RunResult) -> str:
-    if result.end >= result.scenario.duration - 1e-9:
+    end, duration = result.end, result.scenario.duration
+    if end >= duration - 1e-9:
         return ""
-    return f'<p class="warning">This run broke off at t = {result.end:g} s of {result.scenario.duration:g} s.</p>'
+    return f'<p class="warning">This run broke off at t = {end:g} s of {duration:g} s.</p>'
 
 
 def _facts(result: RunResult) -> str:
-    rows = (
+    return "\n".join(
         f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
         for name, text in scenario_facts(result)
     )
-    return "\n".join(rows)
 
 
-def _judgements(lines: list[Judgement]) -> str:
+def _metrics(rows: list[MetricRow]) -> str:
     return "\n".join(
-        f'<tr{" class=tight" if line.tight else ""}><td>{html.escape(line.text)}</td><td class="number">{html.escape(line.value)}</td>'
-        f'<td class="name"><code>{html.escape(line.name)}</code></td></tr>'
-        for line in lines
+        f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
+        f'<td class="number">{html.escape(row.value)}</td>'
+        f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
+        for row in rows
     )
 
 
 def _window(result: RunResult) -> str:
-    window = result.steady_window
-    return (
-        f"{window.start:g} s to {window.end:g} s"
-        if window.end > window.start
-        else "a window this run did not reach"
-    )
+    start, end = result.steady_window
+    return f"{start:g} s to {end:g} s" if end > start else "a window this run did not reach"
 
 
 def _limits(result: RunResult) -> str:
-    rows = [
-        f"<tr><td>{html.escape(beyond.arm)}</td><td>{html.escape(beyond.joint)}</td><td>{beyond.kind}</td>"
-        f'<td class="number">{beyond.worst:.4g}</td><td class="number">{beyond.limit:.4g}</td>'
-        f'<td class="number">{beyond.first_time:.4g}</td></tr>'
-        for beyond in result.limit_violations()
-    ]
-    if not rows:
-        return _NO_LIMIT_EXCEEDED
-    head = (
-        "<tr><th>arm</th><th>joint</th><th>limit of</th><th>worst</th><th>limit</th><th>first at, s</th></tr>"
+    rows = "".join(
+        f"<tr><td>{html.escape(exceeded.arm)}</td><td>{html.escape(exceeded.joint)}</td>"
+        f'<td>{exceeded.kind}</td><td class="number">{exceeded.worst:.4g}</td>'
+        f'<td class="number">{exceeded.limit:.4g}</td><td class="number">{exceeded.first_time:.4g}</td></tr>'
+        for exceeded in result.limit_violations()
     )
-    return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table></div>'
+    if not rows:
+        return "<p>No joint and no drive exceeded its limits.</p>"
+    names = ("arm", "joint", "limit of", "worst", "limit", "first at, s")
+    head = f"<tr>{''.join(f'<th>{name}</th>' for name in names)}</tr>"
+    table = f'<table class="list"><thead>{head}</thead><tbody>{rows}</tbody></table>'
+    return f'<div class="scroll">{table}</div>'
 
 
 def _image(figure: Figure, text: str) -> str:
-    """Return a figure as an image inside the page; as an image, because names inside two SVGs would clash."""
-    figure.suptitle("")  # the page has headings of its own
+    """Return a figure as an image element; inline SVGs would share their ids."""
+    figure.suptitle("")  # the page has its own headings
     figure.supxlabel("")
     file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure

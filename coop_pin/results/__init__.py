@@ -1,16 +1,15 @@
-"""Recorded runs: labelled arrays that judge themselves, saved so that a good file is never destroyed."""
+"""Recorded runs: labelled arrays with their metrics, as files that are written atomically."""
 
-from coop_pin.results.dataset import RunSamples
-from coop_pin.results.metrics import LimitTable, LimitViolation
+from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
 
 __all__ = [
-    "LimitTable",
+    "InternalForceMetrics",
     "LimitViolation",
-    "Snapshot",
     "Observer",
     "RunResult",
-    "RunSamples",
+    "Snapshot",
     "ThrottledObserver",
+    "Window",
 ]

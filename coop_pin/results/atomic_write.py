@@ -1,4 +1,4 @@
-"""Files that are either the old one or the new one, never half of it."""
+"""Atomic file writes: a file has its old content or the new one, never a part of it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file beside its place, sync it, and rename it over the old one.
+    """Write a file under a temporary name beside it, sync it, and rename it.
 
-    When writing fails (a full disk, an interrupt) the old file stays as it was and the part is removed.
+    When writing fails (a full disk, an interrupt), the old file stays as it was and the temporary one is
+    removed.
 
     Args:
         path: the file.
         write: writes the content to the path it is given.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Not tempfile: its files are closed to everybody else, and the result would stay so.
+    # tempfile would make the file readable by its owner alone, and the result would stay so.
     part = path.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
     try:
         write(part)

@@ -1,186 +1,225 @@
-"""Samples of a run as an xarray Dataset: named axes, units as attributes."""
+"""Quantities of a run, declared in one table, and the labelled xarray Dataset that holds them.
+
+``QUANTITIES`` gives every quantity its name, dimensions, unit, meaning and source. The recorder allocates its
+arrays by the table and the dataset is labelled by it; snapshots, metrics and figures read what it computes.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.metrics import LimitTable
 from coop_pin.spatial import internal_wrenches, rotate_vector6
 
-
-class RunSamples(NamedTuple):
-    """Samples of a run at its n ticks; m arms, at most k joints each. Torques and wrenches hold from the tick on.
-
-    Attributes:
-        time: s, shape (n,).
-        configuration: q of the tree, shape (n, nq).
-        velocity: v of the tree, shape (n, nv).
-        payload_pose: X_WP, shape (n, 4, 4).
-        payload_twist: V_WP, shape (n, 6).
-        desired_pose: X_WP_d, shape (n, 4, 4).
-        desired_twist: V_WP_d, shape (n, 6).
-        desired_squeeze: f_d in payload axes, shape (n, m, 6).
-        tip_position: m, shape (n, m, 3).
-        drive_velocity: rad/s, shape (n, m, k); NaN beyond an arm's joints.
-        torque: drive torques as applied, N m, shape (n, m, k); NaN beyond an arm's joints.
-        commanded_torque: drive torques before saturation, likewise.
-        saturated: whether a torque was cut at its limit, shape (n, m, k).
-        joint_position: joint angles, rad or m, shape (n, m, k); NaN beyond an arm's joints.
-        joint_velocity: joint rates, likewise.
-        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies
-            do not determine, shape (n, m, 6).
-        external_wrench: on the payload, about P in world axes, shape (n, 6).
-        closure_error: distance and angle of each grasp, m and rad, shape (n, m, 2).
-        jacobian_condition: of each payload Jacobian, shape (n, m).
-        energy: kinetic and potential, J, shape (n, 2).
-        work: of actuation, friction, external wrenches and payload changes so far, J, shape (n, 4).
-    """
-
-    time: Array
-    configuration: Array
-    velocity: Array
-    payload_pose: Array
-    payload_twist: Array
-    desired_pose: Array
-    desired_twist: Array
-    desired_squeeze: Array
-    tip_position: Array
-    drive_velocity: Array
-    torque: Array
-    commanded_torque: Array
-    saturated: Mask
-    joint_position: Array
-    joint_velocity: Array
-    interaction_wrench: Array
-    external_wrench: Array
-    closure_error: Array
-    jacobian_condition: Array
-    energy: Array
-    work: Array
-
-    def first(self, count: int) -> RunSamples:
-        """Return the first samples alone."""
-        return RunSamples(**{name: array[:count] for name, array in self._asdict().items()})
-
+Samples: TypeAlias = dict[str, NDArray[Any]]
+"""Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
 
 AXES = ["x", "y", "z", "rx", "ry", "rz"]
-_POSITION = AXES[:3]
 
 
-def dataset(scenario: Scenario, samples: RunSamples, limits: LimitTable) -> xr.Dataset:
-    """Return the labelled arrays of a run, errors, internal wrenches and joint limits included.
+class Quantity(NamedTuple):
+    """A quantity of a run.
 
-    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion (x,
-    y, z, w).
+    Attributes:
+        name: of its samples, and of its variable in the dataset.
+        dims: its dimensions after time, separated by blanks.
+        unit: several where entries differ: of linear, then of angular ones.
+        text: what it is; the variable's ``long_name``.
+        source: computes it from the samples of quantities above it; None where it is recorded at every tick.
+        fill: value where nothing is recorded, for example beyond the joints of an arm.
+        stored: whether it is a variable of the dataset; the others serve to compute such variables.
     """
-    internal = internal_wrenches(samples.interaction_wrench, scenario.cell.shares)
-    desired_internal = rotate_vector6(samples.payload_pose[:, None, :3, :3], samples.desired_squeeze)
-    variables: dict[
-        str, tuple[Any, ...]
-    ] = {}  # gathered first: every later assignment would align the whole dataset anew
-    for name, dims, values, unit, text in (
-        ("configuration", "q", samples.configuration, "rad or m", "configuration of the Pinocchio tree"),
-        ("velocity", "v", samples.velocity, "rad/s or m/s", "velocity of the Pinocchio tree"),
-        ("payload_position", "position", samples.payload_pose[:, :3, 3], "m", "position of P"),
-        ("payload_quaternion", "quaternion", _quaternions(samples.payload_pose), "1", "orientation of P"),
-        ("payload_twist", "axis", samples.payload_twist, "m/s, rad/s", "V_WP"),
-        ("desired_position", "position", samples.desired_pose[:, :3, 3], "m", "desired position of P"),
-        (
-            "desired_quaternion",
-            "quaternion",
-            _quaternions(samples.desired_pose),
-            "1",
-            "desired orientation of P",
-        ),
-        ("desired_twist", "axis", samples.desired_twist, "m/s, rad/s", "V_WP_d"),
-        ("pose_error", "axis", _pose_errors(samples), "m, rad", "actual minus desired pose"),
-        ("tip_position", "arm position", samples.tip_position, "m", "position of each tip"),
-        ("drive_velocity", "arm joint", samples.drive_velocity, "rad/s", "drive rates"),
-        (
-            "joint_position",
-            "arm joint",
-            samples.joint_position,
-            "rad or m",
-            "joint angles; continuous joints count on over full turns",
-        ),
-        ("joint_velocity", "arm joint", samples.joint_velocity, "rad/s or m/s", "joint rates"),
-        ("torque", "arm joint", samples.torque, "N m", "drive torques applied from the tick on"),
-        ("commanded_torque", "arm joint", samples.commanded_torque, "N m", "drive torques before saturation"),
-        ("saturated", "arm joint", samples.saturated, "1", "whether the torque was cut at its limit"),
-        (
-            "interaction_wrench",
-            "arm axis",
-            samples.interaction_wrench,
-            "N, N m",
-            "on the arm by the payload, about P",
-        ),
-        ("internal_wrench", "arm axis", internal, "N, N m", "f_i = F_i - c_i sum_j F_j"),
-        ("desired_internal_wrench", "arm axis", desired_internal, "N, N m", "f_d_i turned by the payload"),
-        ("external_wrench", "axis", samples.external_wrench, "N, N m", "on the payload, about P"),
-        ("closure_distance", "arm", samples.closure_error[..., 0], "m", "tip to grasp"),
-        ("closure_angle", "arm", samples.closure_error[..., 1], "rad", "tip to grasp"),
-        (
-            "jacobian_condition",
-            "arm",
-            samples.jacobian_condition,
-            "1",
-            "condition number of the payload Jacobian",
-        ),
-        ("kinetic_energy", "", samples.energy[:, 0], "J", "of arms and payload"),
-        ("potential_energy", "", samples.energy[:, 1], "J", "of arms and payload"),
-        ("work_actuation", "", samples.work[:, 0], "J", "done by the drives since the start"),
-        ("work_friction", "", samples.work[:, 1], "J", "done by joint friction since the start"),
-        ("work_external", "", samples.work[:, 2], "J", "done by external wrenches since the start"),
-        ("work_payload_change", "", samples.work[:, 3], "J", "energy brought or taken by payload changes"),
-    ):
-        variables[name] = (("time", *dims.split()), values, {"units": unit, "long_name": text})
-    for name, values, unit in (
-        ("position_lower", limits.position_lower, "rad or m"),
-        ("position_upper", limits.position_upper, "rad or m"),
-        ("velocity_limit", limits.velocity_limit, "rad/s or m/s"),
-        ("torque_limit", limits.torque_limit, "N m"),
-    ):
-        variables[name] = (("arm", "joint"), values, {"units": unit, "long_name": "NaN where there is none"})
-    names = [(*joints, *[""] * (samples.torque.shape[2] - len(joints))) for joints in limits.joints]
-    variables["joint_name"] = (
-        ("arm", "joint"),
-        np.array(names),
-        {"long_name": "empty beyond an arm's joints"},
-    )
-    determined = np.isfinite(samples.interaction_wrench).all(axis=(0, 1))
-    variables["wrench_is_determined"] = (
-        "axis",
-        determined,
-        {"long_name": "rows of wrenches that rigid bodies determine; others are NaN"},
-    )
-    attributes = {"title": scenario.summary or scenario.name}
-    return xr.Dataset(variables, coords=_coordinates(scenario, samples), attrs=attributes)
 
-
-def _coordinates(scenario: Scenario, samples: RunSamples) -> dict[str, object]:
-    joints = samples.torque.shape[2]
-    return {
-        "time": ("time", samples.time, {"units": "s"}),
-        "arm": list(scenario.cell.arms),
-        "joint": np.arange(1, joints + 1),
-        "axis": AXES,
-        "position": _POSITION,
-        "quaternion": ["x", "y", "z", "w"],
-    }
+    name: str
+    dims: str
+    unit: str
+    text: str
+    source: Callable[[Samples], Array] | None = None
+    fill: float | bool = np.nan
+    stored: bool = True
 
 
 def _quaternions(poses: Array) -> Array:
     return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
 
 
-def _pose_errors(samples: RunSamples) -> Array:
+def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
-    R, R_d = samples.payload_pose[:, :3, :3], samples.desired_pose[:, :3, :3]
-    rotation = Rotation.from_matrix(R @ np.swapaxes(R_d, 1, 2)).as_rotvec()
-    return np.concatenate((samples.payload_pose[:, :3, 3] - samples.desired_pose[:, :3, 3], rotation), axis=1)
+    rotation = Rotation.from_matrix(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2)).as_rotvec()
+    return np.concatenate((X[:, :3, 3] - X_d[:, :3, 3], rotation), axis=1)
+
+
+def _axial_directions(tips: Array) -> Array:
+    """Return unit vectors from each tip to the middle of the other tips, shape (n, m, 3); NaN for one arm."""
+    if tips.shape[1] == 1:
+        return np.full_like(tips, np.nan)
+    others = (tips.sum(axis=1, keepdims=True) - tips) / (tips.shape[1] - 1)
+    line = others - tips
+    length = np.linalg.norm(line, axis=2, keepdims=True)
+    return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+
+
+def _internal_parts(name: str, text: str, wrench: Callable[[Samples], Array]) -> tuple[Quantity, ...]:
+    """Return axial force, shear force and moment of a wrench on each arm, such as ``internal_axial``.
+
+    Rows that rigid bodies do not determine count as zero.
+
+    Args:
+        name: of the quantities, with {} for the part.
+        text: what the wrench is.
+        wrench: shape (n, m, 6).
+    """
+
+    def axial(s: Samples) -> Array:
+        return np.einsum("nmi,nmi->nm", np.nan_to_num(wrench(s))[..., :3], s["axial_direction"])
+
+    def shear(s: Samples) -> Array:
+        across = np.nan_to_num(wrench(s))[..., :3] - axial(s)[..., None] * s["axial_direction"]
+        return np.linalg.norm(across, axis=2)
+
+    def moment(s: Samples) -> Array:
+        return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=2)
+
+    return (
+        Quantity(name.format("axial"), "arm", "N", f"{text}: force along axial_direction", axial),
+        Quantity(name.format("shear"), "arm", "N", f"{text}: force across axial_direction, norm", shear),
+        Quantity(name.format("moment"), "arm", "N m", f"{text}: moment about P, norm", moment),
+    )
+
+
+# fmt: off
+QUANTITIES = (
+    Quantity("time", "", "s", "time of the tick; a coordinate of the dataset", stored=False),
+    Quantity("payload_pose", "row column", "1, m", "X_WP", stored=False),
+    Quantity("desired_pose", "row column", "1, m", "X_WP_d", stored=False),
+    Quantity("desired_squeeze", "arm axis", "N, N m", "f_d_i in payload axes", stored=False),
+    Quantity("configuration", "q", "rad or m", "configuration of the Pinocchio tree"),
+    Quantity("velocity", "v", "rad/s or m/s", "velocity of the Pinocchio tree"),
+    Quantity("payload_position", "position", "m", "position of P", lambda s: s["payload_pose"][:, :3, 3]),
+    Quantity("payload_quaternion", "quaternion", "1", "orientation of P",
+             lambda s: _quaternions(s["payload_pose"])),
+    Quantity("payload_twist", "axis", "m/s, rad/s", "V_WP"),
+    Quantity("desired_position", "position", "m", "desired position of P",
+             lambda s: s["desired_pose"][:, :3, 3]),
+    Quantity("desired_quaternion", "quaternion", "1", "desired orientation of P",
+             lambda s: _quaternions(s["desired_pose"])),
+    Quantity("desired_twist", "axis", "m/s, rad/s", "V_WP_d"),
+    Quantity("pose_error", "axis", "m, rad", "actual minus desired pose",
+             lambda s: _pose_errors(s["payload_pose"], s["desired_pose"])),
+    Quantity("tip_position", "arm position", "m", "position of each tip"),
+    Quantity("drive_velocity", "arm joint", "rad/s", "velocities of the drives"),
+    Quantity("joint_position", "arm joint", "rad or m", "joint positions; continuous ones count full turns"),
+    Quantity("joint_velocity", "arm joint", "rad/s or m/s", "joint velocities"),
+    Quantity("torque", "arm joint", "N m", "drive torques applied from the tick on"),
+    Quantity("commanded_torque", "arm joint", "N m", "drive torques before saturation"),
+    Quantity("saturated", "arm joint", "1", "whether the torque was cut at its limit", fill=False),
+    Quantity("interaction_wrench", "arm axis", "N, N m", "F_i on the arm by the payload, about P"),
+    Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j",
+             lambda s: internal_wrenches(s["interaction_wrench"], s["load_share"])),
+    Quantity("desired_internal_wrench", "arm axis", "N, N m", "f_d_i turned by the payload",
+             lambda s: rotate_vector6(s["payload_pose"][:, None, :3, :3], s["desired_squeeze"])),
+    Quantity("axial_direction", "arm position", "1", "unit vector from tip to middle of the other tips",
+             lambda s: _axial_directions(s["tip_position"])),
+    *_internal_parts("internal_{}", "internal wrench", lambda s: s["internal_wrench"]),
+    *_internal_parts("desired_internal_{}", "desired internal wrench",
+                     lambda s: s["desired_internal_wrench"]),
+    *_internal_parts("internal_{}_error", "error of the internal wrench",
+                     lambda s: s["internal_wrench"] - s["desired_internal_wrench"]),
+    Quantity("external_wrench", "axis", "N, N m", "on the payload, about P"),
+    Quantity("closure_distance", "arm", "m", "closure error: distance from tip to grasp"),
+    Quantity("closure_angle", "arm", "rad", "closure error: angle from tip to grasp"),
+    Quantity("jacobian_condition", "arm", "1", "condition number of the payload Jacobian"),
+    Quantity("kinetic_energy", "", "J", "of arms and payload"),
+    Quantity("potential_energy", "", "J", "of arms and payload"),
+    Quantity("work_actuation", "", "J", "done by the drives since the start"),
+    Quantity("work_friction", "", "J", "done by joint friction since the start"),
+    Quantity("work_external", "", "J", "done by external wrenches since the start"),
+    Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
+)
+# fmt: on
+
+LIMITS = {
+    "position_lower": "rad or m",
+    "position_upper": "rad or m",
+    "velocity_limit": "rad/s or m/s",
+    "torque_limit": "N m",
+}
+"""Units of the limits of joints and drives, which are variables of the dataset without time."""
+
+
+def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
+    """Return empty samples of every recorded quantity.
+
+    Args:
+        count: of samples.
+        sizes: of the dimensions q, v, arm and joint.
+    """
+    sizes = {"axis": 6, "position": 3, "row": 4, "column": 4, **sizes}
+    return {
+        quantity.name: np.full((count, *(sizes[dim] for dim in quantity.dims.split())), quantity.fill)
+        for quantity in QUANTITIES
+        if quantity.source is None
+    }
+
+
+def computed(samples: Samples, load_shares: Array, names: Collection[str] | None = None) -> Samples:
+    """Return samples with the computed quantities added.
+
+    Args:
+        samples: of every recorded quantity.
+        load_shares: c_i, shape (m,).
+        names: of the quantities to add, without those that need another; None for all.
+    """
+    values = samples | {"load_share": load_shares}
+    for quantity in QUANTITIES:
+        if quantity.source is not None and (names is None or quantity.name in names):
+            values[quantity.name] = quantity.source(values)
+    return values
+
+
+def dataset(
+    scenario: Scenario, samples: Samples, joints: Sequence[Sequence[str]], limits: Array
+) -> xr.Dataset:
+    """Return the labelled arrays of a run: every stored quantity, and the joint limits.
+
+    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
+    (x, y, z, w).
+
+    Args:
+        scenario: what was run.
+        samples: of every recorded quantity.
+        joints: names of each arm's joints.
+        limits: the four ``LIMITS`` of m arms with at most k joints, shape (4, m, k); NaN where there is none.
+    """
+    values = computed(samples, scenario.cell.shares)
+    # All variables are gathered first: assigning one to a Dataset aligns the whole Dataset anew.
+    variables: dict[str, tuple[Any, ...]] = {
+        name: (("time", *dims.split()), values[name], {"units": unit, "long_name": text})
+        for name, dims, unit, text, _, _, stored in QUANTITIES
+        if stored
+    }
+    joint, k = ("arm", "joint"), samples["torque"].shape[2]
+    for name, values_of_joints in zip(LIMITS, limits, strict=True):
+        attributes = {"units": LIMITS[name], "long_name": "NaN where there is none"}
+        variables[name] = (joint, values_of_joints, attributes)
+    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
+    variables["joint_name"] = (joint, names, {"long_name": "empty beyond an arm's joints"})
+    determined = np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1))
+    text = "rows of wrenches that rigid bodies determine; others are NaN"
+    variables["wrench_is_determined"] = ("axis", determined, {"long_name": text})
+    coordinates = {
+        "time": ("time", samples["time"], {"units": "s"}),
+        "arm": list(scenario.cell.arms),
+        "joint": np.arange(1, k + 1),
+        "axis": AXES,
+        "position": AXES[:3],
+        "quaternion": ["x", "y", "z", "w"],
+    }
+    return xr.Dataset(variables, coordinates, {"title": scenario.summary or scenario.name})

@@ -1,4 +1,4 @@
-"""A recorded run: labelled arrays, the scenario that made them, and judgements."""
+"""Result of a run: its scenario, labelled arrays, metrics, and its netCDF file."""
 
 from __future__ import annotations
 
@@ -9,35 +9,25 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
+from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
-from coop_pin.results import metrics as judgements
+from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import RunSamples, dataset
-from coop_pin.results.metrics import (
-    InternalForceMetrics,
-    LimitTable,
-    LimitViolation,
-    Window,
-    limit_violations,
-)
+from coop_pin.results.dataset import QUANTITIES
+from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
 
 
 class RunResult:
-    """The result of a run.
+    """Result of a run, finished or not.
 
     Attributes:
         scenario: what was run.
-        data: xarray Dataset with dimensions time, arm, joint, axis; units are attributes.
+        data: xarray Dataset with dimensions time, arm, joint, axis; units are attributes of the variables.
     """
 
     def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
         self.scenario, self.data = scenario, data
-
-    @classmethod
-    def from_samples(cls, scenario: Scenario, samples: RunSamples, limits: LimitTable) -> Self:
-        """Label the samples of a run."""
-        return cls(scenario, dataset(scenario, samples, limits))
 
     # ------------------------------------------------------------ windows
 
@@ -53,62 +43,72 @@ class RunResult:
 
     @property
     def steady_window(self) -> Window:
-        """From 4 s to the first event: where rms values are taken."""
-        return Window(judgements.STEADY_FROM_S, min(self.first_event, self.end))
+        """Window of means and rms values: from 4 s to the first event, or to the end of the run."""
+        return Window(metrics.STEADY_FROM_S, min(self.first_event, self.end))
 
-    # ------------------------------------------------------------ judgements
+    @property
+    def _event_window(self) -> Window:
+        return Window(self.first_event, self.end)
+
+    # ------------------------------------------------------------ metrics
 
     def settling_time(self) -> float:
-        """Return the time after the start from which position stays within 5 mm and orientation within 5 mrad until the first event.
+        """Return the time after which the errors stay within 5 mm and 5 mrad until the first event, s.
 
-        inf if they do not, s.
+        inf if they do not.
         """
-        return judgements.settling_time(self.data, Window(0.0, self.first_event))
+        return metrics.settling_time(self.data, Window(0.0, self.first_event))
 
     def resettling_time(self) -> float:
-        """Return the same counted from the first event; not a number without one, or if the error never left the band."""
-        window = Window(self.first_event, self.end)
-        inside = judgements.samples_of(self.data, window)
-        left_band = bool(np.any(inside & ~judgements.in_band(self.data)))
-        return judgements.settling_time(self.data, window) if self.scenario.events and left_band else math.nan
+        """Return the settling time after the first event, s.
+
+        NaN without an event, or if the errors never left the band.
+        """
+        inside = metrics.samples_of(self.data, self._event_window)
+        if not self.scenario.events or not np.any(inside & ~metrics.in_band(self.data)):
+            return math.nan
+        return metrics.settling_time(self.data, self._event_window)
 
     def event_peak_position_error(self) -> float:
-        """Return the largest position error from the first event on, m; not a number without one."""
+        """Return the largest position error from the first event on, m; NaN without an event."""
         if not self.scenario.events:
             return math.nan
-        inside = judgements.samples_of(self.data, Window(self.first_event, self.end))
-        return float(np.linalg.norm(self.data["pose_error"].values[inside, :3], axis=1).max(initial=0.0))
+        return float(self._error_norms(slice(0, 3), self._event_window).max(initial=0.0))
 
     def position_rms(self) -> float:
         """Return the rms of the position error over the steady window, m."""
-        return self._error_rms(slice(0, 3))
+        return metrics.rms(self._error_norms(slice(0, 3), self.steady_window))
 
     def orientation_rms(self) -> float:
         """Return the rms of the orientation error over the steady window, rad."""
-        return self._error_rms(slice(3, 6))
+        return metrics.rms(self._error_norms(slice(3, 6), self.steady_window))
 
     def internal_force(self) -> InternalForceMetrics:
-        """Return the judgements of the internal wrench over the steady window."""
-        return judgements.internal_force(self.data, self.steady_window)
+        """Return the metrics of the internal wrench over the steady window."""
+        return metrics.internal_force(self.data, self.steady_window)
 
     def closure_error_max(self) -> tuple[float, float]:
-        """Return the widest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
+        """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
         return float(self.data["closure_distance"].max()), float(self.data["closure_angle"].max())
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
-        return float(np.abs(judgements.energy_balance(self.data)).max())
+        return float(np.abs(metrics.energy_balance(self.data)).max())
 
     def torque_peak(self) -> float:
         """Return the largest drive torque over the whole run, N m."""
         return float(np.nanmax(np.abs(self.data["torque"].values)))
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
-        """Return every joint or drive limit that was exceeded: by how much, and when first."""
-        return limit_violations(self.data)
+        """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
+        return metrics.limit_violations(self.data)
 
-    def metrics(self) -> dict[str, float | list[float]]:
-        """Return all judgements in one flat table; the names carry the units."""
+    def metrics(self) -> dict[str, float]:
+        """Return all metrics by name; the names carry the units.
+
+        ``window_start_s`` and ``window_end_s`` bound the steady window of means and rms values; a run that
+        does not reach it has NaN there.
+        """
         force, (distance, angle) = self.internal_force(), self.closure_error_max()
         return {
             "settling_time_s": self.settling_time(),
@@ -124,21 +124,22 @@ class RunResult:
             "closure_error_max_rad": angle,
             "energy_balance_max_J": self.energy_balance_max(),
             "torque_peak_Nm": self.torque_peak(),
-            "window_s": list(self.steady_window),
+            "window_start_s": self.steady_window.start,
+            "window_end_s": self.steady_window.end,
         }
 
-    def _error_rms(self, axes: slice) -> float:
-        inside = judgements.samples_of(self.data, self.steady_window)
-        return judgements.rms(np.linalg.norm(self.data["pose_error"].values[inside, axes], axis=1))
+    def _error_norms(self, axes: slice, window: Window) -> Array:
+        """Return the norm of some axes of the pose error at the samples of a window."""
+        error = self.data["pose_error"].values[metrics.samples_of(self.data, window), axes]
+        return np.linalg.norm(error, axis=1)
 
     # ------------------------------------------------------------ files
 
     def save(self, path: str | Path) -> None:
-        """Write a netCDF file with the scenario inside; a good file at that path is never destroyed half-way."""
+        """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
-        content = data.to_netcdf(
-            engine="h5netcdf"
-        )  # in memory first: HDF5 that meets a full disk takes the process down
+        # In memory first: HDF5 that meets a full disk takes the process down.
+        content = data.to_netcdf(engine="h5netcdf")
         write_atomically(Path(path), lambda part: part.write_bytes(content))
 
     @classmethod
@@ -146,11 +147,11 @@ class RunResult:
         """Read a result.
 
         Raises:
-            ResultFileError: the file is missing, damaged or not a result of coop_pin.
+            ResultFileError: the file is missing, damaged or not a result of this version of coop_pin.
         """
         path = Path(path)
         if not path.is_file():
-            hint = "; it is a folder: name the result.nc in it" if path.is_dir() else ""
+            hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
             raise ResultFileError(f"there is no result file at {path}{hint}")
         try:
             data = xr.load_dataset(path, engine="h5netcdf")
@@ -161,6 +162,12 @@ class RunResult:
         text = data.attrs.pop("coop_pin_scenario", None)
         if text is None:
             raise ResultFileError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+        missing = [q.name for q in QUANTITIES if q.stored and q.name not in data]
+        if missing:
+            raise ResultFileError(
+                f"{path} lacks {', '.join(missing)}; it was written by another version of coop_pin: "
+                "run its scenario again"
+            )
         try:
             return cls(Scenario.from_toml(text), data)
         except (ScenarioError, ScenarioFileError) as error:

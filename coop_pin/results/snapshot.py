@@ -1,4 +1,4 @@
-"""What a run shows of itself while it is under way."""
+"""Snapshot of a run at one tick, and the observers that are called with it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from coop_pin.arrays import Array, Mask
 
 
 class Snapshot(NamedTuple):
-    """A run at one tick, as it will stand in the result; all arrays are read-only. m arms, at most k joints each.
+    """Quantities of a run at one tick, as its result will hold them; m arms, at most k joints each.
+
+    All arrays are read-only; ``coop_pin.results.dataset.QUANTITIES`` declares what they are.
 
     Attributes:
         time: s.
@@ -17,14 +19,13 @@ class Snapshot(NamedTuple):
         payload_pose: X_WP, shape (4, 4).
         desired_pose: X_WP_d, shape (4, 4).
         tip_position: m, shape (m, 3).
-        interaction_wrench: on each arm by the payload, about P in world axes; NaN in rows that rigid bodies
-            do not determine, shape (m, 6).
-        internal_wrench: f_i = F_i - c_i sum_j F_j, likewise.
-        desired_internal_wrench: f_d_i turned by the payload, likewise.
-        external_wrench: on the payload, about P in world axes, shape (6,).
-        torque: drive torques as applied, N m, shape (m, k); NaN beyond an arm's joints.
-        saturated: whether a torque was cut at its limit, shape (m, k).
-        jacobian_condition: of each payload Jacobian, shape (m,).
+        interaction_wrench: N and N m, shape (m, 6); NaN in rows that rigid bodies do not determine.
+        internal_wrench: likewise.
+        desired_internal_wrench: N and N m, shape (m, 6).
+        external_wrench: N and N m, shape (6,).
+        torque: N m, shape (m, k); NaN beyond an arm's joints.
+        saturated: shape (m, k).
+        jacobian_condition: shape (m,).
     """
 
     time: float
@@ -42,15 +43,15 @@ class Snapshot(NamedTuple):
 
 
 Observer = Callable[[Snapshot], None]
-"""Sees a run after every tick; it changes nothing."""
+"""Function that is called with a Snapshot after every tick; it does not change the run."""
 
 
 @runtime_checkable
 class ThrottledObserver(Protocol):
-    """An Observer that leaves moments out where they come too fast; it is shown the last one of a run in any case."""
+    """Rate-limited observer: it may drop snapshots, but the final one of a run is always shown."""
 
-    def __call__(self, moment: Snapshot) -> None:
-        """See a moment, or leave it out."""
+    def __call__(self, snapshot: Snapshot, /) -> None:
+        """Show a snapshot, or drop it because the last one was shown too short a time ago."""
 
-    def show(self, moment: Snapshot) -> None:
-        """Show a moment now."""
+    def show(self, snapshot: Snapshot, /) -> None:
+        """Show a snapshot now."""

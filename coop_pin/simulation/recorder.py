@@ -1,4 +1,4 @@
-"""Recorder: the samples of a run at its ticks, and the result made of them."""
+"""Recorder of the quantities of a run at every tick."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
-from coop_pin.results import LimitTable, RunResult, RunSamples, Snapshot
+from coop_pin.results import RunResult, Snapshot
+from coop_pin.results.dataset import allocate, computed, dataset
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.spatial import internal_wrenches, rotate_vector6
 
 
 class Recorder:
@@ -34,33 +34,11 @@ class Recorder:
         self.count = 0
         self.payload_energy = 0.0
         self._determined = determinate_rows(plant.chain, plant.q)
-        samples, arms = timeline.ticks + 1, plant.chain.model.arms
+        count, arms, model = timeline.ticks + 1, plant.chain.model.arms, plant.chain.mechanism.model
         joints = max(len(arm.drive) for arm in arms)
-        m, model = len(arms), plant.chain.mechanism.model
-        self._jacobians = [np.zeros((samples, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
-        self._samples = RunSamples(
-            time=np.zeros(samples),
-            configuration=np.zeros((samples, model.nq)),
-            velocity=np.zeros((samples, model.nv)),
-            payload_pose=np.zeros((samples, 4, 4)),
-            payload_twist=np.zeros((samples, 6)),
-            desired_pose=np.zeros((samples, 4, 4)),
-            desired_twist=np.zeros((samples, 6)),
-            desired_squeeze=np.zeros((samples, m, 6)),
-            tip_position=np.zeros((samples, m, 3)),
-            drive_velocity=np.full((samples, m, joints), np.nan),
-            torque=np.full((samples, m, joints), np.nan),
-            commanded_torque=np.full((samples, m, joints), np.nan),
-            saturated=np.zeros((samples, m, joints), dtype=bool),
-            joint_position=np.full((samples, m, joints), np.nan),
-            joint_velocity=np.full((samples, m, joints), np.nan),
-            interaction_wrench=np.zeros((samples, m, 6)),
-            external_wrench=np.zeros((samples, 6)),
-            closure_error=np.zeros((samples, m, 2)),
-            jacobian_condition=np.zeros((samples, m)),
-            energy=np.zeros((samples, 2)),
-            work=np.zeros((samples, len(CHANNELS) + 1)),
-        )
+        sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
+        self._samples = allocate(count, sizes)
+        self._jacobians = [np.zeros((count, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
 
     def record(
         self,
@@ -73,52 +51,44 @@ class Recorder:
     ) -> None:
         """Record one tick; the plant already holds its torques."""
         kept, plant = self._samples, self._plant
-        kept.time[tick] = time
-        kept.configuration[tick], kept.velocity[tick] = plant.q, plant.v
-        seen = plant.observe()
-        kept.payload_pose[tick], kept.payload_twist[tick] = seen.payload_pose, seen.payload_twist
-        kept.tip_position[tick], kept.closure_error[tick] = seen.tip_positions, seen.closure_errors
-        kept.interaction_wrench[tick] = seen.interaction_wrenches
-        kept.desired_pose[tick], kept.desired_twist[tick], kept.desired_squeeze[tick] = (
-            target.X_WP_d,
-            target.V_WP_d,
-            squeeze,
-        )
-        kept.external_wrench[tick] = plant.external
-        kept.energy[tick] = seen.energy
-        kept.work[tick, :-1], kept.work[tick, -1] = plant.work, self.payload_energy
+        seen, work = plant.observe(), (*plant.work, self.payload_energy)
+        distances, angles = zip(*seen.closure_errors, strict=True)
+        for name, value in {
+            "time": time,
+            "configuration": plant.q,
+            "velocity": plant.v,
+            "payload_pose": seen.payload_pose,
+            "payload_twist": seen.payload_twist,
+            "desired_pose": target.X_WP_d,
+            "desired_twist": target.V_WP_d,
+            "desired_squeeze": squeeze,
+            "tip_position": seen.tip_positions,
+            "interaction_wrench": np.where(self._determined, seen.interaction_wrenches, np.nan),
+            "external_wrench": plant.external,
+            "closure_distance": distances,
+            "closure_angle": angles,
+            "kinetic_energy": seen.energy.kinetic,
+            "potential_energy": seen.energy.potential,
+            **{f"work_{c}": done for c, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
+        }.items():
+            kept[name][tick] = value
         for index, measurement in enumerate(measurements):
             drives = len(measurement.v)
-            kept.torque[tick, index, :drives] = applied.torques[index]
-            kept.commanded_torque[tick, index, :drives] = applied.commanded[index]
-            kept.saturated[tick, index, :drives] = applied.saturated[index]
-            kept.drive_velocity[tick, index, :drives] = measurement.v
+            kept["torque"][tick, index, :drives] = applied.torques[index]
+            kept["commanded_torque"][tick, index, :drives] = applied.commanded[index]
+            kept["saturated"][tick, index, :drives] = applied.saturated[index]
+            kept["drive_velocity"][tick, index, :drives] = measurement.v
             self._jacobians[index][tick] = measurement.payload_jacobian
         self.count = tick + 1
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
-        kept, last = self._samples, self.count - 1
-        interaction, pose = (
-            np.where(self._determined, kept.interaction_wrench[last], np.nan),
-            kept.payload_pose[last],
-        )
-        return Snapshot(
-            time=float(kept.time[last]),
-            configuration=frozen(kept.configuration[last]),
-            payload_pose=frozen(pose),
-            desired_pose=frozen(kept.desired_pose[last]),
-            tip_position=frozen(kept.tip_position[last]),
-            interaction_wrench=frozen(interaction),
-            internal_wrench=frozen(internal_wrenches(interaction, self._cell.shares)),
-            desired_internal_wrench=frozen(rotate_vector6(pose[:3, :3], kept.desired_squeeze[last])),
-            external_wrench=frozen(kept.external_wrench[last]),
-            torque=frozen(kept.torque[last]),
-            saturated=frozen(kept.saturated[last]),
-            jacobian_condition=frozen(
-                np.array([np.linalg.cond(jacobians[last]) for jacobians in self._jacobians])
-            ),
-        )
+        last = slice(self.count - 1, self.count)
+        samples = {name: values[last] for name, values in self._samples.items()}
+        samples["jacobian_condition"] = np.array([[np.linalg.cond(J[last])[0] for J in self._jacobians]])
+        values = computed(samples, self._cell.shares, Snapshot._fields)
+        arrays = {name: frozen(values[name][0]) for name in Snapshot._fields if name != "time"}
+        return Snapshot(time=float(values["time"][0]), **arrays)
 
     def result(self, scenario: Scenario) -> RunResult:
         """Return the result up to the last recorded tick.
@@ -126,26 +96,23 @@ class Recorder:
         Args:
             scenario: what was run.
         """
-        kept, cell = self._samples.first(self.count), self._cell
-        kept.interaction_wrench[..., ~self._determined] = np.nan
-        for index, (place, jacobians) in enumerate(
-            zip(self._plant.chain.model.arms, self._jacobians, strict=True)
-        ):
-            kept.jacobian_condition[:, index] = np.linalg.cond(jacobians[: self.count])
+        kept, cell = {name: values[: self.count] for name, values in self._samples.items()}, self._cell
+        arms = self._plant.chain.model.arms
+        for index, (place, jacobians) in enumerate(zip(arms, self._jacobians, strict=True)):
+            kept["jacobian_condition"][:, index] = np.linalg.cond(jacobians[: self.count])
             posture, joints = cell.arms[place.name].posture, len(place.drive)
             start = np.zeros(joints) if posture is None else np.array(posture)
-            kept.joint_position[:, index, :joints] = place.angles.along(
-                kept.configuration[:, place.q_slice], start
-            )
-            kept.joint_velocity[:, index, :joints] = kept.velocity[:, place.v_slice]
-        return RunResult.from_samples(scenario, kept, self._limit_table(kept.torque.shape[2]))
+            angles = place.angles.along(kept["configuration"][:, place.q_slice], start)
+            kept["joint_position"][:, index, :joints] = angles
+            kept["joint_velocity"][:, index, :joints] = kept["velocity"][:, place.v_slice]
+        names = [arm.joint_names for arm in arms]
+        return RunResult(scenario, dataset(scenario, kept, names, self._limit_table(kept["torque"].shape[2])))
 
-    def _limit_table(self, joints: int) -> LimitTable:
-        """Return the limits with one row for each arm, NaN where there is none."""
-        tables = np.full((4, len(self._limits), joints), np.nan)
+    def _limit_table(self, joints: int) -> Array:
+        """Return the four limits of each arm's joints, shape (4, m, joints); NaN where there is none."""
+        table = np.full((4, len(self._limits), joints), np.nan)
         for index, limits in enumerate(self._limits):
             columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
-            for table, values in zip(tables, columns, strict=True):
-                table[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
-        names = tuple(arm.joint_names for arm in self._plant.chain.model.arms)
-        return LimitTable(names, *tables)
+            for row, values in zip(table, columns, strict=True):
+                row[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
+        return table

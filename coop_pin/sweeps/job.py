@@ -13,7 +13,7 @@ from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
-from coop_pin.sweeps.record import Failure, Record, flat
+from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.run_key import CodeDigest, require_unchanged
 
 
@@ -88,10 +88,10 @@ def _deadline(limit: float) -> Callable[[int, int], None]:
 
 def _metrics(result: RunResult, user_metrics: tuple[str, ...]) -> dict[str, float]:
     """Return the metrics of a run, the user's last."""
-    metrics = dict(result.metrics())
+    metrics = result.metrics()
     for name in user_metrics:
-        metrics |= load_function(name, {})(result)
-    return flat(metrics)
+        metrics |= {metric: float(value) for metric, value in load_function(name, {})(result).items()}
+    return metrics
 
 
 def _netcdf(result: RunResult) -> bytes:

@@ -111,19 +111,6 @@ class Record(NamedTuple):
         return cls(**content | {"metrics": _read(content["metrics"]), "failure": failure})
 
 
-def flat(metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Return metrics as plain numbers; an entry i of a list is named ``name.i``."""
-    numbers: dict[str, float] = {}
-    for name, value in metrics.items():
-        entries = (
-            {f"{name}.{i}": entry for i, entry in enumerate(value)}
-            if isinstance(value, list | tuple)
-            else {name: value}
-        )
-        numbers |= {key: float(entry) for key, entry in entries.items()}
-    return numbers
-
-
 def _written(numbers: Mapping[str, float]) -> dict[str, float | str]:
     """Return numbers for JSON, which has no infinity and no not-a-number: they become text."""
     return {name: value if math.isfinite(value) else str(value) for name, value in numbers.items()}

@@ -1,0 +1,56 @@
+"""Results: the dataset has what its table declares, and the internal force has the parts that its definition says."""
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.errors import ResultFileError
+from coop_pin.results.dataset import QUANTITIES
+
+STATIC = {
+    "position_lower",
+    "position_upper",
+    "velocity_limit",
+    "torque_limit",
+    "joint_name",
+    "wrench_is_determined",
+}
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def result(request):
+    return cp.run(SCENARIOS[request.param]().replace(duration=0.5, events=()))
+
+
+def test_the_dataset_has_the_variables_of_the_table(result):
+    stored = [quantity for quantity in QUANTITIES if quantity.stored]
+    assert set(result.data.data_vars) == {quantity.name for quantity in stored} | STATIC
+    for name, dims, unit, text, *_ in stored:
+        assert result.data[name].dims == ("time", *dims.split())
+        assert result.data[name].attrs == {"units": unit, "long_name": text}
+
+
+@pytest.mark.parametrize(("prefix", "suffix"), [("", ""), ("desired_", ""), ("", "_error")])
+def test_axial_shear_and_moment_are_the_parts_of_the_internal_wrench(result, prefix, suffix):
+    """Axial along the line from an arm's tip to the middle of the other tips; undetermined rows count as zero."""
+    data = result.data
+    wrench = data[f"{prefix}internal_wrench"].values
+    if suffix:
+        wrench = wrench - data["desired_internal_wrench"].values
+    wrench, tips = np.nan_to_num(wrench), data["tip_position"].values
+    for arm in range(len(data.arm)):
+        line = np.delete(tips, arm, axis=1).mean(axis=1) - tips[:, arm]
+        axial = (wrench[:, arm, :3] * line).sum(axis=1) / np.linalg.norm(line, axis=1)
+        shear = np.linalg.norm(np.cross(line, wrench[:, arm, :3]), axis=1) / np.linalg.norm(line, axis=1)
+        moment = np.linalg.norm(wrench[:, arm, 3:], axis=1)
+        for part, expected in (("axial", axial), ("shear", shear), ("moment", moment)):
+            found = data[f"{prefix}internal_{part}{suffix}"].values[:, arm]
+            assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_file_that_lacks_a_variable_is_refused_with_its_name(result, tmp_path):
+    cp.RunResult(result.scenario, result.data.drop_vars("internal_axial")).save(tmp_path / "result.nc")
+    with pytest.raises(ResultFileError, match="internal_axial"):
+        cp.RunResult.load(tmp_path / "result.nc")
