@@ -7,7 +7,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.errors import NotFiniteError, ShapeError
+from coop_pin.errors import OutOfRangeError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -28,7 +28,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        NotFiniteError: an entry is NaN or infinite.
+        OutOfRangeError: an entry is NaN or infinite.
     """
     try:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
@@ -42,7 +42,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
-        raise NotFiniteError(name, index, float(array[index]))
+        raise OutOfRangeError(name, float(array[index]), "a finite number", index)
     return array
 
 

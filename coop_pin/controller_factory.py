@@ -25,7 +25,7 @@ from coop_pin.description import switching
 from coop_pin.description.gains import PostureGains, gain_matrix
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.switching import Switching as SwitchingChoice
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.model.arm_model import ArmModel
 
 
@@ -33,8 +33,8 @@ def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
 
     Raises:
-        FieldShapeError: a gain does not fit its arm.
-        EntryNotFoundError: a user's module or class does not exist.
+        FieldError: a gain does not fit its arm.
+        NameNotFoundError: a user's module or class does not exist.
     """
     chosen = scenario.controller
     if isinstance(chosen, choice.UserController):
@@ -127,10 +127,10 @@ def _users_class(target: str) -> Any:
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:
-        raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
+        raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     kind = getattr(module, class_name, None)
     if not isinstance(kind, type):
-        raise EntryNotFoundError(
+        raise NameNotFoundError(
             "class",
             class_name,
             [name for name in dir(module) if name[0].isupper()],

@@ -188,7 +188,7 @@ def test_a_start_out_of_reach_is_reported_not_raised():
     arm = report.arms[0]
     assert not report.ok
     assert isinstance(arm.refusal, UnreachablePoseError)
-    assert arm.refusal.gap_m == pytest.approx(0.1, rel=1e-3)
+    assert arm.refusal.distance == pytest.approx(0.1, rel=1e-3)
     assert (arm.loss, arm.singular, arm.fastest, len(arm.times)) == (None, None, None, 0)
     assert "cannot hold the start: arm 'only' misses its grasp by 0.1 m" in report.text()
 

@@ -20,8 +20,8 @@ import coop_pin as cp
 import coop_pin.sweeps.backend as where
 from coop_pin.cli import main
 from coop_pin.errors import (
-    EntryNotFoundError,
     FieldError,
+    NameNotFoundError,
     NothingFeasibleError,
     StoreLockedError,
     SweepInterruptedError,
@@ -331,7 +331,7 @@ def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
 
 
 def test_a_metric_that_runs_do_not_have_is_refused_with_those_they_have(tmp_path, method):
-    with pytest.raises(EntryNotFoundError, match="torque_peak_Nm"):
+    with pytest.raises(NameNotFoundError, match="torque_peak_Nm"):
         cp.tune(SHORT, RANGES, out=tmp_path, method=method, **OPTIONS | {"minimize": "torque_peak"})
 
 

@@ -163,7 +163,7 @@ class ArmWalk:
         try:
             solve_ik(self._name, self._model, self._route.poses[worst], self._near)
         except UnreachablePoseError as error:
-            gap_m, gap_rad, other_branch = error.gap_m, error.gap_rad, False
+            gap_m, gap_rad, other_branch = error.distance, error.angle, False
         time = self._last_held(int(np.argmin(self._held)))
         return Unreachable(time, float(self._route.times[worst]), gap_m, gap_rad, other_branch)
 

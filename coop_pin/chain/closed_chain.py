@@ -72,7 +72,7 @@ class ClosedChain:
                 of a spatial loop for independent ones and stops the mechanism.
 
         Raises:
-            FrameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame does not exist.
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
@@ -108,10 +108,10 @@ class ClosedChain:
             mimic: what to do about joints that mimic others: "refuse" the URDF, or "ignore" the coupling.
 
         Raises:
-            UrdfNotFoundError: there is no such file.
-            UrdfError: the URDF has structural defects; MimicJointError: joints mimic others.
-            ShapeError, NotFiniteError: gravity is not three finite numbers.
-            FrameNotFoundError, FieldError, ArgumentError: as for the constructor.
+            UrdfError: there is no such file; the URDF has structural defects; MimicJointError: joints mimic
+                others.
+            ShapeError, OutOfRangeError: gravity is not three finite numbers.
+            NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
         return cls(
             mechanism_model(path_or_xml, gravity, mimic == "ignore"), closures, stabilisation, formulation
@@ -125,7 +125,7 @@ class ClosedChain:
         """Return the configuration with some joints at given angles (rad, m) and the others neutral, shape (nq,).
 
         Raises:
-            JointNotFoundError: a joint does not exist.
+            NameNotFoundError: a joint does not exist.
             ArgumentError: a joint has more than one angle.
         """
         return configuration_at(self.model, angles)
@@ -134,7 +134,7 @@ class ClosedChain:
         """Return the velocity with some joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
 
         Raises:
-            JointNotFoundError: a joint does not exist.
+            NameNotFoundError: a joint does not exist.
             ArgumentError: a joint has more than one rate.
         """
         return velocity_at(self.model, rates)
@@ -143,7 +143,7 @@ class ClosedChain:
         """Return the pose X_WF of a frame in the world, shape (4, 4).
 
         Raises:
-            FrameNotFoundError: the frame does not exist.
+            NameNotFoundError: the frame does not exist.
         """
         index = frame_id(self.model, frame)
         pin.forwardKinematics(self.model, self._data, self._q(q))
@@ -197,7 +197,7 @@ class ClosedChain:
             OpenClosureError: the closures are open at the start.
             IntegrationError: the motion breaks down: the step is too long, or torque runs away.
             ArgumentError: torque cannot be called.
-            ShapeError, NotFiniteError, NotPositiveError: an argument is not what it must be, the value of
+            ShapeError, OutOfRangeError: an argument is not what it must be, the value of
                 torque included.
         """
         start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)

@@ -58,7 +58,7 @@ class Closure:
         """Check the poses.
 
         Raises:
-            ShapeError, NotFiniteError, NotAPoseError: X_a or X_b is not a pose.
+            ShapeError, OutOfRangeError, NotAPoseError: X_a or X_b is not a pose.
         """
         for name in ("X_a", "X_b"):
             if getattr(self, name) is not None:

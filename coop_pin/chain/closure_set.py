@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure, error_function
-from coop_pin.errors import FrameNotFoundError
+from coop_pin.errors import NameNotFoundError
 from coop_pin.model.pinocchio_model import frame_id
 
 _UNIVERSE = 0
@@ -35,7 +35,7 @@ class ClosureFrame:
             X: pose of C in it, shape (4, 4); the frame itself when None.
 
         Raises:
-            FrameNotFoundError: the frame does not exist.
+            NameNotFoundError: the frame does not exist.
         """
         self.named = _frame_id(model, name)
         frame = model.frames[self.named]
@@ -67,11 +67,11 @@ def _frame_id(model: pin.Model, name: str) -> int:
     """Return the index of a frame; "world" is the universe where no link has that name.
 
     Raises:
-        FrameNotFoundError: no frame has that name.
+        NameNotFoundError: no frame has that name.
     """
     try:
         return frame_id(model, name)
-    except FrameNotFoundError:
+    except NameNotFoundError:
         if name == "world":
             return _UNIVERSE
         raise
@@ -121,7 +121,7 @@ class ClosureSet:
         """Resolve every frame once.
 
         Raises:
-            FrameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame does not exist.
         """
         self.closures = tuple(closures)
         self.sides = [

@@ -17,8 +17,8 @@ from coop_pin.errors import (
     ArgumentError,
     IntegrationError,
     MassMatrixError,
-    NotPositiveError,
     OpenClosureError,
+    OutOfRangeError,
 )
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
@@ -123,11 +123,11 @@ def time_grid(duration: float, step: float) -> Array:
     """Return the times 0, step, 2 step, ... and duration itself; the last step is shorter where step does not divide duration.
 
     Raises:
-        ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than
+        ShapeError, OutOfRangeError: duration or step is not a finite number greater than
             zero.
     """
     for name, value in (("duration", duration), ("step", step)):
         if not float(as_array(name, value)) > 0.0:
-            raise NotPositiveError(name, float(value))
+            raise OutOfRangeError(name, float(value))
     whole = int(np.ceil(duration / step * (1.0 - _ROUNDING)))
     return np.append(step * np.arange(whole), duration)

@@ -14,8 +14,8 @@ import tyro
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
 from coop_pin.errors import (
     CodeChangedError,
+    FileWriteError,
     StoreLockedError,
-    StoreWriteError,
     SweepInterruptedError,
     WorkersLostError,
 )
@@ -106,7 +106,7 @@ def run_sweep(command: Sweep) -> int:
     }
     try:
         result = sweep(plan, out=folder, workers=command.workers, **options)
-    except (CodeChangedError, StoreLockedError, StoreWriteError, WorkersLostError) as error:
+    except (CodeChangedError, StoreLockedError, FileWriteError, WorkersLostError) as error:
         print(f"coop-pin: {error}", file=sys.stderr)
         return FAILED
     except SweepInterruptedError as interrupt:
@@ -126,8 +126,8 @@ def show_sweep(command: SweepShow) -> int:
     """Print what a sweep says and return the exit code.
 
     Raises:
-        SweepStoreError: the folder is not that of a sweep.
-        EntryNotFoundError: no run has the metric.
+        FileReadError: the folder is not that of a sweep.
+        NameNotFoundError: no run has the metric.
     """
     result = SweepResult.load(command.folder)
     print(result.summary())

@@ -16,9 +16,9 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
     CodeChangedError,
     FieldError,
+    FileWriteError,
     NothingFeasibleError,
     StoreLockedError,
-    StoreWriteError,
     SweepInterruptedError,
     WorkersLostError,
 )
@@ -108,7 +108,7 @@ def run_tune(command: Tune) -> int:
         CodeChangedError,
         NothingFeasibleError,
         StoreLockedError,
-        StoreWriteError,
+        FileWriteError,
         WorkersLostError,
     ) as error:
         print(f"coop-pin: {error}", file=sys.stderr)

@@ -58,7 +58,7 @@ class View:
             FieldError: a time is given, but no image to show it.
         """
         from coop_pin.description import scenario_names
-        from coop_pin.errors import FieldError, VideoError
+        from coop_pin.errors import FieldError, FileWriteError
 
         path = Path(self.what)
         if self.time is not None and self.image is None:
@@ -68,7 +68,7 @@ class View:
 
             try:
                 write_pictures(path, self.image, self.time, self.video)
-            except VideoError as error:
+            except FileWriteError as error:
                 print(f"coop-pin: {error}", file=sys.stderr)
                 return FAILED
             return OK
@@ -130,10 +130,10 @@ def write_pictures(run: Path, image: Path | None, time: float | None, video: Pat
         video: MP4 to write.
 
     Raises:
-        ResultFileError: the result is missing or damaged.
+        FileReadError: the result is missing or damaged.
         MissingExtraError: the extra 'video' is not installed.
-        BrowserNotFoundError: there is no browser.
-        TimeOutsideRunError: the run does not have that time.
+        BrowserError: there is no browser.
+        OutOfRangeError: the run does not have that time.
     """
     from coop_pin.results import RunResult
     from coop_pin.run_folder import RunFolder

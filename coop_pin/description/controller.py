@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.switching import Sign, Switching
-from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
+from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, NotNegative
 
 
@@ -180,7 +180,7 @@ def _unequal(controller: Prescribed, arms: list[str]) -> list[FieldError]:
         first = next(iter(values.values()))
         if any(not _same(value, first) for value in values.values()):
             detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms. Make them equal, {_INSIST}"
-            problems.append(UnequalGainsError(detail, f"arm_gains.*.{field}"))
+            problems.append(FieldError(detail, f"arm_gains.*.{field}"))
     return problems
 
 
@@ -197,7 +197,7 @@ def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldEr
         if largest == 0.0:
             return []
         return [
-            ForceGainBoundError(
+            FieldError(
                 f"is {largest:g}, but force_path.kind 'none' measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
                 path,
             )
@@ -205,4 +205,4 @@ def _beyond_force_bound(controller: Prescribed, arms: list[str]) -> list[FieldEr
     if largest < bound:
         return []
     detail = f"is {largest:g}; force feedback sampled over {controller.force_path.kind!r} is unstable from {bound:g} on. Lower it, {_INSIST}"
-    return [ForceGainBoundError(detail, path)]
+    return [FieldError(detail, path)]

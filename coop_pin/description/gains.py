@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator
 
 from coop_pin.arrays import Array
-from coop_pin.errors import FieldError, FieldShapeError, SignGainError
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 
 Gain = NumberVectorOrMatrix
@@ -18,18 +18,18 @@ Gain = NumberVectorOrMatrix
 def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     rows = np.array(alpha)
     if rows.ndim == 2 and (rows.shape[0] != rows.shape[1] or np.any(rows != np.diag(np.diag(rows)))):
-        raise SignGainError(
+        raise FieldError(
             f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
         )
     if np.min(rows) < 0.0:
-        raise SignGainError(f"is {rows.tolist()}; alpha must not be negative")
+        raise FieldError(f"is {rows.tolist()}; alpha must not be negative")
     return alpha
 
 
 def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     rows = np.array(gain, dtype=float)
     if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
-        raise FieldShapeError(f"has shape {rows.shape}; a gain matrix is square")
+        raise FieldError(f"has shape {rows.shape}; a gain matrix is square")
     if rows.ndim < 2:
         if np.min(rows) <= 0.0:
             raise FieldError(
@@ -104,9 +104,9 @@ def gain_matrix(gain: float | tuple[Any, ...], size: int, name: str) -> Array:
     """Return a gain as a (size, size) matrix.
 
     Raises:
-        FieldShapeError: its number of entries does not fit.
+        FieldError: its number of entries does not fit.
     """
     rows = np.array(gain, dtype=float)
     if rows.ndim and len(rows) != size:
-        raise FieldShapeError(f"has {len(rows)} entries; it must be a number or have {size}", name)
+        raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", name)
     return rows * np.eye(size) if rows.ndim < 2 else rows

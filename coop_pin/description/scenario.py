@@ -19,7 +19,7 @@ from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.motion import Motion
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
-from coop_pin.errors import EntryNotFoundError, EventTimeError, FieldError, ScenarioFileError, one_or_all
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, one_or_all
 from coop_pin.schema.base import Description, Positive, Vector
 from coop_pin.schema.pose import Pose
 
@@ -35,11 +35,11 @@ def scenario_path(name: str) -> Path:
     """Return the file of a shipped scenario.
 
     Raises:
-        EntryNotFoundError: there is none of that name.
+        NameNotFoundError: there is none of that name.
     """
     path = _FOLDER / f"{name}.toml"
     if name not in scenario_names():
-        raise EntryNotFoundError("scenario", name, scenario_names(), "the catalogue")
+        raise NameNotFoundError("scenario", name, scenario_names(), "the catalogue")
     return path
 
 
@@ -123,7 +123,7 @@ class Scenario(Description):
             end = event.end if isinstance(event, WrenchPulse) else event.time
             if end > duration:
                 late.append(
-                    EventTimeError(
+                    FieldError(
                         f"ends at t = {end:g} s; the run ends at {duration:g} s: lengthen it or move the event",
                         f"{index}.time",
                     )
@@ -147,8 +147,8 @@ class Scenario(Description):
             overrides: fields to change, by dotted path.
 
         Raises:
-            EntryNotFoundError: no such name or file.
-            ScenarioFileError: the file is not TOML.
+            NameNotFoundError: no such name or file.
+            FileReadError: the file is not TOML.
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
         path = Path(name_or_path)
@@ -159,7 +159,7 @@ class Scenario(Description):
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ScenarioFileError(f"{path} is not a TOML file, as a scenario is: {error}") from None
+            raise FileReadError(f"{path} is not a TOML file, as a scenario is: {error}") from None
         _anchor_files(data, path.parent)
         return cls.from_dict(data, overrides)
 
@@ -174,13 +174,13 @@ class Scenario(Description):
         """Read a scenario as written by to_toml.
 
         Raises:
-            ScenarioFileError: the text is not TOML.
+            FileReadError: the text is not TOML.
             ScenarioError: the scenario has mistakes.
         """
         try:
             data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ScenarioFileError(f"the text is not TOML: {error}") from None
+            raise FileReadError(f"the text is not TOML: {error}") from None
         return cls(**data)
 
     def to_toml(self) -> str:
@@ -195,11 +195,11 @@ class Scenario(Description):
         Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 
-def _missing(path: Path) -> EntryNotFoundError:
+def _missing(path: Path) -> NameNotFoundError:
     """Return the error of a name or path that leads to no scenario; TOML files where it leads are suggested."""
     beside = path if path.is_dir() else path.parent
     files = sorted(map(str, beside.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
-    return EntryNotFoundError(
+    return NameNotFoundError(
         "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
     )
 

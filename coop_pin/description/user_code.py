@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 
 
 def _function_name(value: Any) -> Any:
@@ -40,20 +40,20 @@ def load_function(name: str, options: dict[str, Any]) -> Callable[..., Any]:
         options: its keyword arguments.
 
     Raises:
-        EntryNotFoundError: there is no such module or function.
+        NameNotFoundError: there is no such module or function.
     """
     module_name, _, path = name.partition(":")
     try:
         found: Any = importlib.import_module(module_name)
     except ImportError as error:
-        raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
+        raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):
         known = [entry for entry in dir(found) if not entry.startswith("_")]
         found = getattr(found, part, None)
         if found is None:
-            raise EntryNotFoundError("function", path, known, f"module {module_name!r}")
+            raise NameNotFoundError("function", path, known, f"module {module_name!r}")
     if not callable(found):
-        raise EntryNotFoundError(
+        raise NameNotFoundError(
             "function", path, [], f"module {module_name!r}: {path} is {found!r}, which cannot be called"
         )
     return functools.partial(found, **options) if options else found

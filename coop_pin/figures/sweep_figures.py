@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from coop_pin.arrays import Array
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.style import is_in_ratios, is_wide, label, scale_to_places, scale_to_values, styled
 from coop_pin.sweeps.result import SweepResult
@@ -38,7 +38,7 @@ class MetricTable(NamedTuple):
         """Return the table of a sweep.
 
         Raises:
-            EntryNotFoundError: no run has the metric.
+            NameNotFoundError: no run has the metric.
         """
         values, failed = result.values(metric), result.data["status"] == FAILED
         values = values.where(np.isfinite(values))
@@ -190,7 +190,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
         over: a field with numbers: draw lines along it, one for each place along all other dimensions.
 
     Raises:
-        EntryNotFoundError: no run has the metric, or no dimension the name ``over``.
+        NameNotFoundError: no run has the metric, or no dimension the name ``over``.
         FieldError: nothing that varies has numbers, or there are more lines than a figure can tell apart.
     """
     table = MetricTable.of(result, metric)
@@ -198,7 +198,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     if over is None and len(fields) == 2 and table.values.ndim == 2:
         return map_figure(table)
     if over is not None and over not in table.values.dims:
-        raise EntryNotFoundError("dimension", over, [str(name) for name in table.values.dims], "the sweep")
+        raise NameNotFoundError("dimension", over, [str(name) for name in table.values.dims], "the sweep")
     if (not fields) if over is None else (over not in fields):
         raise FieldError(
             "has no numbers to draw along; use pareto_figure, or result.best", over or "the sweep"
@@ -215,7 +215,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
         metric_b: along the vertical axis; smaller is better.
 
     Raises:
-        EntryNotFoundError: no run has one of the metrics.
+        NameNotFoundError: no run has one of the metrics.
     """
     a, b = (result.values(name).values.ravel() for name in (metric_a, metric_b))
     front = result.pareto(metric_a, metric_b)

@@ -14,7 +14,7 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.urdf import UrdfFile, load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import LockedJointError, MimicJointError, UnsupportedJointError
+from coop_pin.errors import MimicJointError, UrdfError
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
     add_frame,
@@ -53,12 +53,10 @@ def load_arm_model(arm: Arm) -> pin.Model:
     Models are built several times for a run; the file is read again only when it has changed.
 
     Raises:
-        UrdfNotFoundError: the URDF does not exist.
-        UrdfError: it has structural defects; LockedJointError: a locked joint is out of its limits, or none
-            is left;
-            MimicJointError: joints mimic others and ``mimic`` refuses them; UnsupportedJointError: a joint is
-                planar or floating.
-        JointNotFoundError: a locked joint does not exist.
+        UrdfError: the URDF does not exist; it has structural defects; a locked joint is out of its limits, or
+            none is left; MimicJointError: joints mimic others and ``mimic`` refuses them; a joint is planar
+            or floating.
+        NameNotFoundError: a locked joint does not exist.
     """
     file = arm.file
     version = file.path.stat()
@@ -91,12 +89,15 @@ def _whole(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> U
         _lock(model, q, joint, angle)
     moving = robot.unlocked(locked)
     if not moving:
-        raise LockedJointError(
-            f"locks every joint of {file.path.name}; an arm must have one that moves", "locked"
-        )
+        raise UrdfError(f"locks every joint of {file.path.name}; an arm must have one that moves", "locked")
     for joint in moving:
         if robot.joints[joint] not in _DRIVEN:
-            raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
+            raise UrdfError(
+                f"{file.path.name!r} has joint {joint!r} of type {robot.joints[joint]};"
+                " arms have revolute, continuous, prismatic and fixed joints",
+                "urdf",
+                [joint],
+            )
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
@@ -109,13 +110,13 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
     if size == 2:
         q[first : first + 2] = np.cos(angle), np.sin(angle)
     elif size > 2:
-        raise LockedJointError(
+        raise UrdfError(
             "has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}"
         )
     else:
         lower, upper = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
         if not lower - _SLACK <= angle <= upper + _SLACK:
-            raise LockedJointError(
+            raise UrdfError(
                 f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
             )
         q[first] = angle
@@ -144,8 +145,8 @@ class ArmModel:
             gravity: m/s^2, in world axes.
 
         Raises:
-            UrdfNotFoundError, UrdfError: the URDF is missing or defective.
-            FrameNotFoundError: the tip is not in the URDF.
+            UrdfError: the URDF is missing or defective.
+            NameNotFoundError: the tip is not in the URDF.
         """
         alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)]

@@ -37,7 +37,7 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
         name: the arm, for messages.
 
     Raises:
-        FieldShapeError: a coefficient does not fit the arm.
+        FieldError: a coefficient does not fit the arm.
     """
     model, chosen = load_arm_model(arm), arm.friction
     joints = int(model.nv)

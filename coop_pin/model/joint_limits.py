@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.arm import Arm
-from coop_pin.errors import FieldShapeError
+from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import load_arm_model
 from coop_pin.model.joint_angles import JointAngles
 
@@ -43,7 +43,7 @@ def joint_limits(arm: Arm, name: str = "arm") -> JointLimits:
         name: the arm, for messages.
 
     Raises:
-        FieldShapeError: the torque limits do not fit the arm.
+        FieldError: the torque limits do not fit the arm.
     """
     model = load_arm_model(arm)
     angles = JointAngles(model)
@@ -72,10 +72,10 @@ def per_joint(values: Array, joints: int, path: str) -> Array:
     """Return one value for each joint; a single one stands for all.
 
     Raises:
-        FieldShapeError: there are more or fewer values than joints.
+        FieldError: there are more or fewer values than joints.
     """
     if values.ndim and values.shape != (joints,):
-        raise FieldShapeError(f"has {len(values)} entries; the arm has {joints} joints", path)
+        raise FieldError(f"has {len(values)} entries; the arm has {joints} joints", path)
     return np.full(joints, values) if values.ndim == 0 else values
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.urdf import find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArgumentError, FrameNotFoundError, JointNotFoundError, MimicJointError, UrdfError
+from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
@@ -38,13 +38,13 @@ def frame_id(model: pin.Model, name: str) -> int:
     """Return the index of a frame; Pinocchio's own look-up answers a wrong name with an index that corrupts memory.
 
     Raises:
-        FrameNotFoundError: no frame has that name.
+        NameNotFoundError: no frame has that name.
     """
     if not model.existFrame(name):
         # Links first, from the ends of the tree: who misspells a frame of an arm most often means its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
-        raise FrameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
+        raise NameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
     return int(model.getFrameId(name))
 
 
@@ -52,10 +52,10 @@ def joint_id(model: pin.Model, name: str) -> int:
     """Return the index of a joint.
 
     Raises:
-        JointNotFoundError: no joint has that name.
+        NameNotFoundError: no joint has that name.
     """
     if not model.existJointName(name):
-        raise JointNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
+        raise NameNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
     return int(model.getJointId(name))
 
 
@@ -107,9 +107,8 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
         ignore_mimic: let joints that mimic others move on their own.
 
     Raises:
-        UrdfNotFoundError: there is no such file.
-        UrdfError: it has structural defects; MimicJointError: joints mimic others.
-        ShapeError, NotFiniteError: gravity is not three finite numbers.
+        UrdfError: there is no such file; it has structural defects; MimicJointError: joints mimic others.
+        ShapeError, OutOfRangeError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
@@ -131,7 +130,7 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
         angles: rad, or m for a prismatic joint, by joint name.
 
     Raises:
-        JointNotFoundError: a joint does not exist.
+        NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one angle.
     """
     u = velocity_at(model, angles)
@@ -147,7 +146,7 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
         rates: rad/s, or m/s for a prismatic joint, by joint name.
 
     Raises:
-        JointNotFoundError: a joint does not exist.
+        NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one rate.
     """
     v = np.zeros(model.nv)

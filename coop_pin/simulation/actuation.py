@@ -84,7 +84,7 @@ class Transmission:
         """Collect drive matrices and friction.
 
         Raises:
-            FieldShapeError: a friction coefficient does not fit its arm.
+            FieldError: a friction coefficient does not fit its arm.
         """
         sizes = [len(arm.drive) for arm in arms]
         self._slices = [slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i in range(len(sizes))]

@@ -14,7 +14,7 @@ from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
-from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
+from coop_pin.errors import DivergedError, FieldError, InvalidStateError
 from coop_pin.model.joint_limits import joint_limits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
@@ -104,12 +104,15 @@ class Simulation:
         """Do the next tick: measure, let events happen, decide, record, and move on to the tick after it.
 
         Raises:
-            RunFinishedError: the run has come to its end.
-            SingularArmError: an arm became singular.
+            InvalidStateError: the run has come to its end.
+            SingularJacobianError: an arm became singular.
             DivergedError: the motion left the range of finite, closed motion.
         """
         if self.is_finished:
-            raise RunFinishedError(self.timeline.time(self.timeline.ticks))
+            raise InvalidStateError(
+                f"the simulation finished at t = {self.timeline.time(self.timeline.ticks):.6g} s;"
+                " create a new Simulation, or give the scenario a longer duration"
+            )
         with np.errstate(
             over="ignore", invalid="ignore"
         ):  # what runs away is refused with its time, not warned of
@@ -134,10 +137,10 @@ class Simulation:
         """Let something happen to the payload, at the next tick or later.
 
         Raises:
-            EventTimeError: it starts before the next tick, or ends after the run.
+            FieldError: it starts before the next tick, or ends after the run.
         """
         if event.time < self.time:
-            raise EventTimeError(
+            raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
             )
         self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
@@ -152,7 +155,7 @@ class Simulation:
         """Ask for other internal wrenches.
 
         Raises:
-            SqueezeError: it does not name the arms of the cell.
+            FieldError: it does not name the arms of the cell.
         """
         self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze.build(list(self.scenario.cell.arms))
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")

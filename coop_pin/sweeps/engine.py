@@ -87,7 +87,7 @@ class Session:
             FieldError: it names code of the user's own that stands in no file or that workers cannot import,
                 or the scheduler's address is none.
             CodeChangedError: code of the user's own was edited after it was loaded.
-            StoreWriteError: a file cannot be written.
+            FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
         _Pass(plan, self.store, self.bar, retry_failed).run(self._computer)
@@ -253,7 +253,7 @@ def sweep(
             the scheduler's address is none.
         CodeChangedError: code of the user's own was edited after it was loaded.
         StoreLockedError: another process works on the folder.
-        StoreWriteError: the disk is full; every run written before is kept.
+        FileWriteError: the disk is full; every run written before is kept.
         WorkersLostError: the scheduler is gone; every finished run is kept.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
     """

@@ -15,11 +15,10 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import (
-    EntryNotFoundError,
     FieldError,
-    FieldShapeError,
+    FileReadError,
+    NameNotFoundError,
     ScenarioError,
-    ScenarioFileError,
     UnknownFieldError,
     one_or_all,
 )
@@ -129,7 +128,7 @@ class SweepPlan(Description):
         for index, group in enumerate(groups):
             lengths = {field: len(values) for field, values in group.items()}
             if len(set(lengths.values())) != 1:
-                raise FieldShapeError(
+                raise FieldError(
                     f"has fields with {lengths} values; fields that move together need equally many",
                     str(index),
                 )
@@ -179,17 +178,17 @@ class SweepPlan(Description):
         """Read a plan from a TOML file. Paths of scenarios in it are relative to it.
 
         Raises:
-            EntryNotFoundError: there is no such file, or no such scenario.
-            ScenarioFileError: it is not TOML.
+            NameNotFoundError: there is no such file, or no such scenario.
+            FileReadError: it is not TOML.
             ScenarioError: it has mistakes.
         """
         path = Path(path)
         if not path.is_file():
-            raise EntryNotFoundError("sweep file", str(path), [], "the file system")
+            raise NameNotFoundError("sweep file", str(path), [], "the file system")
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
+            raise FileReadError(f"{path} is not a TOML file: {error}") from None
         return cls(**data | {"base": anchored(data.get("base"), path.parent)})
 
     # ------------------------------------------------------------ points

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
-from coop_pin.errors import CoopPinError, SweepStoreError
+from coop_pin.errors import CoopPinError, FileReadError
 
 _HEAD, _MIDDLE, _TAIL = b'{"content": ', b', "sha256": "', b'"}\n'
 _DIGEST = 64
@@ -25,19 +25,19 @@ def from_checksummed_json(data: bytes) -> dict[str, Any]:
     """Return the content.
 
     Raises:
-        SweepStoreError: a bit of it is not as it was written, or it was not written by to_checksummed_json.
+        FileReadError: a bit of it is not as it was written, or it was not written by to_checksummed_json.
     """
     end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
     if end < len(_HEAD) or not (
         data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
     ):
-        raise SweepStoreError("the file was not written by a sweep, or is cut off")
+        raise FileReadError("the file was not written by a sweep, or is cut off")
     body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
     if hashlib.sha256(body).hexdigest().encode() != digest:
-        raise SweepStoreError("the file is damaged: its checksum does not fit its content")
+        raise FileReadError("the file is damaged: its checksum does not fit its content")
     content = json.loads(body)
     if not isinstance(content, dict):
-        raise SweepStoreError("the file was not written by a sweep")
+        raise FileReadError("the file was not written by a sweep")
     return content
 
 
@@ -103,11 +103,11 @@ class Record(NamedTuple):
         """Read a record.
 
         Raises:
-            SweepStoreError: it is damaged, or not a record.
+            FileReadError: it is damaged, or not a record.
         """
         content = from_checksummed_json(data)
         if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
-            raise SweepStoreError("the file is no record of a run, or one of another version")
+            raise FileReadError("the file is no record of a run, or one of another version")
         failure = content["failure"]
         if failure is not None:
             failure = Failure(**failure | {"numbers": _read(failure["numbers"])})

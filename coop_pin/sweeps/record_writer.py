@@ -33,7 +33,7 @@ class OutcomeWriter:
         """Wait.
 
         Raises:
-            StoreWriteError: a file could not be written.
+            FileWriteError: a file could not be written.
         """
         self._pool.shutdown(wait=True)
         if error is None:
@@ -43,7 +43,7 @@ class OutcomeWriter:
         """Write soon; waits when the disk falls behind.
 
         Raises:
-            StoreWriteError: an earlier file could not be written.
+            FileWriteError: an earlier file could not be written.
         """
         self.check()
         self._room.acquire()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
+from coop_pin.errors import FieldError, FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
 from coop_pin.sweeps import sensitivity as answers
@@ -70,7 +70,7 @@ class SweepResult:
         """Read the folder of a sweep, finished or not; another process may be writing it.
 
         Raises:
-            SweepStoreError: the folder is not that of a sweep.
+            FileReadError: the folder is not that of a sweep.
         """
         store = SweepStore(folder)
         return cls(store.read_plan(), store)
@@ -103,7 +103,7 @@ class SweepResult:
         """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
 
         Raises:
-            StoreWriteError: the disk is full.
+            FileWriteError: the disk is full.
         """
         names = self.metric_names
         self.store.write_with("table.csv", lambda part: write_csv(part, self.plan, self.store, names))
@@ -116,10 +116,10 @@ class SweepResult:
         """Return one metric of all runs.
 
         Raises:
-            EntryNotFoundError: no run has it.
+            NameNotFoundError: no run has it.
         """
         if metric not in self.metric_names:
-            raise EntryNotFoundError("metric", metric, self.metric_names, "the sweep")
+            raise NameNotFoundError("metric", metric, self.metric_names, "the sweep")
         return self.data[metric]
 
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
@@ -163,14 +163,17 @@ class SweepResult:
                 ``result.values("position_rms_m") < 0.01``.
 
         Raises:
-            UnfinishedSweepError: runs are missing.
-            EntryNotFoundError: the field is no dimension.
+            InvalidStateError: runs are missing.
+            NameNotFoundError: the field is no dimension.
         """
         missing = self.counts()[MISSING]
         if missing:
-            raise UnfinishedSweepError("a stability boundary", missing, len(self.plan))
+            raise InvalidStateError(
+                f"a stability boundary needs all {len(self.plan)} runs,"
+                f" but {missing} of them failed or are missing; see result.failures"
+            )
         if field not in self.data.dims:
-            raise EntryNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
+            raise NameNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
         kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
         return answers.boundary(stable.all([dim for dim in stable.dims if dim not in kept]), field)
@@ -180,7 +183,7 @@ class SweepResult:
 
         Raises:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
-            UnfinishedSweepError: runs failed, are missing, or have no finite value.
+            InvalidStateError: runs failed, are missing, or have no finite value.
         """
         sample = self.plan.sample
         if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
@@ -190,7 +193,10 @@ class SweepResult:
         values = self.values(metric).values
         unfinished = int(np.count_nonzero(~np.isfinite(values)))
         if unfinished:
-            raise UnfinishedSweepError(f"the Sobol' indices of {metric}", unfinished, len(self.plan))
+            raise InvalidStateError(
+                f"the Sobol' indices of {metric} needs all {len(self.plan)} runs,"
+                f" but {unfinished} of them failed or are missing; see result.failures"
+            )
         return answers.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
 
     # ------------------------------------------------------------ single runs
@@ -209,7 +215,7 @@ class SweepResult:
         """
         try:
             record = self.store.read(key_of(self.plan, number))
-        except SweepStoreError:
+        except FileReadError:
             record = None
         kept = self.store.read_result(record) if record is not None else None
         return kept if kept is not None else run(self.plan.scenario(number))
@@ -252,4 +258,4 @@ class SweepResult:
 
     def _require_coordinate(self, field: str) -> None:
         if field not in self.data.coords:
-            raise EntryNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
+            raise NameNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")

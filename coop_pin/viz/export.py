@@ -15,16 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.errors import (
-    BrowserError,
-    BrowserNotFoundError,
-    MissingExtraError,
-    NotFiniteError,
-    NotPositiveError,
-    PictureSizeError,
-    TimeOutsideRunError,
-    VideoError,
-)
+from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.replay import replay_html
@@ -56,8 +47,7 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
 
     Raises:
         MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: the browser does not start, or the page reported an error.
+        BrowserError: there is no browser; the browser does not start, or the page reported an error.
     """
     sync_api, complaints = _playwright(), []
     with sync_api.sync_playwright() as driver:
@@ -92,20 +82,20 @@ def find_browser(own: Path) -> str:
         own: where playwright puts its own.
 
     Raises:
-        BrowserNotFoundError: there is none, or not where the variable says.
+        BrowserError: there is none, or not where the variable says.
     """
     named = os.environ.get(_VARIABLE)
     if named:
         found = shutil.which(named)
         if found is None:
-            raise BrowserNotFoundError((f"{_VARIABLE}={named}",))
+            raise BrowserError(None, "looked for " + ", ".join((f"{_VARIABLE}={named}",)))
         return found
     if own.is_file():
         return str(own)
     installed = (shutil.which(name) for name in (*_NAMES, str(_MAC)))
     path = next((path for path in installed if path is not None), None)
     if path is None:
-        raise BrowserNotFoundError((_VARIABLE, str(own), *_NAMES))
+        raise BrowserError(None, "looked for " + ", ".join((_VARIABLE, str(own), *_NAMES)))
     return path
 
 
@@ -166,14 +156,12 @@ def save_image(
 
     Raises:
         MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
-        TimeOutsideRunError: the run does not have that time.
-        PictureSizeError: width or height is too small.
+        BrowserError: there is no browser; it drew nothing.
+        OutOfRangeError: the run does not have that time; width or height is too small.
     """
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
-        raise TimeOutsideRunError(time, result.end)
+        raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
     (picture,) = in_own_thread(lambda _: list(page_pictures(replay_html(result), [time], width, height)))
     write_atomically(Path(path), lambda part: part.write_bytes(picture))
 
@@ -199,17 +187,15 @@ def save_video(
 
     Raises:
         MissingExtraError: playwright, imageio or imageio-ffmpeg is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
-        NotPositiveError: the frame rate is not greater than zero.
-        NotFiniteError: it is infinite.
-        PictureSizeError: width or height is too small, or odd.
-        VideoError: the encoder did not write all of it.
+        BrowserError: there is no browser; it drew nothing.
+        OutOfRangeError: the frame rate is not greater than zero; it is infinite; width or height is too
+            small, or odd.
+        FileWriteError: the encoder did not write all of it.
     """
     times = frame_times(result.end, frames_per_second)
     for name, value in (("width", width), ("height", height)):
         if value % 2:
-            raise PictureSizeError(name, value, "even in a video")
+            raise OutOfRangeError(name, value, "an even number of pixels in a video")
     packages, page = _video_packages(), replay_html(result)
 
     def encode(stop: threading.Event, part: Path) -> int:
@@ -220,7 +206,9 @@ def save_video(
     def write(part: Path) -> None:
         frames = in_own_thread(lambda stop: encode(stop, part))
         if frames < len(times):
-            raise VideoError(Path(path), frames, len(times))
+            raise FileWriteError(
+                str(path), f"the encoder wrote {frames} of {len(times)} frames (its message is above)"
+            )
 
     write_atomically(Path(path), write)
 
@@ -233,13 +221,12 @@ def frame_times(end: float, frames_per_second: float) -> Array:
         frames_per_second: 1/s.
 
     Raises:
-        NotPositiveError: the rate is not greater than zero.
-        NotFiniteError: it is infinite.
+        OutOfRangeError: the rate is not greater than zero; it is infinite.
     """
     if not frames_per_second > 0.0:
-        raise NotPositiveError("frames_per_second", frames_per_second)
+        raise OutOfRangeError("frames_per_second", frames_per_second)
     if not np.isfinite(frames_per_second):
-        raise NotFiniteError("frames_per_second", (), frames_per_second)
+        raise OutOfRangeError("frames_per_second", frames_per_second, "a finite number")
     return np.arange(int(end * frames_per_second + _ROUNDING) + 1) / frames_per_second
 
 
@@ -254,13 +241,12 @@ def page_pictures(page: str, times: Iterable[float], width: int, height: int) ->
 
     Raises:
         MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: it drew nothing.
-        PictureSizeError: width or height is too small.
+        BrowserError: there is no browser; it drew nothing.
+        OutOfRangeError: width or height is too small.
     """
     for name, value in (("width", width), ("height", height)):
         if value < _LEAST_PIXELS:
-            raise PictureSizeError(name, value, f"at least {_LEAST_PIXELS}")
+            raise OutOfRangeError(name, value, f"at least {_LEAST_PIXELS} pixels")
     with offline_page(width, height) as browser_page:
         browser_page.set_content(page)
         browser_page.add_style_tag(content=_WITHOUT_BUTTONS)

@@ -12,7 +12,7 @@ from coop_pin.controller_factory import build_controller
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import SteadySqueeze
-from coop_pin.errors import CoopPinError, SqueezeError, UserCodeError
+from coop_pin.errors import CoopPinError, FieldError, UserCodeError
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import RealtimePacer, Simulation
 
@@ -38,7 +38,7 @@ class LiveRun:
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
-            NotPositiveError: the pace is not greater than zero.
+            OutOfRangeError: the pace is not greater than zero.
         """
         self.scenario, self.error = scenario, None
         self._view, self._pace = view, RealtimePacer(realtime_rate)
@@ -138,12 +138,12 @@ class LiveRun:
         """Scale the scenario's squeeze at t = 0 until its largest force on an arm is this, N.
 
         Raises:
-            SqueezeError: the scenario has no squeeze to scale.
+            FieldError: the scenario has no squeeze to scale.
         """
         wrenches = self.scenario.squeeze_wrenches
         present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
         if not present > 0.0:
-            raise SqueezeError(
+            raise FieldError(
                 "is zero; there is no direction to squeeze in. Give the scenario a squeeze first", "squeeze"
             )
         table = {

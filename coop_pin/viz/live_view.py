@@ -11,7 +11,7 @@ from typing import Protocol
 
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
+from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
 from coop_pin.figures import palette
 from coop_pin.results import RunResult, Snapshot, ThrottledObserver
 from coop_pin.viz.cell_scene import COLOURS, TRAIL_RADIUS_M, TRAIL_SPACING_M
@@ -52,10 +52,10 @@ class FrameRate:
         """Start with a frame that is due.
 
         Raises:
-            NotPositiveError: the rate is not greater than zero.
+            OutOfRangeError: the rate is not greater than zero.
         """
         if not frames_per_second > 0.0:
-            raise NotPositiveError("frames_per_second", frames_per_second)
+            raise OutOfRangeError("frames_per_second", frames_per_second)
         self._period, self._due = 1.0 / frames_per_second, -1.0
 
     def is_due(self) -> bool:
@@ -124,7 +124,7 @@ class LiveView:
             port: on 127.0.0.1; 0 for any free one.
 
         Raises:
-            NotPositiveError: the rate is not greater than zero.
+            OutOfRangeError: the rate is not greater than zero.
             PortTakenError: the chosen port cannot be had.
         """
         self._rate = FrameRate(frames_per_second)

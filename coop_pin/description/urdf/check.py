@@ -15,7 +15,7 @@ from coop_pin.description.urdf.lint import element_findings, mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xml import MAX_BYTES, read_document
-from coop_pin.errors import MissingExtraError, UrdfError, UrdfNotFoundError, UrdfWarning
+from coop_pin.errors import MissingExtraError, UrdfError, UrdfWarning
 
 
 def expanded(path: Path, arguments: Mapping[str, str], package_dirs: Sequence[Path]) -> bytes:
@@ -65,8 +65,7 @@ def check_urdf(text_or_path: str | bytes | Path) -> UrdfReport:
         text_or_path: the text of a URDF (str or bytes), or the path of its file (Path).
 
     Raises:
-        UrdfNotFoundError: there is no file at the path.
-        UrdfError: the file cannot be read from the disk.
+        UrdfError: there is no file at the path; the file cannot be read from the disk.
     """
     if isinstance(text_or_path, Path):
         return UrdfReport(str(text_or_path), _findings(_read(text_or_path)))
@@ -79,9 +78,9 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
     """Return every defect of a file, and the meshes that it names and that are not there; a xacro file is expanded first.
 
     Raises:
-        UrdfNotFoundError: the file is gone.
+        UrdfError: the file is gone; it is a xacro file that cannot be expanded, or it cannot be read from the
+            disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
-        UrdfError: it is a xacro file that cannot be expanded, or it cannot be read from the disk.
     """
     data = _text(urdf)
     robot = read_document(data).robot
@@ -102,9 +101,9 @@ def load_checked(urdf: UrdfFile, strict: bool = False) -> str:
         strict: whether physical findings are errors as well, in any file.
 
     Raises:
-        UrdfNotFoundError: the file is gone.
+        UrdfError: the file is gone; the file has errors, all of which the message names, or cannot be read
+            from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
-        UrdfError: the file has errors, all of which the message names, or cannot be read from the disk.
     """
     data = _text(urdf)
     _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
@@ -140,7 +139,7 @@ def _text(urdf: UrdfFile) -> bytes:
 
 def _read(path: Path) -> bytes:
     if not path.is_file():
-        raise UrdfNotFoundError(f"no file at {path}")
+        raise UrdfError(f"no file at {path}")
     try:
         with path.open("rb") as file:
             return file.read(MAX_BYTES + 1)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-from coop_pin.errors import UrdfNotFoundError, suggestion
+from coop_pin.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
 
@@ -131,7 +131,7 @@ def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> Urdf
         relative_to: folder to which a path is relative, for example that of the scenario's file.
 
     Raises:
-        UrdfNotFoundError: there is none; the message says where it was looked for and which names are close.
+        UrdfError: there is none; the message says where it was looked for and which names are close.
     """
     folders = tuple(dict.fromkeys((relative_to or Path.cwd(), Path.cwd())))
     for folder in folders:
@@ -146,12 +146,12 @@ def find_urdf(name_or_path: str | Path, relative_to: Path | None = None) -> Urdf
     robots = sorted({*bundled, *example_urdfs()})
     parts = Path(name).parts
     if len(parts) > 1 or Path(name).suffix in _SUFFIXES:
-        raise UrdfNotFoundError(
+        raise UrdfError(
             _no_file(name, [folder / name for folder in folders], robots if len(parts) == 1 else [])
         )
     places = [*map(str, folders), f"the robots of coop_pin ({bundled_urdf_folder()})"]
     places.append(f"example-robot-data ({example_folder() or 'not installed'})")
-    raise UrdfNotFoundError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, robots)}")
+    raise UrdfError(f"no URDF {name!r} in {', '.join(places)}; {suggestion(name, robots)}")
 
 
 def _no_file(name: str, paths: Iterable[Path], robots: list[str]) -> str:
