@@ -243,7 +243,7 @@ def test_a_start_that_only_a_limit_forbids_names_the_joint(tmp_path):
     report = reachability(one_arm(arm, HoldMotion(pose=start), start, rows="planar"))
     assert isinstance(report.arms[0].refusal, JointLimitError)
     assert report.arms[0].refusal.joint == "joint_2"
-    assert "'joint_2' would stand at" in report.text()
+    assert "'joint_2' would be at" in report.text()
 
 
 # ---------------------------------------------------------------- space

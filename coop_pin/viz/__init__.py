@@ -3,11 +3,7 @@
 Everything is loaded on first use: meshcat and matplotlib take their time.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
-from coop_pin.lazy import load_public
+from coop_pin import lazy_names
 
 _PUBLIC = {
     "LiveView": "coop_pin.viz.live_view",
@@ -15,9 +11,7 @@ _PUBLIC = {
     "NotebookView": "coop_pin.viz.replay",
     "Panel": "coop_pin.viz.panel",
     "Viewer": "coop_pin.viz.live_view",
-    "ViserView": "coop_pin.viz.viser_view",
     "notebook_view": "coop_pin.viz.replay",
-    "open_viser": "coop_pin.viz.viser_view",
     "open_view": "coop_pin.viz.live_view",
     "replay_html": "coop_pin.viz.replay",
     "save_image": "coop_pin.viz.export",
@@ -26,13 +20,4 @@ _PUBLIC = {
 }
 
 __all__ = sorted(_PUBLIC)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name on first use."""
-    return load_public(__name__, _PUBLIC, name)
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return list(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
