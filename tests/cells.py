@@ -1,4 +1,4 @@
-"""The two cells that every law is tested on: the planar one of the paper and a spatial one with turned grasps."""
+"""The two cells every law is tested on: the planar one of the paper and a spatial one with turned grasps."""
 
 from __future__ import annotations
 
