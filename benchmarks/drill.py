@@ -28,7 +28,7 @@ from pathlib import Path
 
 import psutil
 
-from coop_pin.errors import SweepStoreError
+from coop_pin.errors import FileReadError
 from coop_pin.sweeps import SweepPlan, sweep
 from coop_pin.sweeps.record import Record
 from coop_pin.sweeps.store import SweepStore
@@ -131,7 +131,7 @@ class Drill:
         """Return every undamaged record, without times."""
         found = {}
         for path in (self.folder / "runs").glob("??/*.json"):
-            with contextlib.suppress(SweepStoreError, OSError):
+            with contextlib.suppress(FileReadError, OSError):
                 record = self.store.read(path.stem)
                 found[path.stem] = record._replace(times={}) if record else None
         return {key: record for key, record in found.items() if record is not None}

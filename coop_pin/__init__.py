@@ -1,14 +1,16 @@
 """coop_pin: two or more URDF arms that rigidly hold one object, on Pinocchio.
 
-Everything public is listed here and loaded on first use, so that importing ``coop_pin.control`` never loads
-Pinocchio.
+Every public name is listed here and loaded on first use, so that ``import coop_pin`` is fast and
+``coop_pin.control`` can be used where Pinocchio is missing. The packages are attributes as well:
+``import coop_pin as cp`` gives ``cp.viz``, ``cp.analysis`` and so on.
 """
 
 from __future__ import annotations
 
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
-
-from coop_pin.lazy import load_public
 
 _PUBLIC = {
     "Arm": "coop_pin.description",
@@ -18,8 +20,8 @@ _PUBLIC = {
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
     "Cell": "coop_pin.description",
-    "CellChain": "coop_pin.chain",
     "CellCommand": "coop_pin.control",
+    "CellChain": "coop_pin.chain",
     "CellController": "coop_pin.control",
     "ChainDynamics": "coop_pin.chain",
     "ChainState": "coop_pin.chain",
@@ -27,18 +29,17 @@ _PUBLIC = {
     "Clock": "coop_pin.description",
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
+    "ClosureError": "coop_pin.chain",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.description",
     "Energy": "coop_pin.chain",
     "ExponentialMotion": "coop_pin.description",
-    "ClosureError": "coop_pin.chain",
     "HoldMotion": "coop_pin.description",
     "JointFriction": "coop_pin.description",
     "LateForcePath": "coop_pin.description",
     "LineMotion": "coop_pin.description",
     "LowPassForcePath": "coop_pin.description",
     "NoForcePath": "coop_pin.description",
-    "Snapshot": "coop_pin.results",
     "Payload": "coop_pin.description",
     "PayloadChange": "coop_pin.description",
     "PayloadSpace": "coop_pin.description",
@@ -53,6 +54,7 @@ _PUBLIC = {
     "RedundantSlidingModeController": "coop_pin.control",
     "RunResult": "coop_pin.results",
     "Sample": "coop_pin.sweeps",
+    "SampledStability": "coop_pin.analysis",
     "Saturation": "coop_pin.control",
     "Scenario": "coop_pin.description",
     "Sign": "coop_pin.control",
@@ -60,6 +62,7 @@ _PUBLIC = {
     "SlidingMode": "coop_pin.description",
     "SlidingModeController": "coop_pin.control",
     "SlidingModeGains": "coop_pin.description",
+    "Snapshot": "coop_pin.results",
     "Span": "coop_pin.sweeps",
     "Stabilisation": "coop_pin.description",
     "SteadySqueeze": "coop_pin.description",
@@ -77,28 +80,62 @@ _PUBLIC = {
     "WaypointsMotion": "coop_pin.description",
     "WrenchPulse": "coop_pin.description",
     "cell_summary": "coop_pin.analysis",
-    "solve_ik": "coop_pin.chain",
-    "ik_branches": "coop_pin.chain",
     "grasps_from_configuration": "coop_pin.description",
+    "ik_branches": "coop_pin.chain",
     "linspace": "coop_pin.sweeps",
     "logspace": "coop_pin.sweeps",
+    "open_view": "coop_pin.viz",
     "reachability": "coop_pin.analysis",
     "run": "coop_pin.run_scenario",
+    "sampled_stability": "coop_pin.analysis",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
+    "solve_ik": "coop_pin.chain",
     "sweep": "coop_pin.sweeps",
     "tune": "coop_pin.sweeps",
 }
+_PACKAGES = (
+    "analysis",
+    "chain",
+    "control",
+    "description",
+    "errors",
+    "figures",
+    "model",
+    "reference",
+    "report",
+    "results",
+    "simulation",
+    "spatial",
+    "sweeps",
+    "viz",
+)
+
+
+def lazy_names(
+    package: str, public: Mapping[str, str], packages: Iterable[str] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return ``__getattr__`` and ``__dir__`` of a package whose public names are loaded on first use.
+
+    Args:
+        package: full name of the package.
+        public: public names and the module that defines each.
+        packages: subpackages that are loaded on first use.
+    """
+
+    def load(name: str) -> Any:
+        if name in public:
+            value = getattr(importlib.import_module(public[name]), name)
+        elif name in packages:
+            value = importlib.import_module(f"{package}.{name}")
+        else:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return load, lambda: sorted({*public, *packages, *vars(sys.modules[package])})
+
 
 __all__ = sorted(_PUBLIC)
 __version__ = "0.1.0"
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name on first use."""
-    return load_public(__name__, _PUBLIC, name)
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return [*__all__, "__version__"]
+__getattr__, __dir__ = lazy_names(__name__, _PUBLIC, _PACKAGES)

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.errors import NotAPoseError, NotFiniteError, NotPositiveError, ShapeError
+from coop_pin.errors import NotAPoseError, OutOfRangeError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -31,7 +31,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        NotFiniteError: an entry is NaN or infinite.
+        OutOfRangeError: an entry is NaN or infinite.
     """
     try:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
@@ -45,7 +45,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
-        raise NotFiniteError(name, index, float(array[index]))
+        raise OutOfRangeError(name, float(array[index]), "a finite number", index)
     return array
 
 
@@ -54,12 +54,11 @@ def as_positive(name: str, value: ArrayLike) -> float:
 
     Raises:
         ShapeError: it is not a single number.
-        NotFiniteError: it is NaN or infinite.
-        NotPositiveError: it is zero or less.
+        OutOfRangeError: it is NaN or infinite; it is zero or less.
     """
     number = float(as_array(name, value))
     if number <= 0.0:
-        raise NotPositiveError(name, number)
+        raise OutOfRangeError(name, number)
     return number
 
 
@@ -68,7 +67,7 @@ def as_pose(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        NotFiniteError: an entry is NaN or infinite.
+        OutOfRangeError: an entry is NaN or infinite.
         NotAPoseError: the 3x3 block is not a rotation matrix or the last row is not 0 0 0 1.
     """
     X = as_array(name, value, 4, 4)

@@ -26,7 +26,7 @@ from coop_pin.description.controller import (
 from coop_pin.description.gains import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import load_class
-from coop_pin.errors import FieldError, FieldShapeError
+from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel
 
 
@@ -34,9 +34,8 @@ def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
 
     Raises:
-        FieldError: the law does not fit an arm's number of joints.
-        FieldShapeError: a gain does not fit its arm.
-        EntryNotFoundError: a user's module or class does not exist.
+        FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
+        NameNotFoundError: a user's module or class does not exist.
     """
     chosen = scenario.controller
     if isinstance(chosen, UserController):
@@ -84,11 +83,11 @@ def _matrix(gain: float | tuple[Any, ...], size: int, path: str) -> Array:
     """Return a gain as a (size, size) matrix: a number times the identity, a diagonal, or the rows as given.
 
     Raises:
-        FieldShapeError: its number of entries does not fit.
+        FieldError: its number of entries does not fit.
     """
     rows = np.array(gain, dtype=float)
     if rows.ndim and len(rows) != size:
-        raise FieldShapeError(f"has {len(rows)} entries; it must be a number or have {size}", path)
+        raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)
     return rows * np.eye(size) if rows.ndim < 2 else rows
 
 

@@ -87,7 +87,7 @@ class RunFolder:
         """Return the file of the 3-D replay; it is written from the result if it is missing.
 
         Raises:
-            ResultFileError: there is no result either, or it is damaged.
+            FileReadError: there is no result either, or it is damaged.
         """
         path = self.path / self.REPLAY
         return path if path.is_file() else self.write_replay(RunResult.load(self.path / self.RESULT))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coop_pin.errors import BrowserNotFoundError
+from coop_pin.errors import BrowserError
 from coop_pin.viz.export import find_browser, launch
 
 PATIENCE_MS = 90_000
@@ -26,7 +26,7 @@ def chromium() -> str:
         own = Path(driver.chromium.executable_path)
     try:
         return find_browser(own)
-    except BrowserNotFoundError as error:
+    except BrowserError as error:
         if os.environ.get("CHROMIUM"):
             raise  # named, but not there
         pytest.skip(str(error))

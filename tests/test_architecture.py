@@ -4,10 +4,10 @@ import ast
 import functools
 import graphlib
 import importlib
+import re
 import subprocess
 import sys
 import tomllib
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -22,44 +22,43 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "lazy", "arrays", "spatial"}
-BELOW_RUNS = {"schema", "description", "model", "chain", "control", "reference", "results", "simulation"}
-BELOW_VIEWS = BELOW_RUNS | {"controller_factory", "run_scenario"}
+EVERYWHERE = {"errors", "arrays", "spatial"}
 
-# Package -> (packages it may import besides EVERYWHERE, third parties besides numpy). Why:
-# - schema is the frozen pydantic base of everything that stands in a scenario file;
-# - switching functions of control are schema values that a scenario holds and a law calls;
-# - schema (rotations), reference and results turn quaternions with scipy;
+# Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
+# - schema is the frozen pydantic base of everything in a scenario file;
+# - schema (rotations), reference and results convert quaternions with scipy;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
-# - a sweep's plan is a Description like a scenario;
-# - progress_bar is drawn by sweeps and by the command that runs one scenario;
+# - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - controller_factory asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
-    "lazy": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "schema": ({"reference"}, {"pydantic", "pydantic_core"}),
     "reference": (set(), {"scipy"}),
     "control": ({"schema"}, {"pydantic", "scipy"}),
+    "progress_bar": (set(), {"tqdm"}),
     "description": (
         {"schema", "control", "reference"},
         {"pydantic", "scipy", "tomli_w", "trimesh", "xacrodoc"},
     ),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description"}, {"xarray", "h5netcdf", "scipy"}),
+    "results": ({"description"}, {"xarray", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "controller_factory": ({"control", "description", "model"}, set()),
-    "run_scenario": (BELOW_RUNS | {"controller_factory"}, set()),
-    "analysis": (BELOW_VIEWS, {"pinocchio", "scipy"}),
-    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "scipy", "xarray"}),
+    "run_scenario": ({"controller_factory", "description", "results", "simulation"}, set()),
+    "analysis": (
+        {"chain", "control", "controller_factory", "description", "model", "simulation"},
+        {"pinocchio", "scipy"},
+    ),
+    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
-        {"schema", "description", "model", "chain", "controller_factory", "results", "simulation", "figures"},
+        {"description", "model", "chain", "controller_factory", "results", "simulation", "figures"},
         {
             "imageio",
             "imageio_ffmpeg",
@@ -72,114 +71,111 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "xarray",
         },
     ),
-    "progress_bar": (set(), {"tqdm"}),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar"},
-        {"dask", "distributed", "optuna", "pydantic", "scipy", "xarray"},
+        {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
-        BELOW_VIEWS | {"analysis", "figures", "viz", "sweeps", "report", "run_folder", "progress_bar"},
-        {"tyro", "pydantic"},
+        {
+            "analysis",
+            "controller_factory",
+            "description",
+            "figures",
+            "report",
+            "results",
+            "run_folder",
+            "run_scenario",
+            "simulation",
+            "sweeps",
+            "viz",
+        },
+        {"tyro", "tqdm", "pydantic"},
     ),
     "__main__": ({"cli"}, set()),
 }
 
-# Distributions by the names they are imported under.
-IMPORTED_AS = {
-    "pin": "pinocchio",
-    "tomli-w": "tomli_w",
-    "example-robot-data": "example_robot_data",
-    "h5netcdf": "h5netcdf",
-    "imageio-ffmpeg": "imageio_ffmpeg",
-}
+# Distributions by the names they are imported under, and what another distribution brings along.
+IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
 COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
 
-FILES = sorted(PACKAGE.rglob("*.py"))
+FROM_THE_TOP = {"__version__", "lazy_names"}
+"""The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
+
+TREES = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(PACKAGE.rglob("*.py"))}
+MODULES = {
+    ".".join(("coop_pin", *file.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): file
+    for file in TREES
+}
 
 
 def package_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imported_name(name: str) -> str:
-    """Module that "from coop_pin import name" loads."""
-    return f"coop_pin.{name}" if name in PACKAGES else coop_pin._PUBLIC.get(name, "coop_pin")
-
-
-def imported_modules(file: Path, inside_functions: bool = True) -> list[str]:
-    """Every module a file imports, at its top or inside a function; a relative import counts as ``.``."""
-    found: list[str] = []
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    for node in ast.walk(tree) if inside_functions else tree.body:
+def imports_of(file: Path) -> list[tuple[str, list[str]]]:
+    """Module and names of every import of a file, inside functions and by ``import_module`` too."""
+    found: list[tuple[str, list[str]]] = []
+    for node in ast.walk(TREES[file]):
         if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.level:
-            found.append(".")
+            found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            found += (
-                [imported_name(alias.name) for alias in node.names]
-                if node.module == "coop_pin"
-                else [str(node.module)]
-            )
+            names = [alias.name for alias in node.names]
+            if node.module == "coop_pin":
+                found += [(f"coop_pin.{name}", []) for name in names if name in PACKAGES]
+                names = [name for name in names if name not in PACKAGES]
+            found.append(("." * node.level + (node.module or ""), names))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "importlib.import_module":
+            found += [(str(given.value), []) for given in node.args if isinstance(given, ast.Constant)]
     return found
 
 
 @functools.cache
-def imports() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
-    """Rooms and third parties that each package imports."""
-    packages, third_parties = defaultdict(set), defaultdict(set)
-    for file in FILES:
-        for module in imported_modules(file):
+def imports() -> dict[str, set[str]]:
+    """Packages of coop_pin and third parties that each package imports."""
+    found: dict[str, set[str]] = {package: set() for package in PACKAGES}
+    for file in TREES:
+        for module, _ in imports_of(file):
             top, *rest = module.split(".")
             if top == "coop_pin":
-                packages[package_of(file)].add(rest[0] if rest else "coop_pin")
+                found[package_of(file)] |= set(rest[:1])
             elif top not in sys.stdlib_module_names:
-                third_parties[package_of(file)].add(top)
-    return {package: packages[package] for package in {*PACKAGES, *packages}}, {
-        package: third_parties[package] for package in {*PACKAGES, *packages}
-    }
+                found[package_of(file)].add(top)
+    return {package: names - {package} for package, names in found.items()}
 
 
-def test_every_file_is_in_a_package_of_the_table_and_imports_by_full_name():
-    unlisted = [
-        file for file in FILES if package_of(file) not in PACKAGES and file != PACKAGE / "__init__.py"
+def test_files_are_in_a_package_of_the_table_and_import_by_full_name_without_escapes():
+    offenders = [
+        f"{file.relative_to(PACKAGE)}: {module} {names}"
+        for file in TREES
+        for module, names in imports_of(file)
+        if module.startswith(".")
+        or "TYPE_CHECKING" in names
+        or (module == "coop_pin" and not set(names) <= FROM_THE_TOP)
     ]
-    relative = [file for file in FILES if "." in imported_modules(file)]
-    assert (unlisted, relative) == ([], [])
-
-
-def test_only_the_version_is_read_from_the_package_itself():
-    for file in FILES:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module == "coop_pin":
-                assert {alias.name for alias in node.names} <= {"__version__", *PACKAGES, *coop_pin._PUBLIC}
+    assert offenders == []
+    assert {package_of(file) for file in TREES} == {*PACKAGES, "__init__"}
 
 
 def test_a_package_imports_exactly_what_the_table_allows():
-    """No more, and no dead entries: what the table allows is used."""
-    packages, third_parties = imports()
+    """No more, and no dead entries."""
     beyond, unused = {}, {}
-    for package, (allowed_packages, allowed_third_parties) in PACKAGES.items():
-        used = (packages[package] - {package, "coop_pin"} - EVERYWHERE) | (third_parties[package] - {"numpy"})
-        beyond[package] = used - allowed_packages - allowed_third_parties
-        unused[package] = (allowed_packages | allowed_third_parties) - used - set(PACKAGES)
-        unused[package] |= {name for name in allowed_packages if name not in PACKAGES}
+    for package, (packages, third_parties) in PACKAGES.items():
+        used, allowed = imports()[package] - EVERYWHERE - {"numpy"}, packages | third_parties
+        beyond[package], unused[package] = used - allowed, allowed - used
     assert {package: names for package, names in beyond.items() if names} == {}
     assert {package: names for package, names in unused.items() if names} == {}
 
 
 def test_errors_and_arrays_stand_on_nothing():
-    packages, third_parties = imports()
-    assert packages["errors"] <= {"errors"}
-    assert packages["lazy"] == third_parties["errors"] == third_parties["lazy"] == set()
-    assert packages["arrays"] == {"errors"}
-    assert packages["spatial"] <= {"arrays", "errors", "spatial"}
+    assert imports()["errors"] == set()
+    assert imports()["arrays"] == {"errors", "numpy"}
+    assert imports()["spatial"] <= {"arrays", "errors", "numpy", "scipy"}
 
 
-def circle(graph: dict[str, set[str]]) -> list[str]:
-    """The nodes of one circle of a graph, or none."""
+def cycle(graph: dict[str, set[str]]) -> list[str]:
+    """The nodes of one cycle of a graph, or none."""
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
@@ -187,64 +183,36 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
     return []
 
 
-def test_there_are_no_cycles_between_packages_in_fact_or_in_the_plan():
-    packages, _ = imports()
-    in_fact = {
-        package: needed - {package, "coop_pin"}
-        for package, needed in packages.items()
-        if package != "__init__"
-    }
-    in_plan = {package: needed - {"coop_pin"} for package, (needed, _) in PACKAGES.items()}
-    assert circle(in_fact) == circle(in_plan) == []
-    assert circle({"control": {"model"}, "model": {"control"}})
-
-
-def modules_of(file: Path, names: dict[str, Path]) -> set[str]:
-    """Modules of coop_pin that a file imports, inside functions too; names of a package count as their module."""
+def modules_imported_by(file: Path) -> set[str]:
+    """Modules of coop_pin that a file imports; a name of a package counts as the module that defines it."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            package = importlib.import_module(node.module) if node.module in names else None
-            for alias in node.names:
-                if f"{node.module}.{alias.name}" in names:
-                    found.add(f"{node.module}.{alias.name}")
-                elif package is not None:
-                    found.add(getattr(getattr(package, alias.name), "__module__", node.module))
-    return found & set(names)
+    for module, names in imports_of(file):
+        found.add(module if not names else "")
+        for name in names if module in MODULES else []:
+            inner = f"{module}.{name}"
+            owner = None if inner in MODULES else getattr(importlib.import_module(module), name)
+            found.add(inner if owner is None else getattr(owner, "__module__", module))
+    return found & set(MODULES)
 
 
-def test_there_are_no_cycles_between_files():
-    names = {
-        ".".join(("coop_pin", *f.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): f
-        for f in FILES
-    }
-    graph = {
-        name: modules_of(file, names) - {name}
-        for name, file in names.items()
-        if file.name not in ("__init__.py", "__main__.py")
-    }
-    assert circle(graph) == []
-
-
-def test_there_is_no_type_checking_escape():
-    assert [file for file in FILES if "TYPE_CHECKING" in file.read_text(encoding="utf-8")] == []
+def test_there_are_no_cycles_between_packages_or_files():
+    """Imports inside functions included."""
+    assert cycle(imports()) == []
+    assert cycle({package: packages for package, (packages, _) in PACKAGES.items()}) == []
+    files = {name: file for name, file in MODULES.items() if not file.name.startswith("__")}
+    assert cycle({name: modules_imported_by(file) - {name} for name, file in files.items()}) == []
+    assert cycle({"control": {"model"}, "model": {"control"}})
 
 
 def test_every_third_party_is_a_declared_dependency():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = project["dependencies"] + [
-        entry for extra in project["optional-dependencies"].values() for entry in extra
-    ]
-    names = {
-        requirement.split("=")[0].split(">")[0].split("<")[0].split("[")[0].strip()
-        for requirement in declared
+    extras = project["optional-dependencies"].values()
+    declared = {
+        re.match(r"[\w-]+", entry)[0] for entries in (project["dependencies"], *extras) for entry in entries
     }
-    importable = {IMPORTED_AS.get(name, name) for name in names}
-    _, third_parties = imports()
-    used = {COMES_WITH.get(module, module) for modules in third_parties.values() for module in modules}
-    assert used - importable == set()
+    importable = {IMPORTED_AS.get(name, name) for name in declared}
+    third_parties = set().union(*imports().values()) - set(PACKAGES)
+    assert {COMES_WITH.get(module, module) for module in third_parties} - importable == set()
 
 
 # ---------------------------------------------------------------- what a controller can see
@@ -288,7 +256,7 @@ def run_python(code: str) -> str:
 
 def test_control_imports_and_steps_where_importing_pinocchio_raises():
     seen = set(run_python(BLIND_LAW).split())
-    assert seen <= {"control", "schema", "spatial", "arrays", "errors", "lazy", "reference"}
+    assert seen <= {"control", "spatial", "arrays", "errors", "reference"}
     assert "control" in seen
 
 
@@ -304,23 +272,6 @@ def test_every_module_of_control_is_importable_without_pinocchio():
         load + "print(*sorted(name for name in sys.modules if name.startswith('coop_pin.control.')))"
     ).split()
     assert loaded == modules
-
-
-def test_importing_the_package_loads_nothing_until_a_name_is_used():
-    code = "import sys, coop_pin; ours = [m for m in sys.modules if m.startswith('coop_pin.')]\n"
-    code += "print('numpy' in sys.modules, ours); coop_pin.Scenario"
-    assert run_python(code + "; print('pinocchio' in sys.modules)").split("\n")[:2] == [
-        "False ['coop_pin.lazy']",
-        "False",
-    ]
-
-
-def test_every_public_name_exists_and_a_wrong_one_is_an_attribute_error():
-    for name in coop_pin.__all__:
-        assert getattr(coop_pin, name) is getattr(importlib.import_module(coop_pin._PUBLIC[name]), name)
-    assert set(coop_pin.__all__) <= set(dir(coop_pin))
-    with pytest.raises(AttributeError, match="no_such_name"):
-        coop_pin.no_such_name  # noqa: B018
 
 
 class Spy(CellController):

@@ -205,8 +205,8 @@ def test_where_only_a_limit_prevents_it_the_joint_is_named_with_the_gap_that_it_
     l_1, l_2 = LENGTHS
     assert (error.arm, error.joint, error.lower, error.upper) == ("left", "joint_2", -0.2, 0.3)
     assert error.value == pytest.approx(ELBOW, abs=1e-7)
-    assert_allclose(error.gap_m, np.sqrt(l_1**2 + l_2**2 + 2 * l_1 * l_2 * np.cos(0.3)) - AWAY, rtol=1e-4)
-    assert error.gap_rad < 1e-3
+    assert_allclose(error.distance, np.sqrt(l_1**2 + l_2**2 + 2 * l_1 * l_2 * np.cos(0.3)) - AWAY, rtol=1e-4)
+    assert error.angle < 1e-3
     assert "joint_2" in str(error)
 
 
@@ -214,7 +214,7 @@ def test_out_of_reach_no_joint_is_blamed(narrow):
     with pytest.raises(UnreachablePoseError) as caught:
         ik_branches(narrow(-0.2, 0.3), make_pose((1.1, 0.0, 0.0)))
     assert not isinstance(caught.value, JointLimitError)
-    assert_allclose(caught.value.gap_m, 0.3, rtol=1e-4)
+    assert_allclose(caught.value.distance, 0.3, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -229,12 +229,12 @@ def test_the_gap_of_a_spatial_arm_is_the_least_distance_first_and_then_the_least
         np.linalg.norm(model.tip_pose(q)[:3, 3] - grasp[:3, 3])
         for q in model.limits.random_configurations(3000)
     ]
-    assert min(tried) >= caught.value.gap_m
+    assert min(tried) >= caught.value.distance
     solver = IKSolver(model)
     for start in solver.limits.random_configurations(20):
         solution = solver.solve(solver.tip_target(X_WP), start, angle_weight=1e-4)
-        assert solution.distance >= caught.value.gap_m - 2e-5
-        assert solution.distance > caught.value.gap_m + 1e-5 or solution.angle >= caught.value.gap_rad - 1e-2
+        assert solution.distance >= caught.value.distance - 2e-5
+        assert solution.distance > caught.value.distance + 1e-5 or solution.angle >= caught.value.angle - 1e-2
 
 
 def test_unwinding_finds_the_turn_that_a_search_over_all_turns_finds(models):

@@ -20,20 +20,13 @@ from coop_pin.description.cell import grasps_from_configuration
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import (
-    AmbiguousTipError,
     FieldError,
-    FieldShapeError,
-    FrameNotFoundError,
-    JointNotFoundError,
-    LockedJointError,
-    MeshError,
     MimicJointError,
     MissingExtraError,
+    NameNotFoundError,
     ScenarioError,
     ShapeError,
-    UnsupportedJointError,
     UrdfError,
-    UrdfNotFoundError,
 )
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
@@ -78,7 +71,7 @@ def test_an_arm_comes_from_a_name_a_path_and_a_relative_path(urdf, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     assert Arm.from_urdf("arm.urdf").urdf == str(path)  # does not depend on the working directory any more
     assert Arm.from_urdf("ur5", tip="tool0").urdf == "ur5"
-    with pytest.raises(UrdfNotFoundError):
+    with pytest.raises(UrdfError):
         Arm.from_urdf("pandaa")
 
 
@@ -93,11 +86,11 @@ def test_a_base_is_a_pose_a_matrix_or_a_position():
 
 
 def test_a_tip_left_out_is_the_only_leaf_or_an_error_that_lists_the_leaves(urdf):
-    with pytest.raises(AmbiguousTipError, match="panda_leftfinger") as error:
+    with pytest.raises(UrdfError, match="panda_leftfinger") as error:
         Arm(urdf="panda")
-    assert set(error.value.leaves) == {"panda_leftfinger", "panda_rightfinger", "panda_hand_tcp"}
+    assert set(error.value.names) == {"panda_leftfinger", "panda_rightfinger", "panda_hand_tcp"}
     assert Arm(urdf=str(urdf(two_links()))).tip == "b"
-    with pytest.raises(FrameNotFoundError, match="tool0"):
+    with pytest.raises(NameNotFoundError, match="tool0"):
         ArmModel(Arm(urdf="ur5", tip="tool00"))
 
 
@@ -191,19 +184,19 @@ def test_a_continuous_joint_locks_at_its_angle():
 
 def test_what_cannot_be_locked_is_refused_by_name():
     panda = Arm.from_urdf("panda", "panda_hand_tcp")
-    with pytest.raises(LockedJointError, match=r"panda_finger_joint1: is 0\.5"):
+    with pytest.raises(UrdfError, match=r"panda_finger_joint1: is 0\.5"):
         load_arm_model(panda.replace(locked={"panda_finger_joint1": 0.5}))
-    with pytest.raises(JointNotFoundError, match="panda_finger_joint1"):
+    with pytest.raises(NameNotFoundError, match="panda_finger_joint1"):
         load_arm_model(panda.replace(locked={"panda_finger_joint": 0.0}))
     ur5 = Arm.from_urdf("ur5", "tool0")
-    with pytest.raises(LockedJointError, match="every joint"):
+    with pytest.raises(UrdfError, match="every joint"):
         load_arm_model(ur5.replace(locked=dict.fromkeys(list(load_arm_model(ur5).names)[1:], 0.0)))
 
 
 def test_moving_mimic_joints_are_refused_unless_ignored():
     with pytest.raises(MimicJointError, match="panda_finger_joint2") as error:
         ArmModel(Arm.from_urdf("panda", "panda_hand_tcp"))
-    assert error.value.joints == ("panda_finger_joint2",)
+    assert error.value.names == ("panda_finger_joint2",)
     assert ArmModel(Arm.from_urdf("panda", "panda_hand_tcp", mimic="ignore")).nq == 9
 
 
@@ -219,7 +212,7 @@ def test_a_mimic_joint_is_locked_at_multiplier_times_leader_plus_offset(urdf):
 
 
 def test_planar_and_floating_joints_are_refused(urdf):
-    with pytest.raises(UnsupportedJointError, match="planar"):
+    with pytest.raises(UrdfError, match="planar"):
         load_arm_model(Arm.from_urdf(urdf(two_links('type="planar"'))))
 
 
@@ -266,12 +259,12 @@ def test_meshes_that_enclose_nothing_are_refused(tmp_path):
     mesh = trimesh.creation.box((1.0, 1.0, 1.0))
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.stl")
-    with pytest.raises(MeshError, match="open"):
+    with pytest.raises(FieldError, match="open"):
         Payload.mesh(tmp_path / "open.stl", mass=1.0)
-    with pytest.raises(MeshError, match="no mesh"):
+    with pytest.raises(FieldError, match="no mesh"):
         Payload.mesh(tmp_path / "none.stl", mass=1.0)
     (tmp_path / "text.stl").write_text("not a mesh")
-    with pytest.raises(MeshError):
+    with pytest.raises(FieldError):
         Payload.mesh(tmp_path / "text.stl", mass=1.0)
     with pytest.raises(FieldError, match="either mass or density"):
         Payload.mesh(tmp_path / "open.stl")
@@ -595,9 +588,9 @@ def test_the_summary_of_the_planar_cell_says_which_closure_rows_are_redundant():
 
 
 def test_vectors_that_do_not_fit_the_arm_are_refused():
-    with pytest.raises(FieldShapeError, match="posture"):
+    with pytest.raises(FieldError, match="posture"):
         Arm.from_urdf("ur5", "tool0", posture=[0.0] * 5, torque_limits=[1.0] * 6)
-    with pytest.raises(FieldShapeError, match=r"arms\.one\.torque_limits"):
+    with pytest.raises(FieldError, match=r"arms\.one\.torque_limits"):
         JointLimits(Arm.from_urdf("ur5", "tool0", torque_limits=[1.0] * 5), "one")
     with pytest.raises(ScenarioError, match="payload"):
         Cell(

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from coop_pin.chain import CellChain
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description import PlantOptions, Stabilisation
-from coop_pin.errors import FrameNotFoundError, UnreachablePoseError
+from coop_pin.errors import NameNotFoundError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, rotate_vector6
 
@@ -414,5 +414,5 @@ def test_a_pose_out_of_reach_and_a_wrong_tip_have_their_own_errors(name):
     assert error.value.arm == "left"
     arms = dict(plant.cell.arms)
     arms["right"] = arms["right"].replace(tip="tipp")
-    with pytest.raises(FrameNotFoundError):
+    with pytest.raises(NameNotFoundError):
         CellChain(plant.cell.replace(arms=arms), PlantOptions(stabilisation=Stabilisation(frequency=1.0)))

@@ -447,7 +447,7 @@ def test_view_says_so_where_its_port_is_taken(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["view", "adept-paper", "--no-open", "--port", str(port)]) == 2
-    assert f"port {port} of 127.0.0.1 cannot be had" in capsys.readouterr().err
+    assert f"port {port} of 127.0.0.1 cannot be used" in capsys.readouterr().err
 
 
 def test_check_urdf_ends_with_the_verdict(tmp_path, capsys):
@@ -553,7 +553,7 @@ def test_a_truncated_result_is_refused(result, tmp_path, keep):
     result.save(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: keep if isinstance(keep, int) else int(keep * len(whole))])
-    with pytest.raises(cp.errors.ResultFileError, match=r"result\.nc"):
+    with pytest.raises(cp.errors.FileReadError, match=r"result\.nc"):
         cp.RunResult.load(path)
 
 
@@ -565,7 +565,7 @@ def test_foreign_files_are_no_results(tmp_path):
     xr.Dataset(attrs={"coop_pin_scenario": "a = "}).to_netcdf(tmp_path / "broken.nc", engine="h5netcdf")
     xr.Dataset(attrs={"coop_pin_scenario": "name = 'a'"}).to_netcdf(tmp_path / "old.nc", engine="h5netcdf")
     for name in ("text.nc", "foreign.nc", "broken.nc", "old.nc", "missing.nc"):
-        with pytest.raises(cp.errors.ResultFileError, match=name):
+        with pytest.raises(cp.errors.FileReadError, match=name):
             cp.RunResult.load(tmp_path / name)
 
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from coop_pin.chain import CellChain, ClosedChain, Closure
 from coop_pin.chain.closure_set import ClosureSet
 from coop_pin.description import PlantOptions
-from coop_pin.errors import FieldError, FrameNotFoundError
+from coop_pin.errors import FieldError, NameNotFoundError
 
 # One and two held turns about every axis, with and without held translations.
 MASKS = [
@@ -250,5 +250,5 @@ def test_rows_may_be_any_sequence_of_six_booleans(tree, rows):
 
 
 def test_a_wrong_frame_is_named_with_a_suggestion(tree):
-    with pytest.raises(FrameNotFoundError, match=r"left/grsp.*'left/grasp'"):
+    with pytest.raises(NameNotFoundError, match=r"left/grsp.*'left/grasp'"):
         ClosedChain(tree[0], [Closure("left/grsp", "payload/left")])

@@ -36,14 +36,6 @@ def test_an_example_runs_and_shows_what_it_promises(path, tmp_path):
     PROMISES[path.stem](out, tmp_path)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_opens_with_a_title_line(path):
-    title, *rest = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))).splitlines()
-    assert len(title) > 20
-    assert not rest or rest[0] == ""
-    assert path.read_text(encoding="utf-8").startswith(f'"""{title}')
-
-
 def metrics_and_files(out, folder):
     assert "settling_time_s" in out
     assert sorted(path.name for path in (folder / "out" / "run_paper").iterdir()) == [
@@ -62,8 +54,8 @@ def static_factor_and_bound(out, _folder):
 
 
 def tracking_and_squeeze(out, _folder):
-    _, law, spring = out.splitlines()
-    assert law.startswith("printed law")
+    law, spring = out.splitlines()
+    assert law.startswith("paper's law")
     position, force = (float(spring.split(before)[1].split()[0]) for before in ("position", "force"))
     assert 0.0 < position < 0.5
     assert 0.0 < force < 0.5
@@ -139,6 +131,7 @@ PROMISES = {
 }
 
 
-def test_there_are_ten_and_each_has_its_promise():
+def test_each_example_has_a_title_and_a_promise():
     assert set(PROMISES) == {path.stem for path in EXAMPLES}
-    assert len(EXAMPLES) == 10
+    titles = [ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))).split("\n") for path in EXAMPLES]
+    assert [title for title, *rest in titles if len(title) < 20 or "".join(rest[:1])] == []

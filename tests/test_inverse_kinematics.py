@@ -6,7 +6,7 @@ from cells import SCENARIOS, cell_and_start, planar_scenario
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import solve_ik
-from coop_pin.errors import NotFiniteError, ShapeError, UnreachablePoseError
+from coop_pin.errors import OutOfRangeError, ShapeError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.spatial import make_pose, pose_error
 
@@ -99,9 +99,9 @@ def test_a_tip_straight_beyond_reach_misses_by_distance_minus_reach(distance):
     with pytest.raises(UnreachablePoseError) as error:
         solve_ik(arm, X_WE @ np.linalg.inv(X_PE), posture=posture)
     assert error.value.arm == "left"
-    assert error.value.gap_m >= distance - sum(LENGTHS)
-    assert_allclose(error.value.gap_m, distance - sum(LENGTHS), rtol=0.01)
-    assert error.value.gap_rad < 0.3
+    assert error.value.distance >= distance - sum(LENGTHS)
+    assert_allclose(error.value.distance, distance - sum(LENGTHS), rtol=0.01)
+    assert error.value.angle < 0.3
 
 
 @pytest.mark.parametrize("height", [0.01, 0.2])
@@ -111,16 +111,16 @@ def test_a_planar_arm_misses_a_lifted_payload_by_its_height(height):
     lifted[2, 3] = height
     with pytest.raises(UnreachablePoseError) as error:
         solve_ik(arm, lifted, posture=posture)
-    assert_allclose(error.value.gap_m, height, rtol=1e-6)
-    assert_allclose(error.value.gap_rad, 0.0, atol=1e-6)
+    assert_allclose(error.value.distance, height, rtol=1e-6)
+    assert_allclose(error.value.angle, 0.0, atol=1e-6)
 
 
 def test_a_planar_arm_misses_a_tilted_payload_by_its_angle():
     arm, start, posture = arm_of("planar", "left")
     with pytest.raises(UnreachablePoseError) as error:
         solve_ik(arm, start @ make_pose(rpy=(0.3, 0.0, 0.0)), posture=posture)
-    assert_allclose(error.value.gap_rad, 0.3, rtol=1e-3)
-    assert error.value.gap_m < 1e-3
+    assert_allclose(error.value.angle, 0.3, rtol=1e-3)
+    assert error.value.distance < 1e-3
 
 
 def test_no_angles_come_nearer_than_the_gap_that_a_spatial_arm_reports():
@@ -137,7 +137,7 @@ def test_no_angles_come_nearer_than_the_gap_that_a_spatial_arm_reports():
     distance = np.linalg.norm(X_WP[:3, 3] - shoulder)
     with pytest.raises(UnreachablePoseError, match="'left'") as error:
         solve_ik(arm, X_WP, posture=posture)
-    assert distance - 1.05 * reach < error.value.gap_m < distance - 0.6 * reach
+    assert distance - 1.05 * reach < error.value.distance < distance - 0.6 * reach
 
 
 def test_bad_input_is_named():
@@ -146,5 +146,5 @@ def test_bad_input_is_named():
         solve_ik(arm, np.eye(3), posture=posture)
     with pytest.raises(ShapeError, match="posture of arm 'left'"):
         solve_ik(arm, start, posture=posture[:-1])
-    with pytest.raises(NotFiniteError, match="X_WP"):
+    with pytest.raises(OutOfRangeError, match="X_WP"):
         solve_ik(arm, np.full((4, 4), np.nan), posture=posture)

@@ -10,7 +10,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellController
 from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, JointFriction, Payload, Pose
-from coop_pin.errors import DivergedError, FieldError, FieldShapeError, ShapeError
+from coop_pin.errors import DivergedError, FieldError, ShapeError
 from coop_pin.model import ArmModel
 from coop_pin.model.friction import friction
 from coop_pin.model.joint_limits import JointLimits
@@ -97,7 +97,7 @@ def test_no_friction_is_none():
     assert not found.coulomb.any()
     with pytest.raises(FieldError, match="friction"):
         XARM.replace(friction="some")
-    with pytest.raises(FieldShapeError, match=r"cell\.arms\.one\.friction\.viscous"):
+    with pytest.raises(FieldError, match=r"cell\.arms\.one\.friction\.viscous"):
         friction(XARM.replace(friction=JointFriction(viscous=(1.0, 2.0))), "one")
 
 

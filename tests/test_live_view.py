@@ -26,7 +26,7 @@ from tornado.websocket import websocket_connect
 
 import coop_pin as cp
 from coop_pin.controller_factory import build_controller
-from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
+from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
 from coop_pin.viz import LiveView, open_view
 from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.live_scene import LiveScene, initial_scene
@@ -385,9 +385,9 @@ def test_a_closed_view_is_silent(scenario):
 
 
 def test_rates_must_be_positive(scenario):
-    with pytest.raises(NotPositiveError, match="frames_per_second"):
+    with pytest.raises(OutOfRangeError, match="frames_per_second"):
         open_view(scenario, frames_per_second=0.0)
-    with pytest.raises(NotPositiveError, match="realtime_rate"):
+    with pytest.raises(OutOfRangeError, match="realtime_rate"):
         cp.run(scenario, realtime_rate=-1.0)
 
 

@@ -30,18 +30,15 @@ from coop_pin.errors import (
     ArgumentError,
     ConstraintSolveError,
     FieldError,
-    FrameNotFoundError,
     IntegrationError,
-    JointNotFoundError,
     MassMatrixError,
     MimicJointError,
+    NameNotFoundError,
     NotAPoseError,
-    NotFiniteError,
-    NotPositiveError,
     OpenClosureError,
+    OutOfRangeError,
     ShapeError,
     UrdfError,
-    UrdfNotFoundError,
     UrdfWarning,
 )
 from coop_pin.spatial import make_pose, rotation_from_rpy
@@ -389,7 +386,7 @@ def test_joints_are_set_by_name_also_continuous_ones():
         rotation_from_rpy((0, 0, 0.5)),
         atol=1e-15,
     )
-    with pytest.raises(JointNotFoundError, match="a_pin"):
+    with pytest.raises(NameNotFoundError, match="a_pin"):
         chain.configuration({"a_pn": 1.0})
 
 
@@ -420,15 +417,15 @@ def test_what_cannot_be_closed_is_refused_with_the_gap():
         robot(bar("one", "ground", (0, 0, 0)), bar("two", "one", (1, 0, 0))),
         [cp.Closure("two", "world", "point", make_pose((1, 0, 0)), far)],
     )
-    with pytest.raises(OpenClosureError, match="'two - world' is open by 3 m") as refused:
+    with pytest.raises(OpenClosureError, match="'two - world' is 3 m") as refused:
         chain.assemble([0.3, 0.4])
-    assert refused.value.gap_m == pytest.approx(3.0, rel=1e-3)
+    assert refused.value.distance == pytest.approx(3.0, rel=1e-3)
 
 
 def test_an_open_start_is_refused_and_a_rounded_one_is_closed():
     chain = four_bar.four_bars(2)
     q, v = four_bar.start(chain, 2, angle=1.0)
-    with pytest.raises(OpenClosureError, match=r"open by 0\.1"):
+    with pytest.raises(OpenClosureError, match=r"is 0\.1"):
         chain.integrate(q + 0.12 * np.array((0, 0, 0, 0, 1)), v, duration=0.1, step=0.01)
     motion = chain.integrate(np.round(q, 4) + 1e-4, v, duration=0.1, step=0.01)
     assert widest_gap(chain, motion) < 1e-11
@@ -440,7 +437,7 @@ END = make_pose((1, 0, 0))
 
 
 def test_bad_closures_are_named():
-    with pytest.raises(FrameNotFoundError, match="did you mean 'level0'"):
+    with pytest.raises(NameNotFoundError, match="did you mean 'level0'"):
         cp.ClosedChain(four_bar.four_bars(1).model, [cp.Closure("levl0", "upright1", "point")])
     with pytest.raises(FieldError, match="rows"):
         cp.ClosedChain(four_bar.four_bars(1).model, [cp.Closure("level0", "upright1", None)])
@@ -448,14 +445,14 @@ def test_bad_closures_are_named():
         cp.ClosedChain(four_bar.four_bars(1).model, [cp.Closure("level0", "upright1", (1, 2, 0, 0, 0, 0))])
     with pytest.raises(ShapeError, match="X_BC has shape"):
         cp.Closure("a", "b", X_BC=np.eye(3))
-    with pytest.raises(NotFiniteError, match=r"X_AC\[0, 3\]"):
+    with pytest.raises(OutOfRangeError, match=r"X_AC\[0, 3\]"):
         cp.Closure("a", "b", X_AC=make_pose() + np.pad([[np.nan]], ((0, 3), (3, 0))))
     with pytest.raises(NotAPoseError, match="X_AC"):
         cp.Closure("a", "b", X_AC=np.diag((1.0, 1.0, -1.0, 1.0)))
 
 
 def test_bad_urdfs_are_typed_errors():
-    with pytest.raises(UrdfNotFoundError):
+    with pytest.raises(UrdfError):
         cp.ClosedChain.from_urdf("no_such_mechanism.urdf")
     with pytest.raises(UrdfError, match="two_parents"):
         cp.ClosedChain.from_urdf(
@@ -500,23 +497,23 @@ def test_a_link_without_mass_is_named_when_it_has_to_move(formulation):
 BAD_RUNS = {
     "short q": ({"q": np.zeros(2)}, ShapeError, "^q has shape"),
     "long v": ({"v": np.zeros(4)}, ShapeError, "^v has shape"),
-    "nan in q": ({"q": [np.nan, 0, 0]}, NotFiniteError, r"^q\[0\] is nan"),
-    "infinite v": ({"v": [0, np.inf, 0]}, NotFiniteError, r"^v\[1\] is inf"),
+    "nan in q": ({"q": [np.nan, 0, 0]}, OutOfRangeError, r"^q\[0\] is nan"),
+    "infinite v": ({"v": [0, np.inf, 0]}, OutOfRangeError, r"^v\[1\] is inf"),
     "words": ({"q": "upright"}, ShapeError, "^q has shape"),
-    "negative step": ({"step": -1e-3}, NotPositiveError, "^step is -0.001"),
-    "no step": ({"step": 0.0}, NotPositiveError, "^step is 0"),
-    "nan step": ({"step": np.nan}, NotFiniteError, "^step is nan"),
+    "negative step": ({"step": -1e-3}, OutOfRangeError, "^step is -0.001"),
+    "no step": ({"step": 0.0}, OutOfRangeError, "^step is 0"),
+    "nan step": ({"step": np.nan}, OutOfRangeError, "^step is nan"),
     "two steps": ({"step": [0.1, 0.2]}, ShapeError, "^step has shape"),
-    "no duration": ({"duration": 0.0}, NotPositiveError, "^duration is 0"),
-    "endless": ({"duration": np.inf}, NotFiniteError, "^duration is inf"),
+    "no duration": ({"duration": 0.0}, OutOfRangeError, "^duration is 0"),
+    "endless": ({"duration": np.inf}, OutOfRangeError, "^duration is inf"),
     "torque is an array": ({"torque": np.zeros(3)}, ArgumentError, "must be a function of"),
     "torque is short": ({"torque": lambda *_: np.zeros(2)}, ShapeError, r"^torque\(t, q, v\) has shape"),
     "torque is nan": (
         {"torque": lambda *_: np.full(3, np.nan)},
-        NotFiniteError,
+        OutOfRangeError,
         r"^torque\(t, q, v\)\[0\] is nan",
     ),
-    "torque is nothing": ({"torque": lambda *_: None}, (ShapeError, NotFiniteError), r"^torque\(t, q, v\)"),
+    "torque is nothing": ({"torque": lambda *_: None}, (ShapeError, OutOfRangeError), r"^torque\(t, q, v\)"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom, has no outputs in the repository, and is the same as its .py twin."""
+"""Every notebook runs from top to bottom, has no outputs in the repository, and equals its .py twin."""
 
 import ast
 import importlib
@@ -20,16 +20,7 @@ SHORT = {
     "03_your_own_arm": "seconds = 0.5",
     "04_sweeps": "gains, poles, force_gains = 2, 2, 4",
 }
-"""The short mode: what the cell of a notebook that is tagged "parameters" says instead; the others are short as they are."""
-
-
-@pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
-def path(request):
-    return request.param
-
-
-def test_there_are_notebooks():
-    assert NOTEBOOKS
+"""Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 
 
 def run(notebook, folder):
@@ -59,6 +50,7 @@ def in_short(path):
     return notebook
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path):
     assert_it_runs_and_shows_its_replay(in_short(path), tmp_path)
 
@@ -71,57 +63,39 @@ def test_a_notebook_runs_at_its_full_length(name, tmp_path):
     )
 
 
-@pytest.mark.parametrize("last", ["1 / 0", "assert 1 == 2", "import coop_pin as cp\ncp.run('adept-papr')"])
-def test_a_notebook_that_fails_is_caught(last, tmp_path):
-    """Or the tests above would prove nothing."""
-    notebook = v4.new_notebook(
-        cells=[
-            v4.new_code_cell("print('so far')"),
-            v4.new_code_cell(last),
-            v4.new_code_cell("print('not reached')"),
-        ]
-    )
+def test_a_notebook_that_fails_is_caught(tmp_path):
+    """Without this the tests above would prove nothing."""
+    cells = [v4.new_code_cell(code) for code in ("print('so far')", "assert 1 == 2", "print('not reached')")]
+    notebook = v4.new_notebook(cells=cells)
     with pytest.raises(CellExecutionError):
         run(notebook, tmp_path)
     assert notebook.cells[0].outputs[0].text == "so far\n"
     assert notebook.cells[2].execution_count is None
 
 
-def test_a_notebook_opens_with_what_is_seen_and_ends_with_what_to_try(path):
-    cells = nbformat.read(path, as_version=4).cells
-    assert cells[0].source.startswith("# ")
-    assert " you " in cells[0].source.lower().replace("\n", " ")
-    assert cells[-1].source.startswith("## Try\n")
-
-
-def test_a_notebook_uses_the_public_api_only(path):
-    """Names without underscores, out of coop_pin and its rooms."""
-    code = "\n".join(
-        cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"
-    )
+def private_or_missing_names(code):
+    """Names with underscores, and names that coop_pin and its packages do not export."""
     tree = ast.parse("\n".join(line for line in code.splitlines() if not line.startswith("%")))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("coop_pin"):
-            assert node.module.count(".") <= 1
-            room = importlib.import_module(node.module)
-            assert {alias.name for alias in node.names} <= {*room.__all__, "figures"}
-        if isinstance(node, ast.Attribute):
-            assert not node.attr.startswith("_")
-            assert not (isinstance(node.value, ast.Name) and node.value.id == "cp") or node.attr in cp.__all__
+            exported = {*getattr(importlib.import_module(node.module), "__all__", ()), *cp._PACKAGES}
+            yield from ({alias.name for alias in node.names} - exported)
+        if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+            yield node.attr
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "cp" and node.attr not in dir(cp):
+            yield node.attr
 
 
-def test_a_notebook_is_short_and_has_no_outputs(path):
-    notebook = nbformat.read(path, as_version=4)
-    assert len(notebook.cells) <= MOST_CELLS
-    assert all(
-        not cell.outputs and cell.execution_count is None
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-    )
-
-
-def test_a_notebook_is_the_same_as_its_twin(path):
-    notebook, twin = nbformat.read(path, as_version=4), jupytext.read(path.with_suffix(".py"))
-    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == [
-        (cell.cell_type, cell.source) for cell in twin.cells
-    ]
+def test_notebooks_are_short_without_outputs_the_same_as_their_twins_and_use_the_public_api():
+    assert NOTEBOOKS
+    for path in NOTEBOOKS:
+        notebook, twin = nbformat.read(path, as_version=4), jupytext.read(path.with_suffix(".py"))
+        code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+        assert len(notebook.cells) <= MOST_CELLS, path
+        assert [cell for cell in code if cell.outputs or cell.execution_count] == [], path
+        assert [(cell.cell_type, cell.source) for cell in notebook.cells] == [
+            (cell.cell_type, cell.source) for cell in twin.cells
+        ], path
+        assert notebook.cells[0].source.startswith("# "), path
+        assert notebook.cells[-1].source.startswith("## Try\n"), path
+        assert [*private_or_missing_names("\n".join(cell.source for cell in code))] == [], path

@@ -11,7 +11,7 @@ from scipy.linalg import null_space
 
 from coop_pin.chain import CellChain, ClosedChain, Closure
 from coop_pin.description import PlantOptions
-from coop_pin.errors import NotFiniteError, OpenClosureError, ShapeError
+from coop_pin.errors import OpenClosureError, OutOfRangeError, ShapeError
 from coop_pin.model.pinocchio_model import symmetric
 
 CASES = [(name, payload) for name in SCENARIOS for payload in ("welded", "free")]
@@ -142,10 +142,10 @@ def test_a_closure_that_cannot_close_is_named_with_its_gap(payload):
     with pytest.raises(OpenClosureError) as error:
         chain.project_configuration(q)
     assert error.value.closure == "right/grasp - far"
-    assert 2.2 - 1e-9 <= error.value.gap_m < 3.9
-    assert error.value.gap_rad == 0.0
+    assert 2.2 - 1e-9 <= error.value.distance < 3.9
+    assert error.value.angle == 0.0
     assert "right/grasp - far" in str(error.value)
-    assert f"{error.value.gap_m:.3g} m" in str(error.value)
+    assert f"{error.value.distance:.3g} m" in str(error.value)
 
 
 def test_an_open_state_is_refused_where_a_closed_one_is_required():
@@ -160,7 +160,7 @@ def test_a_nan_is_never_closed():
     plant, q = closed(("spatial", "welded"))
     with pytest.raises(OpenClosureError):
         plant.mechanism.require_closed(np.full_like(q, np.nan), allowed=1.0)
-    with pytest.raises(NotFiniteError, match=r"^q"):
+    with pytest.raises(OutOfRangeError, match=r"^q"):
         plant.mechanism.project_configuration(np.full_like(q, np.nan))
     with pytest.raises(ShapeError, match=r"^q"):
         plant.mechanism.project_configuration(q[:-1])

@@ -6,7 +6,7 @@ from cells import SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.errors import ResultFileError
+from coop_pin.errors import FileReadError
 from coop_pin.results.dataset import QUANTITIES
 
 STATIC = {
@@ -52,5 +52,5 @@ def test_axial_shear_and_moment_are_the_parts_of_the_internal_wrench(result, pre
 
 def test_a_file_that_lacks_a_variable_is_refused_with_its_name(result, tmp_path):
     cp.RunResult(result.scenario, result.data.drop_vars("internal_axial")).save(tmp_path / "result.nc")
-    with pytest.raises(ResultFileError, match="internal_axial"):
+    with pytest.raises(FileReadError, match="internal_axial"):
         cp.RunResult.load(tmp_path / "result.nc")

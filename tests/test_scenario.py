@@ -1,7 +1,5 @@
 """Scenarios: typed errors with numbers, all mistakes at once; files, pickles and overrides; divergence."""
 
-import copy
-import inspect
 import pickle
 import tomllib
 from pathlib import Path
@@ -83,50 +81,50 @@ MISTAKES = {
     ),
     "gains of another law": (
         {"controller": {"kind": "payload-space"}},
-        errors.MissingFieldError,
+        errors.FieldError,
         "controller.gains",
         "a table of pose_gain, sign_gain, transient_rate, sliding_gain",
     ),
     "NaN gain": (
         {"controller.gains.sign_gain": np.nan},
-        errors.FieldNotFiniteError,
+        errors.FieldError,
         "controller.gains.sign_gain",
         "nan",
     ),
     "NaN in a row": (
         {"controller.gains.damping_gain": [1, np.nan, 1]},
-        errors.FieldNotFiniteError,
+        errors.FieldError,
         "controller.gains.damping_gain.1",
         "nan",
     ),
     "infinite posture": (
         {"cell.arms.left.posture": [0, np.inf, 0]},
-        errors.FieldNotFiniteError,
+        errors.FieldError,
         "cell.arms.left.posture.1",
         "inf",
     ),
     "vector too short": (
         {"cell.payload.inertia": [1.0, 2.0]},
-        errors.FieldShapeError,
+        errors.FieldError,
         "cell.payload.inertia",
         "must have 6",
     ),
-    "vector too long": ({"cell.gravity": [0, 0, 0, 0]}, errors.FieldShapeError, "cell.gravity", "4 entries"),
+    "vector too long": ({"cell.gravity": [0, 0, 0, 0]}, errors.FieldError, "cell.gravity", "4 entries"),
     "ragged matrix": (
         {"controller.gains.damping_gain": [[1.0, 0.0], [1.0]]},
-        errors.FieldShapeError,
+        errors.FieldError,
         "controller.gains.damping_gain",
         "[2, 1]",
     ),
     "empty row": (
         {"controller.gains.damping_gain": []},
-        errors.FieldShapeError,
+        errors.FieldError,
         "controller.gains.damping_gain",
         "no entries",
     ),
     "drive not square": (
         {"cell.arms.left.drive": [[1.0, 0.0]]},
-        errors.FieldShapeError,
+        errors.FieldError,
         "cell.arms.left.drive",
         "[2]",
     ),
@@ -144,26 +142,26 @@ MISTAKES = {
     ),
     "missing field": (
         {"clock": {"rate_hz": 80.0}, "start": {}, "motion": {"kind": "hold"}},
-        errors.MissingFieldError,
+        errors.FieldError,
         "motion.pose",
         "given",
     ),
     "unknown kind": ({"motion.kind": "spline"}, errors.FieldError, "motion.kind", "'exponentials'"),
     "kind missing": (
         {"controller.switching": {"width": 1.0}},
-        errors.MissingFieldError,
+        errors.FieldError,
         "controller.switching.kind",
         "given",
     ),
     "shares": (
         {"cell.load_shares": {"left": 0.5, "right": 0.6}},
-        errors.LoadShareError,
+        errors.FieldError,
         "cell.load_shares",
         "1.1",
     ),
     "share of a stranger": (
         {"cell.load_shares": {"left": 0.5, "rihgt": 0.5}},
-        errors.LoadShareError,
+        errors.FieldError,
         "cell.load_shares",
         "'right'",
     ),
@@ -175,57 +173,57 @@ MISTAKES = {
     ),
     "squeeze does not cancel": (
         {"squeeze.left": [-9.0, 0, 0, 0, 0, 0]},
-        errors.SqueezeError,
+        errors.FieldError,
         "squeeze",
         "[1.0, 0.0",
     ),
-    "event after the end": ({"events.0.time": 30.0}, errors.EventTimeError, "events.0.time", "20 s"),
-    "push beyond the end": ({"events.1.time": 19.9}, errors.EventTimeError, "events.1.time", "20.1"),
+    "event after the end": ({"events.0.time": 30.0}, errors.FieldError, "events.0.time", "20 s"),
+    "push beyond the end": ({"events.1.time": 19.9}, errors.FieldError, "events.1.time", "20.1"),
     "alpha not diagonal": (
         {"controller.gains.sign_gain": [[1, 0.1], [0, 1]]},
-        errors.SignGainError,
+        errors.FieldError,
         "controller.gains.sign_gain",
         "0.1",
     ),
     "alpha negative": (
         {"controller.gains.sign_gain": -0.2},
-        errors.SignGainError,
+        errors.FieldError,
         "controller.gains.sign_gain",
         "-0.2",
     ),
     "unequal gamma": (
         {"controller.arm_gains.left": ARM_GAINS | {"pose_gain": 3.0}},
-        errors.UnequalGainsError,
+        errors.FieldError,
         "controller.arm_gains.*.pose_gain",
         "'left': 3.0, 'right': 2.0",
     ),
     "unequal K_f": (
         LATE | {"controller.arm_gains.left": ARM_GAINS | {"force_gain": 0.5}},
-        errors.UnequalGainsError,
+        errors.FieldError,
         "controller.arm_gains.*.force_gain",
         "'left': 0.5, 'right': 0.0",
     ),
     "K_f without a force": (
         {"controller.gains.force_gain": 0.5},
-        errors.ForceGainBoundError,
+        errors.FieldError,
         "controller.gains.force_gain",
         "0.5",
     ),
     "K_f at its bound, late": (
         LATE | {"controller.gains.force_gain": 1.0},
-        errors.ForceGainBoundError,
+        errors.FieldError,
         "controller.gains.force_gain",
         "1",
     ),
     "K_f over its bound, late": (
         LATE | {"controller.gains.force_gain": 1.1},
-        errors.ForceGainBoundError,
+        errors.FieldError,
         "controller.gains.force_gain",
         "1.1",
     ),
     "K_f at its bound, low-pass": (
         LOW_PASS | {"controller.gains.force_gain": 3.0},
-        errors.ForceGainBoundError,
+        errors.FieldError,
         "controller.gains.force_gain",
         "3",
     ),
@@ -263,7 +261,7 @@ def test_below_the_bound_or_insisting_is_accepted(changes):
 
 
 def test_insisting_does_not_excuse_what_is_wrong_anyway():
-    with pytest.raises(errors.LoadShareError):
+    with pytest.raises(errors.FieldError):
         read(INSIST | {"cell.load_shares": {"left": 0.5, "right": 0.6}})
 
 
@@ -284,13 +282,13 @@ def test_all_mistakes_are_reported_at_once_whatever_their_level():
     found = {problem.path: type(problem) for problem in caught.value.problems}
     assert found == {
         "clock.rate_hz": errors.FieldError,
-        "controller.gains.sign_gain": errors.FieldNotFiniteError,
+        "controller.gains.sign_gain": errors.FieldError,
         "cell.payload.masss": errors.UnknownFieldError,
-        "cell.load_shares": errors.LoadShareError,
+        "cell.load_shares": errors.FieldError,
         "cell.arms.left.friction.viscous": errors.FieldError,
         "motion.kind": errors.FieldError,
-        "events.0.time": errors.EventTimeError,
-        "squeeze": errors.SqueezeError,
+        "events.0.time": errors.FieldError,
+        "squeeze": errors.FieldError,
         "stert": errors.UnknownFieldError,
     }
     for path in found:
@@ -300,28 +298,28 @@ def test_all_mistakes_are_reported_at_once_whatever_their_level():
 @pytest.mark.parametrize(
     ("changes", "kind", "numbers"),
     [
-        ({"cell.arms.left.tip": "tipp"}, errors.FrameNotFoundError, {"name": "tipp"}),
-        ({"cell.arms.left.urdf": "nowhere.urdf"}, errors.UrdfNotFoundError, {}),
-        ({"cell.arms.left.posture": (1.0, 2.0)}, errors.FieldShapeError, {"path": "cell.arms.left"}),
+        ({"cell.arms.left.tip": "tipp"}, errors.NameNotFoundError, {"name": "tipp"}),
+        ({"cell.arms.left.urdf": "nowhere.urdf"}, errors.UrdfError, {}),
+        ({"cell.arms.left.posture": (1.0, 2.0)}, errors.FieldError, {"path": "cell.arms.left"}),
         (
             {"controller.gains.damping_gain": (60.0, 60.0)},
-            errors.FieldShapeError,
+            errors.FieldError,
             {"path": "controller.gains.damping_gain"},
         ),
         (
             {"cell.arms.left.drive": ((1.0, 0.0), (0.0, 1.0)), "cell.arms.left.friction.viscous": 1.0},
-            errors.FieldShapeError,
+            errors.FieldError,
             {},
         ),
         ({"start.xyz": (3.0, 0.0, 0.0)}, errors.UnreachablePoseError, {"arm": "left"}),
         (
             {"controller": {"kind": "user", "target": "nowhere:Law"}},
-            errors.EntryNotFoundError,
+            errors.NameNotFoundError,
             {"kind": "module", "name": "nowhere"},
         ),
         (
             {"controller": {"kind": "user", "target": "cells:Law"}},
-            errors.EntryNotFoundError,
+            errors.NameNotFoundError,
             {"kind": "class", "name": "Law"},
         ),
         (
@@ -342,7 +340,7 @@ def test_what_only_the_robots_know_is_refused_before_the_first_tick(changes, kin
 def test_an_unreachable_start_says_how_far_it_is():
     with pytest.raises(errors.UnreachablePoseError) as caught:
         cp.run("adept-paper", {"start.xyz": (3.0, 0.0, 0.0)})
-    assert 1.0 < caught.value.gap_m < 4.0
+    assert 1.0 < caught.value.distance < 4.0
 
 
 def test_a_singular_arm_is_named_with_condition_and_time():
@@ -353,7 +351,7 @@ def test_a_singular_arm_is_named_with_condition_and_time():
         "start": start,
         "cell.arms.left.posture": (np.pi / 4, 1e-6, -np.pi / 4),
     }
-    with pytest.raises(errors.SingularArmError) as caught:
+    with pytest.raises(errors.SingularJacobianError) as caught:
         cp.run("adept-paper", changes)
     error = caught.value
     assert (error.arm, error.time) == ("left", 0.0)
@@ -535,63 +533,13 @@ def test_a_users_file_may_name_a_urdf_beside_it(tmp_path):
 def test_what_is_not_toml_is_refused_with_its_path(tmp_path, content):
     path = tmp_path / "bad.toml"
     path.write_bytes(content)
-    with pytest.raises(errors.ScenarioFileError, match=r"bad\.toml"):
+    with pytest.raises(errors.FileReadError, match=r"bad\.toml"):
         cp.Scenario.load(path)
 
 
 def test_an_unknown_scenario_is_refused_with_a_suggestion():
-    with pytest.raises(errors.EntryNotFoundError, match="'adept-paper'"):
+    with pytest.raises(errors.NameNotFoundError, match="'adept-paper'"):
         cp.Scenario.load("adept-papr")
-
-
-# ---------------------------------------------------------------- errors as values
-
-
-def error_classes(root=errors.CoopPinError):
-    return [root, *(leaf for child in root.__subclasses__() for leaf in error_classes(child))]
-
-
-PARTS = [errors.FieldError("is 1", "a.b"), errors.SqueezeError("is 2", "c")]
-SAMPLES = {
-    "tuple[int": (1, 2),
-    "FieldError": PARTS,
-    "Iterable[": ["one", "two"],
-    "Sequence[": ["one", "two"],
-    "float": 0.25,
-    "int": 2,
-}
-
-
-def sample(kind):
-    """Build an error with something of the right type for each parameter of its constructor."""
-    if kind.__init__ in (errors.CoopPinError.__init__, OSError.__init__, ImportError.__init__):
-        return kind("a message")
-    parameters = [p for p in inspect.signature(kind.__init__).parameters.values() if p.name != "self"]
-    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return kind("a message")
-    return kind(
-        *(
-            next((value for part, value in SAMPLES.items() if part in str(p.annotation)), "text")
-            for p in parameters
-        )
-    )
-
-
-@pytest.mark.parametrize("kind", dict.fromkeys(error_classes()), ids=lambda kind: kind.__name__)
-def test_every_error_can_be_sent_between_processes(kind):
-    error = sample(kind)
-    error.result = "a result"
-    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
-        assert type(twin) is kind
-        assert str(twin) == str(error)
-        assert str(twin)
-        assert {k: str(v) for k, v in vars(twin).items()} == {k: str(v) for k, v in vars(error).items()}
-        assert twin.result == "a result"
-
-
-def test_an_interrupt_can_be_sent_between_processes():
-    twin = pickle.loads(pickle.dumps(errors.RunInterruptedError(1.5, None)))
-    assert (type(twin), twin.time) == (errors.RunInterruptedError, 1.5)
 
 
 def test_spatial_scenario_is_read_as_written():
@@ -601,7 +549,7 @@ def test_spatial_scenario_is_read_as_written():
 
 
 def test_a_mistake_in_no_single_field_starts_with_no_colon():
-    with pytest.raises(errors.FieldShapeError, match=r"^entries per joint disagree"):
+    with pytest.raises(errors.FieldError, match=r"^entries per joint disagree"):
         cp.Arm.from_urdf("ur5", "tool0", posture=(0.0,) * 6, torque_limits=(1.0, 2.0))
 
 
@@ -614,14 +562,14 @@ def test_a_wrong_mass_or_size_of_a_box_is_one_mistake():
     with pytest.raises(errors.FieldError, match="mass: is -2; it must be positive") as caught:
         cp.Payload.box(mass=-2.0, size=(0.3, 0.2, 0.1))
     assert len(caught.value.problems) == 1
-    with pytest.raises(errors.FieldShapeError, match="size: has 2 entries"):
+    with pytest.raises(errors.FieldError, match="size: has 2 entries"):
         cp.Payload.box(mass=2.0, size=(0.3, 0.2))
 
 
 def test_a_wrong_path_names_the_scenario_files_where_it_leads(tmp_path):
     (tmp_path / "mine.toml").touch()
     for wrong in (tmp_path / "mien.toml", tmp_path):
-        with pytest.raises(errors.EntryNotFoundError, match=r"mine\.toml'"):
+        with pytest.raises(errors.NameNotFoundError, match=r"mine\.toml'"):
             cp.Scenario.load(wrong)
 
 
@@ -632,5 +580,5 @@ def test_a_misspelt_urdf_is_looked_for_beside_the_scenarios_file(tmp_path, monke
     (tmp_path / "cell" / "mine.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
     scenario = cp.Scenario.load("cell/mine.toml")
-    with pytest.raises(errors.UrdfNotFoundError, match=r"cell.strok\.urdf; did you mean 'stork\.urdf'"):
+    with pytest.raises(errors.UrdfError, match=r"cell.strok\.urdf; did you mean 'stork\.urdf'"):
         _ = scenario.cell.arms["left"].file

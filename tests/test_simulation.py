@@ -259,7 +259,7 @@ def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload)
     apart = scenario.replace(start_angles=open_start(scenario, 0.1))
     with pytest.raises(OpenClosureError, match="right") as caught:
         cp.run(apart)
-    assert caught.value.gap_m == pytest.approx(0.1, abs=1e-9)
+    assert caught.value.distance == pytest.approx(0.1, abs=1e-9)
     closed = cp.run(apart.replace(project_start=True))
     assert max(closed.closure_error_max()) < 1e-8
     assert np.linalg.norm(closed.data.payload_position.values[0] - scenario.start.xyz) < 0.11

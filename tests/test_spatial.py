@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from coop_pin.errors import NotFiniteError, ShapeError
+from coop_pin.errors import OutOfRangeError, ShapeError
 from coop_pin.spatial import (
     internal_wrenches,
     inverse_pose,
@@ -183,6 +183,6 @@ def test_bad_values_are_refused_by_argument_name():
     with pytest.raises(ShapeError, match="translation") as shape:
         make_pose((1.0, 2.0))
     assert (shape.value.name, shape.value.shape) == ("translation", (2,))
-    with pytest.raises(NotFiniteError, match="rpy") as finite:
+    with pytest.raises(OutOfRangeError, match="rpy") as finite:
         make_pose(rpy=(0.0, np.nan, 0.0))
     assert (finite.value.name, finite.value.index) == ("rpy", (1,))

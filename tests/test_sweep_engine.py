@@ -10,7 +10,7 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-from coop_pin.errors import FieldError, SweepInterruptedError, SweepStoreError, WorkersLostError
+from coop_pin.errors import FieldError, FileReadError, SweepInterruptedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
 
@@ -128,7 +128,7 @@ def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(t
     assert {f.parameters["law"]: f.kind for f in result.failures} == {
         "wild": "DivergedError",
         "broken": "UserCodeError",
-        "nowhere": "EntryNotFoundError",
+        "nowhere": "NameNotFoundError",
     }
     assert [f.number for f in result.failures] == [0, 1, 3]
     assert result.counts() == {"ok": 1, "failed": 3, "missing": 0}
@@ -223,7 +223,7 @@ def test_tables_have_a_line_for_each_run_and_times_stand_apart(tmp_path):
 
 
 def test_a_folder_without_a_sweep_is_refused(tmp_path):
-    with pytest.raises(SweepStoreError, match="holds no sweep"):
+    with pytest.raises(FileReadError, match="holds no sweep"):
         SweepResult.load(tmp_path)
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_result import filled
 
 from coop_pin.cli import main
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import pareto_figure, sweep_figure
 from coop_pin.sweeps import SweepPlan
 
@@ -105,7 +105,7 @@ def test_lines_along_a_chosen_field_and_no_more_than_a_figure_tells_apart(grid, 
     many = line(tmp_path / "many", {GAIN: np.linspace(0, 1, 9), RATE: RATES})
     with pytest.raises(FieldError, match="9 lines"):
         sweep_figure(many, METRIC, over=RATE)
-    with pytest.raises(EntryNotFoundError, match="nothing"):
+    with pytest.raises(NameNotFoundError, match="nothing"):
         sweep_figure(grid, METRIC, over="nothing")
     with pytest.raises(FieldError, match="no numbers"):
         sweep_figure(line(tmp_path / "cases", {}, cases={"law": {"a": {}, "b": {MASS: 5.0}}}), METRIC)

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 import coop_pin as cp
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import EntryNotFoundError, FieldError, ScenarioFileError, UnknownFieldError
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError
 from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
 from coop_pin.sweeps.run_key import run_key
 
@@ -184,10 +184,10 @@ def test_a_misspelt_field_is_refused_before_anything_runs_and_a_bad_value_is_not
 
 
 def test_files_that_are_no_plans_are_refused(tmp_path):
-    with pytest.raises(EntryNotFoundError):
+    with pytest.raises(NameNotFoundError):
         SweepPlan.load(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("base = ")
-    with pytest.raises(ScenarioFileError):
+    with pytest.raises(FileReadError):
         SweepPlan.load(tmp_path / "bad.toml")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from coop_pin.errors import EntryNotFoundError, FieldError, UnfinishedSweepError
+from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.sensitivity import pareto_front
@@ -149,16 +149,16 @@ def test_zipped_fields_stand_along_one_dimension(tmp_path):
 
 
 def test_questions_without_an_answer_are_typed_errors(grid, tmp_path):
-    with pytest.raises(EntryNotFoundError, match="metric"):
+    with pytest.raises(NameNotFoundError, match="metric"):
         grid.best("h")
-    with pytest.raises(EntryNotFoundError):
+    with pytest.raises(NameNotFoundError):
         grid.marginal(MASS, "f")
-    with pytest.raises(EntryNotFoundError):
+    with pytest.raises(NameNotFoundError):
         grid.stability_boundary(MASS)
     with pytest.raises(FieldError, match="saltelli"):
         grid.sobol_indices("f")
     next((tmp_path / "runs").rglob("*.json")).unlink()
-    with pytest.raises(UnfinishedSweepError):
+    with pytest.raises(InvalidStateError):
         SweepResult.load(tmp_path).stability_boundary(GAIN)
 
 

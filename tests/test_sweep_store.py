@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from coop_pin.errors import DivergedError, StoreLockedError, StoreWriteError, SweepStoreError
+from coop_pin.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.record import Failure, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.store import FolderLock, SweepStore
@@ -50,17 +50,17 @@ def test_any_flipped_bit_is_seen(record):
     for place in range(len(data)):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (place % 8)
-        with pytest.raises(SweepStoreError):
+        with pytest.raises(FileReadError):
             Record.from_bytes(bytes(damaged))
 
 
 def test_any_cut_is_seen_and_so_are_other_files():
     data = RECORD.to_bytes()
     for end in range(len(data)):
-        with pytest.raises(SweepStoreError):
+        with pytest.raises(FileReadError):
             from_checksummed_json(data[:end])
     for foreign in (b"", b"{}", b"hello", 200 * b"\0", data + b"\n", to_checksummed_json({"key": KEY})):
-        with pytest.raises(SweepStoreError):
+        with pytest.raises(FileReadError):
             Record.from_bytes(foreign)
 
 
@@ -91,7 +91,7 @@ def test_a_damaged_record_is_moved_aside_and_kept_there(store):
         path = store.record_path(KEY)
         damaged = path.read_bytes().replace(b"0.333", b"0.334")
         path.write_bytes(damaged)
-        with pytest.raises(SweepStoreError):
+        with pytest.raises(FileReadError):
             store.read(KEY)
         assert store.read_or_quarantine(KEY) is None
         assert not path.exists()
@@ -139,14 +139,14 @@ def test_clean_up_removes_parts_moves_foreign_files_and_touches_no_record(store)
 
 
 def test_the_plan_is_kept_and_its_damage_seen(store):
-    with pytest.raises(SweepStoreError, match="holds no sweep"):
+    with pytest.raises(FileReadError, match="holds no sweep"):
         store.read_plan()
     plan = SweepPlan(base="adept-paper", axes={"controller.gains.sign_gain": [0.0, 0.1]})
     store.write_plan(plan)
     assert store.read_plan() == plan
     path = store.folder / "plan.json"
     path.write_bytes(path.read_bytes().replace(b"0.1", b"0.7", 1))
-    with pytest.raises(SweepStoreError, match="run the sweep's command again"):
+    with pytest.raises(FileReadError, match="run the sweep's command again"):
         store.read_plan()
 
 
@@ -162,7 +162,7 @@ def test_a_full_disk_is_a_typed_error_and_costs_nothing_written_before(store, mo
     with monkeypatch.context() as broken:
         broken.setattr(os, "fsync", full)
         for record in (FAILED, RECORD._replace(metrics={"a": 2.0})):
-            with pytest.raises(StoreWriteError, match="the disk is full"):
+            with pytest.raises(FileWriteError, match="the disk is full"):
                 store.write(record)
     assert store.read(KEY) == RECORD
     assert store.read(OTHER) is None
@@ -174,7 +174,7 @@ def _write_big(folder, queue):
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
     try:
         SweepStore(folder).write(RECORD, 10000 * b"x")
-    except StoreWriteError as error:
+    except FileWriteError as error:
         queue.put(str(error))
 
 

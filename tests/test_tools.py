@@ -16,7 +16,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 STAND_IN = """#!/bin/sh
 case "$1 $2 $3" in
     "-m pip --version") ;;
-    "-m pip "*|"-m ensurepip "*|"-m ruff "*|"-m mypy "*|"-m pytest "*|"-m sphinx "*) echo "$@" >>"$CALLS"; [ "$2" != "$FAILS" ];;
+    "-m pip "*|"-m ensurepip "*|"-m ruff "*|"-m mypy "*|"-m pytest "*|"-m sphinx "*)
+        echo "$@" >>"$CALLS"; [ "$2" != "$FAILS" ];;
     *) exec {python} "$@";;
 esac
 """
@@ -24,7 +25,7 @@ esac
 
 @pytest.fixture
 def workshop(tmp_path):
-    """A copy of the tools with an environment that notes what it is asked for instead of doing it; coop-pin is real."""
+    """A copy of the tools with an environment that records its calls; only coop-pin is real."""
     folder = tmp_path / "a clone"
     shutil.copytree(REPOSITORY / "tools", folder / "tools")
     for name in ("pyproject.toml", "constraints.txt"):
@@ -84,10 +85,7 @@ def test_what_is_installed_is_installed_again_only_where_something_changed(works
         with (workshop / name).open("a") as file:
             file.write("\n# changed\n")
         assert use(workshop, tool)[0][0].startswith("pip install")
-    assert not use(workshop, "gate.sh", fails="pip")[1].stdout.startswith("== gate passed")
-
-
-def test_an_installation_that_failed_is_tried_again(workshop):
+    (workshop / "pyproject.toml").write_text("# changed again")
     assert use(workshop, "docs.sh", fails="pip")[1].returncode != 0
     assert use(workshop, "docs.sh")[0][0].startswith("pip install")
 
@@ -138,7 +136,8 @@ def test_a_difference_is_the_largest_and_its_share_is_of_what_is_allowed_there(m
 
 
 def test_the_page_is_filled_row_by_row_and_nothing_else_of_it_changes(measure):
-    page = "x\n\n| claim | found |\n| --- | --- |\n| `test_a`, `test_b` | old |\n| `test_c` | |\n\n| other |\n| --- |\n| `test_a` |\n"
+    page = "x\n\n| claim | found |\n| --- | --- |\n| `test_a`, `test_b` | old |\n| `test_c` | |\n"
+    page += "\n| other |\n| --- |\n| `test_a` |\n"
     found = {"test_a": measure.Found(1e-12, 0.001), "test_b": measure.Found(3e-9, 0.25)}
     filled = page.replace("| old |", "| 3e-09 (25%) |").replace("| `test_c` | |", "| `test_c` | – |")
     assert measure.fill(page, found) == filled
@@ -167,7 +166,8 @@ def test_what_the_page_says_is_what_is_found(measure):
         "test_mass_matrix_is_the_kinetic_energy_of_the_links",
         "test_a_closure_opened_by_a_decimetre_recovers_at_the_baumgarte_rate",
     }
-    code = f"import sys; sys.path.insert(0, 'tools'); import measure; print(repr(dict(measure.measure({names}))))"
+    code = "import sys; sys.path.insert(0, 'tools'); import measure"
+    code += f"; print(repr(dict(measure.measure({names}))))"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False
     )

@@ -19,8 +19,8 @@ from test_sweep_cluster import scheduler_elsewhere
 import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.errors import (
-    EntryNotFoundError,
     FieldError,
+    NameNotFoundError,
     NothingFeasibleError,
     StoreLockedError,
     SweepInterruptedError,
@@ -330,7 +330,7 @@ def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
 
 
 def test_a_metric_that_runs_do_not_have_is_refused_with_those_they_have(tmp_path, method):
-    with pytest.raises(EntryNotFoundError, match="torque_peak_Nm"):
+    with pytest.raises(NameNotFoundError, match="torque_peak_Nm"):
         cp.tune(SHORT, RANGES, out=tmp_path, method=method, **OPTIONS | {"minimize": "torque_peak"})
 
 
@@ -448,7 +448,7 @@ def test_mistakes_are_one_line_and_an_exit_code(capsys, words, message):
 def test_a_search_that_finds_nothing_fails_and_says_where_its_runs_are(folder, capsys):
     assert main(["tune", "short.toml", *WORDS, "--subject-to", f"{PEAK}<1e-3", *SIZE, "--out", "kept"]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("coop-pin: none of 6 runs (0 failed), kept in kept, keeps ")
+    assert said.startswith("coop-pin: none of 6 runs (0 failed), kept in kept, satisfies ")
     assert SweepResult.load(folder / "kept").counts()["ok"] == 6
 
 

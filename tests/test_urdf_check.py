@@ -22,7 +22,7 @@ from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urd
 from coop_pin.description.urdf.find import example_folder
 from coop_pin.description.urdf.tree import MAX_DEPTH
 from coop_pin.description.urdf.xml import MAX_BYTES
-from coop_pin.errors import UrdfError, UrdfNotFoundError, UrdfWarning
+from coop_pin.errors import UrdfError, UrdfWarning
 
 ARMS = ("panda", "ur3", "ur5", "ur10", "ur5_gripper", "kinova", "xarm7", "z1", "baxter", "so100", "so101")
 
@@ -285,7 +285,7 @@ def test_impossible_bodies_of_known_robots_are_not_warned_of_but_errors_when_str
 
 def test_a_file_that_is_gone_a_folder_and_a_huge_file_are_typed_errors(tmp_path):
     for path in (tmp_path / "gone.urdf", tmp_path):
-        with pytest.raises(UrdfNotFoundError):
+        with pytest.raises(UrdfError):
             check_file(UrdfFile(path, ()))
     huge = tmp_path / "huge.urdf"
     with huge.open("wb") as file:

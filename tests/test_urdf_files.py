@@ -15,7 +15,7 @@ from malformed_urdf import arm
 import coop_pin
 from coop_pin.description.urdf import bundled_urdf_folder, check_urdf, find_urdf
 from coop_pin.description.urdf.find import example_urdfs
-from coop_pin.errors import UrdfNotFoundError
+from coop_pin.errors import UrdfError
 
 
 def test_a_path_is_found_absolute_and_relative_to_the_working_directory(tmp_path, monkeypatch):
@@ -57,27 +57,27 @@ def test_example_names_are_those_that_users_know():
 )
 def test_a_path_that_leads_nowhere_is_called_a_missing_file(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UrdfNotFoundError, match="there is no file") as caught:
+    with pytest.raises(UrdfError, match="there is no file") as caught:
         find_urdf(name)
     assert os.path.normpath(tmp_path / name) in str(caught.value)
 
 
 def test_a_misspelt_path_names_the_closest_file_beside_it_or_the_closest_robot(tmp_path):
     (tmp_path / "stork.urdf").touch()
-    with pytest.raises(UrdfNotFoundError, match=r"did you mean 'stork\.urdf'"):
+    with pytest.raises(UrdfError, match=r"did you mean 'stork\.urdf'"):
         find_urdf(tmp_path / "strok.urdf")
-    with pytest.raises(UrdfNotFoundError, match="did you mean 'panda'"):
+    with pytest.raises(UrdfError, match="did you mean 'panda'"):
         find_urdf("panda.urdf")
 
 
 def test_a_folder_is_called_one(tmp_path):
-    with pytest.raises(UrdfNotFoundError, match="is a folder"):
+    with pytest.raises(UrdfError, match="is a folder"):
         find_urdf(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["pandaa", "", "x" * 5000, "a\0b"])
 def test_a_missing_name_lists_the_places_searched(name):
-    with pytest.raises(UrdfNotFoundError) as caught:
+    with pytest.raises(UrdfError) as caught:
         find_urdf(name)
     for place in (str(Path.cwd()), "robots of coop_pin", "example-robot-data"):
         assert place in str(caught.value)

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from coop_pin import run
 from coop_pin.description import Arm, Cell, Payload, Pose
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import GeometryWarning
+from coop_pin.errors import UrdfWarning
 from coop_pin.model.shapes import Mesh
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
@@ -469,7 +469,7 @@ def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None
     path.write_text(broken)
     cell = planar_scenario().cell
     arm = cell.arms["left"].replace(urdf=str(path))
-    with pytest.warns(GeometryWarning, match=r"link 'link_3' of .*broken\.urdf.*clamp\.stl"):
+    with pytest.warns(UrdfWarning, match=r"link 'link_3' of .*broken\.urdf.*clamp\.stl"):
         broken_bodies = CellVisuals(cell.replace(arms={**cell.arms, "left": arm}), "welded").bodies
     with warnings.catch_warnings():
         warnings.simplefilter("error")

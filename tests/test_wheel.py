@@ -1,4 +1,4 @@
-"""What is handed out: the sdist holds what the tests read, the wheel built from it the package and nothing else, and it works installed."""
+"""Distributions: contents of the sdist and of the wheel built from it, installation, constraints."""
 
 import configparser
 import importlib.metadata
@@ -50,23 +50,14 @@ def only_entry(folder):
 
 
 def build_all(folder):
-    """The sdist, unpacked; from it the wheel; an environment with it, the dependencies of this one, and no way into the repository."""
+    """Build the sdist, from it the wheel, and an environment with it and this one's dependencies only."""
     for name in ("sdist", "unpacked", "wheel"):
         (folder / name).mkdir()
     run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder / "sdist", cwd=REPOSITORY)
     with tarfile.open(only_entry(folder / "sdist")) as packed:
         packed.extractall(folder / "unpacked", filter="data")
-    run(
-        sys.executable,
-        "-m",
-        "hatchling",
-        "build",
-        "-t",
-        "wheel",
-        "-d",
-        folder / "wheel",
-        cwd=only_entry(folder / "unpacked"),
-    )
+    unpacked = only_entry(folder / "unpacked")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=unpacked)
     venv.create(folder / "environment", with_pip=False, symlinks=True)
     python = folder / "environment" / "bin" / "python"
     site = Path(
@@ -166,19 +157,7 @@ def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(
         trusted = f"safe.directory={REPOSITORY}"  # on CI machines the clone is often somebody else's
         listed = run("git", "-c", trusted, "ls-files", "-z", cwd=REPOSITORY).split("\0")
         assert {name for name in listed if name and (REPOSITORY / name).exists()} - names == set()
-    for folder in (
-        "coop_pin",
-        "urdf",
-        "tests",
-        "tools",
-        "benchmarks",
-        "examples",
-        "notebooks",
-        "docs",
-        "studies",
-    ):
-        assert any(name.startswith(f"{folder}/") for name in names), folder
-    assert {
+    files = [
         "README.md",
         "LICENSE",
         "CHANGELOG.md",
@@ -186,7 +165,9 @@ def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(
         "constraints.txt",
         "pyproject.toml",
         "PKG-INFO",
-    } <= names
+    ]
+    folders = ["coop_pin", "urdf", "tests", "tools", "benchmarks", "examples", "notebooks", "docs", "studies"]
+    assert {*files, *folders} <= {*names, *(name.partition("/")[0] for name in names)}
     assert not [
         name for name in names if NEVER_INSIDE & set(Path(name).parts) or name.startswith("docs/notebooks/")
     ]
@@ -201,9 +182,8 @@ def test_no_file_names_a_folder_of_the_machine_it_was_built_on(sdist, wheel):
 
 
 def test_the_tests_can_be_collected_from_the_sdist(sdist, tmp_path):
-    """Whatever they read as they are loaded is there, and what they test is the package beside them."""
-    command = [
-        sys.executable,
+    """Files that tests read as they are loaded are there, and the package beside them is what they test."""
+    options = [
         "-m",
         "pytest",
         "--collect-only",
@@ -213,72 +193,50 @@ def test_the_tests_can_be_collected_from_the_sdist(sdist, tmp_path):
         "tests/test_docs.py",
         "tests/test_examples.py",
     ]
-    assert (
-        "error"
-        not in run(*command, cwd=sdist, PYTHONPATH=str(sdist), PYTHONDONTWRITEBYTECODE="1").splitlines()[-1]
-    )
-    shown = run(
-        sys.executable, "-c", "import coop_pin; print(coop_pin.__file__)", cwd=tmp_path, PYTHONPATH=str(sdist)
-    )
-    assert Path(shown.strip()).is_relative_to(sdist)
+    shown = run(sys.executable, *options, cwd=sdist, PYTHONPATH=str(sdist), PYTHONDONTWRITEBYTECODE="1")
+    assert "error" not in shown.splitlines()[-1]
+    code = "import coop_pin; print(coop_pin.__file__)"
+    place = run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=str(sdist))
+    assert Path(place.strip()).is_relative_to(sdist)
 
 
 # ---------------------------------------------------------------- installed
-
-
-def test_the_installed_package_works_where_there_is_no_repository(installed, tmp_path):
-    """As the newcomer's first commands, in an empty folder; the package, its pages and its robots come from the wheel."""
-    coop_pin_command = installed.parent / "coop-pin"
-    assert run(coop_pin_command, "--version", cwd=tmp_path) == f"coop-pin {coop_pin.__version__}\n"
-    listed = run(coop_pin_command, "list", cwd=tmp_path)
-    assert all(name in listed for name in scenario_names())
-    out = run(
-        coop_pin_command,
-        "run",
-        "adept-paper",
-        "--duration",
-        "1",
-        "--events",
-        "[]",
-        "--report",
-        "--out",
-        "run",
-        cwd=tmp_path,
-    )
-    judged = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert judged
-    assert all(name in out for name in judged)
-    written = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
-    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.svg"} <= set(
-        written
-    )
-    assert min(written["replay.html"], written["report.html"]) > 500_000  # the viewer is inside
-    assert "every arm can follow" in run(
-        coop_pin_command, "check", "adept-paper", "--poses", "41", cwd=tmp_path
-    )
-    assert "replay.html" in run(coop_pin_command, "view", "run", "--no-open", cwd=tmp_path)
-    assert "panda" in run(installed, "-m", "coop_pin", "show", "two-pandas-box", cwd=tmp_path)
 
 
 PLACES = """
 import importlib.metadata, importlib.util, json, sys
 import coop_pin
 from coop_pin.description.urdf.find import bundled_urdf_folder
-distribution = importlib.metadata.distribution("coop-pin")
-print(json.dumps({
-    "package": coop_pin.__file__, "urdf": str(bundled_urdf_folder()), "distribution": str(distribution.locate_file("")),
-    "path": sys.path, "tests": importlib.util.find_spec("test_wheel") is not None,
-}))
+installed = importlib.metadata.distribution("coop-pin").locate_file("")
+places = [coop_pin.__file__, bundled_urdf_folder(), installed]
+print(json.dumps([[*map(str, places)], sys.path, importlib.util.find_spec("test_wheel") is None]))
 """
 
 
-def test_what_runs_is_what_was_installed(installed, tmp_path):
-    places = json.loads(run(installed, "-c", PLACES, cwd=tmp_path))
-    environment = installed.parents[1]
-    for name in ("package", "urdf", "distribution"):
-        assert Path(places[name]).is_relative_to(environment), places[name]
-    assert str(REPOSITORY) not in places["path"]
-    assert not places["tests"]
+def test_the_installed_package_works_without_the_repository(installed, tmp_path):
+    """A newcomer's first commands in an empty folder; package, pages and robots come from the wheel."""
+
+    def command(words):
+        return run(installed.parent / "coop-pin", *words.split(), cwd=tmp_path)
+
+    places, path, hides_tests = json.loads(run(installed, "-c", PLACES, cwd=tmp_path))
+    assert [place for place in places if not Path(place).is_relative_to(installed.parents[1])] == []
+    assert str(REPOSITORY) not in path
+    assert hides_tests
+    assert command("--version") == f"coop-pin {coop_pin.__version__}\n"
+    assert [name for name in scenario_names() if name not in command("list")] == []
+    out = command("run adept-paper --duration 1 --events [] --report --out run")
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics
+    assert [name for name in metrics if name not in out] == []
+    written = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
+    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.svg"} <= {
+        *written
+    }
+    assert min(written["replay.html"], written["report.html"]) > 500_000  # the viewer is inside
+    assert "left" in command("check adept-paper --poses 41")
+    assert "replay.html" in command("view run --no-open")
+    assert "panda" in run(installed, "-m", "coop_pin", "show", "two-pandas-box", cwd=tmp_path)
 
 
 # ---------------------------------------------------------------- constraints

@@ -30,7 +30,7 @@ def maximum_reach(arm: Arm) -> float:
     attained.
 
     Raises:
-        UrdfNotFoundError, UrdfError, FrameNotFoundError: the arm cannot be built.
+        UrdfError, NameNotFoundError: the arm cannot be built.
     """
     model, limits = load_arm_model(arm), JointLimits(arm)
     data, tip = model.createData(), frame_id(model, arm.tip)
@@ -145,7 +145,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload there.
-        UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
+        UrdfError, NameNotFoundError: an arm cannot be built.
     """
     chain = CellChain(cell, PlantOptions(payload="free"))
     q, still = chain.configuration(X_WP), np.zeros(chain.mechanism.model.nv)

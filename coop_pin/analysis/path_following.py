@@ -173,7 +173,7 @@ class PathFollowing:
         try:
             solve_ik(self._model, self._path.poses[worst], posture=self._near)
         except UnreachablePoseError as error:
-            gap_m, gap_rad, other_branch = error.gap_m, error.gap_rad, False
+            gap_m, gap_rad, other_branch = error.distance, error.angle, False
         time = self._last_reached(int(np.argmin(self._reached)))
         return Unreachable(time, float(self._path.times[worst]), gap_m, gap_rad, other_branch)
 

@@ -150,7 +150,7 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
 
     Raises:
         ArgumentError: fewer than two poses.
-        UrdfError, FrameNotFoundError, ReferenceFileError, EntryNotFoundError: an arm or the motion cannot be
+        UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be
             built.
     """
     if poses < 2:

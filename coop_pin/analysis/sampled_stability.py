@@ -66,7 +66,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.
-        SingularArmError: an arm is singular there.
+        SingularJacobianError: an arm is singular there.
     """
     simulation = Simulation(scenario, build_controller(scenario))
     plant, chain = simulation.plant, simulation.plant.chain.mechanism

@@ -72,7 +72,7 @@ class CellChain:
                 omitted.
 
         Raises:
-            UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm cannot be built.
+            UrdfError, NameNotFoundError: an arm cannot be built.
         """
         options = PlantOptions() if options is None else options
         self.cell = cell

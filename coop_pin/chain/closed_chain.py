@@ -91,7 +91,7 @@ class ClosedChain:
                 redundant rows of a spatial loop for independent ones and stops the mechanism.
 
         Raises:
-            FrameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame does not exist.
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
@@ -133,10 +133,10 @@ class ClosedChain:
             mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
 
         Raises:
-            UrdfNotFoundError: there is no such file.
-            UrdfError: the URDF has structural defects; MimicJointError: it has mimic joints.
-            ShapeError, NotFiniteError: gravity is not three finite numbers.
-            FrameNotFoundError, FieldError, ArgumentError: as for the constructor.
+            UrdfError: there is no such file; the URDF has structural defects; MimicJointError: it has mimic
+                joints.
+            ShapeError, OutOfRangeError: gravity is not three finite numbers.
+            NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
         model = mechanism_model(path_or_xml, gravity, mimic == "ignore")
         return cls(model, closures, stabilisation=stabilisation, formulation=formulation)
@@ -145,7 +145,7 @@ class ClosedChain:
         """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).
 
         Raises:
-            JointNotFoundError: a joint does not exist.
+            NameNotFoundError: a joint does not exist.
             ArgumentError: a joint has more than one degree of freedom.
         """
         return configuration_at(self.model, angles)
@@ -154,7 +154,7 @@ class ClosedChain:
         """Return v with named joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
 
         Raises:
-            JointNotFoundError: a joint does not exist.
+            NameNotFoundError: a joint does not exist.
             ArgumentError: a joint has more than one degree of freedom.
         """
         return velocity_at(self.model, rates)
@@ -163,7 +163,7 @@ class ClosedChain:
         """Return the pose X_WF of a frame in the world, shape (4, 4).
 
         Raises:
-            FrameNotFoundError: the frame does not exist.
+            NameNotFoundError: the frame does not exist.
         """
         index = frame_id(self.model, frame)
         pin.forwardKinematics(self.model, self._data, self._q(q))
@@ -218,7 +218,7 @@ class ClosedChain:
             OpenClosureError: the closures are not closed at the start.
             IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
             ArgumentError: torque is not callable.
-            ShapeError, NotFiniteError, NotPositiveError: an argument, or the value of torque, has a wrong
+            ShapeError, OutOfRangeError: an argument, or the value of torque, has a wrong
                 shape, is not finite or is not positive.
         """
         start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)

@@ -55,7 +55,7 @@ class Closure:
         """Validate the poses.
 
         Raises:
-            ShapeError, NotFiniteError, NotAPoseError: X_AC or X_BC is not a pose.
+            ShapeError, OutOfRangeError, NotAPoseError: X_AC or X_BC is not a pose.
         """
         for name in ("X_AC", "X_BC"):
             if getattr(self, name) is not None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array
 from coop_pin.chain.closure import Closure, error_function
 from coop_pin.description.baumgarte import Stabilisation
-from coop_pin.errors import FrameNotFoundError
+from coop_pin.errors import NameNotFoundError
 from coop_pin.model.pinocchio_model import frame_id
 
 _UNIVERSE = 0
@@ -36,7 +36,7 @@ class ClosureFrame:
             X_FC: pose of C in F, shape (4, 4); identity when None.
 
         Raises:
-            FrameNotFoundError: the frame does not exist.
+            NameNotFoundError: the frame does not exist.
         """
         self.named = _frame_id(model, name)
         frame = model.frames[self.named]
@@ -68,11 +68,11 @@ def _frame_id(model: pin.Model, name: str) -> int:
     """Return the index of a frame; "world" is the universe if no link has that name.
 
     Raises:
-        FrameNotFoundError: no frame has that name.
+        NameNotFoundError: no frame has that name.
     """
     try:
         return frame_id(model, name)
-    except FrameNotFoundError:
+    except NameNotFoundError:
         if name == "world":
             return _UNIVERSE
         raise
@@ -131,7 +131,7 @@ class ClosureSet:
         """Find the frames of all closures.
 
         Raises:
-            FrameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame does not exist.
         """
         self.closures = tuple(closures)
         self.sides = [

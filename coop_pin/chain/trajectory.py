@@ -152,7 +152,7 @@ def time_grid(duration: float, step: float) -> Array:
     """Return the times 0, step, 2 step, ... and duration; the last step may be shorter.
 
     Raises:
-        ShapeError, NotFiniteError, NotPositiveError: duration or step is not a finite number greater than
+        ShapeError, OutOfRangeError: duration or step is not a finite number greater than
             zero.
     """
     duration, step = as_positive("duration", duration), as_positive("step", step)

@@ -31,8 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         errors.CodeChangedError,
         errors.NothingFeasibleError,
         errors.StoreLockedError,
-        errors.StoreWriteError,
-        errors.VideoError,
+        errors.FileWriteError,
+        errors.FileWriteError,
         errors.WorkersLostError,
     )
     if str(Path.cwd()) not in sys.path:

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from coop_pin.errors import MissingFieldError
+from coop_pin.errors import FieldError
 
 _FLAGS = {"beyond_bound", "project_start"}
 
@@ -22,7 +22,7 @@ def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[
         arms: names of the scenario's arms.
 
     Raises:
-        MissingFieldError: a field has no value.
+        FieldError: a field has no value.
     """
     paths = {field_path(field, arms): words for field, words in fields.items()}
     return {path: _value(path, words) for path, words in paths.items()}
@@ -37,7 +37,7 @@ def _value(path: str, words: Sequence[str]) -> Any:
     if not words and path in _FLAGS:
         return True
     if not words:
-        raise MissingFieldError("has no value; write it after the field", path)
+        raise FieldError("has no value; write it after the field", path)
     return literal(words[0]) if len(words) == 1 else [literal(word) for word in words]
 
 

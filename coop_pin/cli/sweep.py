@@ -86,8 +86,8 @@ class SweepShow:
         """Print the results and return the exit code.
 
         Raises:
-            SweepStoreError: the folder is not that of a sweep.
-            EntryNotFoundError: no run has the metric.
+            FileReadError: the folder is not that of a sweep.
+            NameNotFoundError: no run has the metric.
         """
         from coop_pin.sweeps import SweepResult
 

@@ -55,10 +55,10 @@ class View:
             FieldError: a time is given, but no image.
             UnreachablePoseError: the initial pose of a scenario is out of an arm's reach.
             PortTakenError: the chosen port is in use.
-            ResultFileError: the result is missing or damaged.
+            FileReadError: the result is missing or damaged.
             MissingExtraError: the extra 'video' is not installed.
-            BrowserNotFoundError: there is no browser.
-            TimeOutsideRunError: the run does not have the requested time.
+            BrowserError: there is no browser.
+            OutOfRangeError: the run does not have the requested time.
         """
         from coop_pin.description import scenario_names
 

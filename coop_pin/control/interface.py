@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.errors import SingularArmError, SingularJacobianError
+from coop_pin.errors import SingularJacobianError
 
 
 class ArmMeasurement(NamedTuple):
@@ -125,7 +125,7 @@ class DecentralisedController(CellController):
         """Return the first state of each arm.
 
         Raises:
-            SingularArmError: an arm's Jacobian is singular.
+            SingularJacobianError: an arm's Jacobian is singular.
         """
         return tuple(
             self._for_arm(name, controller.init, *inputs)
@@ -143,7 +143,7 @@ class DecentralisedController(CellController):
         """Return the torque and the next state of each arm.
 
         Raises:
-            SingularArmError: an arm's Jacobian is singular.
+            SingularJacobianError: an arm's Jacobian is singular.
         """
         commands = [
             self._for_arm(name, controller.step, *inputs)
@@ -159,4 +159,4 @@ class DecentralisedController(CellController):
         try:
             return function(*inputs)
         except SingularJacobianError as error:
-            raise SingularArmError(name, error.condition, error.time, error.limit) from None
+            raise SingularJacobianError(error.condition, error.time, error.limit, name) from None

@@ -21,7 +21,7 @@ from pydantic import (
 from coop_pin.arrays import Array
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import AmbiguousTipError, FieldError, FieldShapeError
+from coop_pin.errors import FieldError, UrdfError
 from coop_pin.schema.base import Description, Matrix, NumberOrVector, Positive, Vector, number_or_row
 from coop_pin.schema.pose import Pose
 
@@ -128,7 +128,11 @@ class Arm(Description):
         file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
         leaves = Robot(load_checked(file)).leaves
         if len(leaves) != 1:
-            raise AmbiguousTipError(urdf, leaves)
+            raise UrdfError(
+                f"must be given: {urdf!r} has {len(leaves)} links at its ends,"
+                f" {', '.join(map(repr, leaves))}",
+                names=leaves,
+            )
         return leaves[0]
 
     @field_validator("drive")
@@ -137,7 +141,7 @@ class Arm(Description):
         if drive is None:
             return drive
         if any(len(row) != len(drive) for row in drive):
-            raise FieldShapeError(
+            raise FieldError(
                 f"has rows of {[len(row) for row in drive]} entries; a transmission matrix is square"
                 f" ({len(drive)} rows)"
             )
@@ -159,7 +163,7 @@ class Arm(Description):
             sizes |= {"friction.viscous": self.friction.viscous, "friction.coulomb": self.friction.coulomb}
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
-            raise FieldShapeError(
+            raise FieldError(
                 f"entries per joint disagree: {counts}; all must equal the arm's number of joints"
             )
         return self
@@ -186,8 +190,8 @@ class Arm(Description):
             fields: any other field.
 
         Raises:
-            UrdfNotFoundError: no such file or name.
-            UrdfError: the file has defects; AmbiguousTipError: it has several end links and no tip is given.
+            UrdfError: no such file or name; the file has defects; it has several end links and no tip is
+                given.
             MissingExtraError: it is a xacro file and xacrodoc is not installed.
             ScenarioError: another field has mistakes.
         """
@@ -202,7 +206,7 @@ class Arm(Description):
         """The URDF or xacro file.
 
         Raises:
-            UrdfNotFoundError: there is none.
+            UrdfError: there is none.
         """
         return find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
 
@@ -210,10 +214,8 @@ class Arm(Description):
         """Return the transmission matrix T, shape (nv, nv).
 
         Raises:
-            FieldShapeError: ``drive`` has another size.
+            FieldError: ``drive`` has another size.
         """
         if self.drive is not None and len(self.drive) != nv:
-            raise FieldShapeError(
-                f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive"
-            )
+            raise FieldError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
         return np.eye(nv) if self.drive is None else np.array(self.drive)

@@ -14,7 +14,7 @@ from coop_pin.description.arm import Arm
 from coop_pin.description.payload import Payload, built
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArmNotFoundError, FieldError, LoadShareError, suggestion
+from coop_pin.errors import FieldError, NameNotFoundError, suggestion
 from coop_pin.reference.pose_reference import as_pose
 from coop_pin.schema.base import Description, Vector3
 from coop_pin.schema.pose import Pose
@@ -34,15 +34,15 @@ def grasps_from_configuration(
         payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
 
     Raises:
-        ArmNotFoundError: an arm has no joint angles.
+        NameNotFoundError: an arm has no joint angles.
         ShapeError: the number of angles is not that of the joints.
-        UrdfNotFoundError, UrdfError, FrameNotFoundError: an arm's URDF or tip is missing or has defects.
+        UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
     """
     X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
     grasps = {}
     for name, arm in arms.items():
         if name not in joint_angles:
-            raise ArmNotFoundError("arm", name, joint_angles, "joint_angles")
+            raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
         robot = Robot(load_checked(arm.file))
         moving = robot.unlocked(arm.locked)
         angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(moving))
@@ -111,10 +111,10 @@ class Cell(Description):
     ) -> dict[str, float] | None:
         if shares is None:
             return None
-        check_arm_names(shares, earlier.data.get("arms"), LoadShareError)
+        check_arm_names(shares, earlier.data.get("arms"), FieldError)
         total = sum(shares.values())
         if abs(total - 1.0) > 1e-9:
-            raise LoadShareError(
+            raise FieldError(
                 f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)"
             )
         return shares

@@ -11,7 +11,7 @@ from coop_pin.control.switching import Sign, Switching
 from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import Gains, PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.user_code import FunctionName
-from coop_pin.errors import FieldError, ForceGainBoundError, UnequalGainsError, suggestion
+from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, NotNegative
 
 
@@ -146,9 +146,7 @@ def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
         values = {name: getattr(controller.gains_of(name), field) for name in arms}
         if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
             detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms"
-            problems.append(
-                UnequalGainsError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}")
-            )
+            problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
     return problems
 
 
@@ -165,4 +163,4 @@ def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
         bound = force_gain_bound(path.pole)
         allowed = largest < bound
         detail = f"but feedback over {path.kind!r} is unstable from {bound:g} on; lower it, {_INSIST}"
-    return [] if allowed else [ForceGainBoundError(f"is {largest:g}, {detail}", "gains.force_gain")]
+    return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]

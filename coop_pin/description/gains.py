@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator
 
-from coop_pin.errors import FieldError, FieldShapeError, SignGainError
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 
 Gain = NumberVectorOrMatrix
@@ -18,11 +18,11 @@ def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     """Refuse an alpha that is not diagonal or has a negative entry."""
     rows = np.array(alpha)
     if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
-        raise SignGainError(
+        raise FieldError(
             f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
         )
     if np.min(rows) < 0.0:
-        raise SignGainError(f"is {rows.tolist()}; alpha must not be negative")
+        raise FieldError(f"is {rows.tolist()}; alpha must not be negative")
     return alpha
 
 
@@ -30,7 +30,7 @@ def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]
     """Refuse a gain that is not positive, or a matrix whose symmetric part is not positive definite."""
     rows = np.array(gain, dtype=float)
     if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
-        raise FieldShapeError(f"has shape {rows.shape}; a gain matrix is square")
+        raise FieldError(f"has shape {rows.shape}; a gain matrix is square")
     smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0]) if rows.ndim == 2 else float(np.min(rows))
     if smallest <= 0.0:
         wanted = (

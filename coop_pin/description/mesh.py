@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.errors import FieldError, MeshError
+from coop_pin.errors import FieldError
 
 
 class MeshBody(NamedTuple):
@@ -37,8 +37,8 @@ def mesh_body(path: Path, mass: float | None, density: float | None, scale: floa
         scale: metres of one unit of the file.
 
     Raises:
-        MeshError: the file cannot be read, or its surface does not enclose a volume.
-        FieldError: not exactly one of mass and density is given.
+        FieldError: the file cannot be read, or its surface does not enclose a volume; not exactly one of mass
+            and density is given.
     """
     if (mass is None) == (density is None):
         raise FieldError(f"give either mass or density; they are {mass} and {density}", "mass")
@@ -60,18 +60,18 @@ def read_mesh(path: Path) -> Any:
     """Return the trimesh.Trimesh of a file, its parts joined into one.
 
     Raises:
-        MeshError: the file cannot be read.
+        FieldError: the file cannot be read.
     """
     import trimesh  # takes a tenth of a second: only who needs it pays
 
     if not path.is_file():
-        raise MeshError(f"there is no mesh at {path}", "mesh_file")
+        raise FieldError(f"there is no mesh at {path}", "mesh_file")
     try:
         mesh = trimesh.load(path, force="mesh")
     except Exception as error:  # the readers of many formats have no common base of their errors
-        raise MeshError(f"{path} cannot be read as a mesh: {error}", "mesh_file") from error
+        raise FieldError(f"{path} cannot be read as a mesh: {error}", "mesh_file") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise MeshError(f"{path} holds no triangles", "mesh_file")
+        raise FieldError(f"{path} holds no triangles", "mesh_file")
     return mesh
 
 
@@ -79,7 +79,7 @@ def _closed_mesh(path: Path) -> Any:
     mesh = read_mesh(path)
     mesh.merge_vertices()
     if not mesh.is_watertight:
-        raise MeshError(
+        raise FieldError(
             f"{path} is open: it encloses no volume. Close its holes, or give mass and inertia yourself",
             "mesh_file",
         )

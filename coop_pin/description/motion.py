@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from coop_pin.description.user_code import FunctionName, load_function
-from coop_pin.errors import AmbiguousTurnError, FieldError, FieldShapeError, MotionError
+from coop_pin.errors import AmbiguousTurnError, FieldError
 from coop_pin.reference import (
     Circle,
     Exponentials,
@@ -50,17 +50,17 @@ class WaypointsMotion(Description):
     def _one_path(self) -> Self:
         times = [point.time for point in self.points]
         if len(times) < 2:
-            raise FieldShapeError(f"has {len(times)} entries; a path needs at least 2", "points")
+            raise FieldError(f"has {len(times)} entries; a path needs at least 2", "points")
         for index in range(1, len(times)):
             if times[index] <= times[index - 1]:
                 detail = (
                     f"is {times[index]:g} after {times[index - 1]:g}; times must increase from point to point"
                 )
-                raise MotionError(detail, f"points.{index}.time")
+                raise FieldError(detail, f"points.{index}.time")
         try:
             self.build()
         except AmbiguousTurnError as error:
-            raise MotionError(f"is ambiguous: {error}", f"points.{error.index}.rpy") from None
+            raise FieldError(f"is ambiguous: {error}", f"points.{error.index}.rpy") from None
         return self
 
     def build(self) -> PoseReference:
@@ -87,7 +87,7 @@ class CsvMotion(Description):
         """Return the reference.
 
         Raises:
-            ReferenceFileError: the file is missing, or a line of it is wrong.
+            FileReadError: the file is missing, or a line of it is wrong.
         """
         return Tabulated.from_csv(self.path)
 
@@ -113,7 +113,7 @@ class UserMotion(Description):
         """Return the reference.
 
         Raises:
-            EntryNotFoundError: a module or function does not exist.
+            NameNotFoundError: a module or function does not exist.
         """
         named = (self.target, self.twist, self.acceleration)
         pose, twist, acceleration = (
@@ -274,7 +274,7 @@ class ExponentialMotion(Description):
     @model_validator(mode="after")
     def _one_constant_each(self) -> Self:
         if len(self.amplitudes) != len(self.time_constants):
-            raise FieldShapeError(
+            raise FieldError(
                 f"has {len(self.time_constants)} entries for {len(self.amplitudes)} amplitudes",
                 "time_constants",
             )
@@ -309,7 +309,7 @@ class LineMotion(Description):
         try:
             self.build()
         except AmbiguousTurnError as error:
-            raise MotionError(f"is ambiguous: {error}", "goal.rpy") from None
+            raise FieldError(f"is ambiguous: {error}", "goal.rpy") from None
         return self
 
     def build(self) -> PoseReference:

@@ -15,7 +15,7 @@ from coop_pin.arrays import Array
 from coop_pin.description.mesh import mesh_body
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import link_body
-from coop_pin.errors import FieldError, FieldShapeError
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.schema.pose import Pose
 
@@ -74,7 +74,7 @@ class Payload(Description):
             size: its edges along x, y and z, m.
         """
         if len(size) != 3:
-            raise FieldShapeError(
+            raise FieldError(
                 f"has {len(size)} entries {list(size)}; it must have 3, the edges along x, y and z in m",
                 "size",
             )
@@ -123,8 +123,8 @@ class Payload(Description):
             scale: metres of one unit of the file: 0.001 for one in millimetres.
 
         Raises:
-            MeshError: the file cannot be read or its surface is open.
-            FieldError: not exactly one of mass and density is given.
+            FieldError: the file cannot be read or its surface is open; not exactly one of mass and density is
+                given.
         """
         file = Path(path).absolute()
         body = mesh_body(file, mass, density, scale)
@@ -143,8 +143,7 @@ class Payload(Description):
         Its first visual is drawn where it is a box or a cylinder, otherwise a box of 0.1 m.
 
         Raises:
-            UrdfNotFoundError: no such file.
-            UrdfError: the file has defects, physical ones included, or more than one link.
+            UrdfError: no such file; the file has defects, physical ones included, or more than one link.
         """
         body = link_body(load_checked(find_urdf(path), strict=True), str(path))
         return cls(

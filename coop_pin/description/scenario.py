@@ -19,13 +19,7 @@ from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.motion import Motion
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
-from coop_pin.errors import (
-    EntryNotFoundError,
-    EventTimeError,
-    ScenarioFileError,
-    UnknownFieldError,
-    one_or_all,
-)
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError, one_or_all
 from coop_pin.schema.base import Description, Positive, Vector
 from coop_pin.schema.pose import Pose
 
@@ -122,7 +116,7 @@ class Scenario(Description):
         ends = [event.end if isinstance(event, WrenchPulse) else event.time for event in events]
         wanted = f"the run ends at {duration:g} s: lengthen it or move the event"
         late = [
-            EventTimeError(f"ends at t = {end:g} s; {wanted}", f"{index}.time")
+            FieldError(f"ends at t = {end:g} s; {wanted}", f"{index}.time")
             for index, end in enumerate(ends)
             if end > duration
         ]
@@ -145,8 +139,8 @@ class Scenario(Description):
             overrides: fields to change, by dotted path.
 
         Raises:
-            EntryNotFoundError: there is no such name or file.
-            ScenarioFileError: the file is not TOML.
+            NameNotFoundError: there is no such name or file.
+            FileReadError: the file is not TOML.
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
         in_catalogue = str(name_or_path) in scenario_names()
@@ -163,7 +157,7 @@ class Scenario(Description):
         """Return the scenario of a text as to_toml writes it.
 
         Raises:
-            ScenarioFileError: the text is not TOML.
+            FileReadError: the text is not TOML.
             ScenarioError: the scenario has mistakes.
         """
         return cls(**_parsed(text.encode("utf-8", "surrogatepass"), "the text"))
@@ -184,14 +178,14 @@ def _parsed(data: bytes, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioFileError(f"{source} is not a scenario in TOML: {error}") from None
+        raise FileReadError(f"{source} is not a scenario in TOML: {error}") from None
 
 
-def _missing(path: Path) -> EntryNotFoundError:
+def _missing(path: Path) -> NameNotFoundError:
     """Return the error for a name or path without a scenario; TOML files in its folder are suggested."""
     folder = path if path.is_dir() else path.parent
     files = sorted(map(str, folder.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
-    return EntryNotFoundError(
+    return NameNotFoundError(
         "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
     )
 

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.cell import check_arm_names
 from coop_pin.description.user_code import FunctionName, load_function
-from coop_pin.errors import ScenarioError, SqueezeError, one_or_all
+from coop_pin.errors import FieldError, ScenarioError, one_or_all
 from coop_pin.reference import ConstantSqueeze, RampedSqueeze, SqueezeFromFunction, SqueezeReference
 from coop_pin.schema.base import Description, Positive, Vector6
 
@@ -22,7 +22,7 @@ _SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the 
 def _balanced(wrenches: dict[str, Any]) -> dict[str, Any]:
     total = np.sum(list(wrenches.values()), axis=0) if wrenches else np.zeros(6)
     if np.abs(total).max() > _ALLOWED_SUM:
-        raise SqueezeError(f"entries sum to {total.tolist()}; {_SUM_RULE}")
+        raise FieldError(f"entries sum to {total.tolist()}; {_SUM_RULE}")
     return wrenches
 
 
@@ -94,11 +94,11 @@ class UserSqueeze(Description):
         yield from ()
 
     def build(self, arms: Sequence[str]) -> SqueezeReference:
-        """Return the reference for arms in this order; ``at`` raises SqueezeError where the sum is not zero.
+        """Return the reference for arms in this order; ``at`` raises FieldError where the sum is not zero.
 
         Raises:
-            EntryNotFoundError: the module or function does not exist.
-            SqueezeError, ShapeError, NotFiniteError: what it returns at t = 0 is no squeeze of these arms.
+            NameNotFoundError: the module or function does not exist.
+            FieldError, ShapeError, OutOfRangeError: what it returns at t = 0 is no squeeze of these arms.
         """
         function, names = load_function(self.target, self.options), tuple(arms)
         reference = SqueezeFromFunction(lambda time: _users_rows(function(time), names, time, self.target))
@@ -121,7 +121,7 @@ def _users_rows(value: Any, arms: Sequence[str], time: float, target: str) -> Ar
         rows = as_array(called, value, len(arms), 6)
     total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))
     if np.abs(total).max() > _ALLOWED_SUM * largest:
-        raise SqueezeError(f"{called} sums to {total.tolist()}; {_SUM_RULE}", "squeeze.target")
+        raise FieldError(f"{called} sums to {total.tolist()}; {_SUM_RULE}", "squeeze.target")
     return rows
 
 
@@ -129,7 +129,7 @@ def check_squeeze_arms(squeeze: SteadySqueeze | RampSqueeze | UserSqueeze, arms:
     """Refuse tables that have entries but miss an arm or name one that does not exist.
 
     Raises:
-        SqueezeError: with the table's field as its path.
+        FieldError: with the table's field as its path.
     """
     for field, table in squeeze.tables():
         if table:
@@ -138,8 +138,8 @@ def check_squeeze_arms(squeeze: SteadySqueeze | RampSqueeze | UserSqueeze, arms:
 
 def _check_names(table: Iterable[str], arms: Iterable[str], path: str) -> None:
     try:
-        check_arm_names(table, arms, SqueezeError)
-    except SqueezeError as error:
+        check_arm_names(table, arms, FieldError)
+    except FieldError as error:
         raise error.below(path) from None
 
 

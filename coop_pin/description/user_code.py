@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 
 
 def _function_name(value: Any) -> Any:
@@ -40,7 +40,7 @@ def load_function(name: str, options: Mapping[str, Any]) -> Callable[..., Any]:
         options: its keyword arguments.
 
     Raises:
-        EntryNotFoundError: there is no such module or function.
+        NameNotFoundError: there is no such module or function.
     """
     found = _load(name, "function", callable)
     return functools.partial(found, **options) if options else found
@@ -53,25 +53,25 @@ def load_class(name: str) -> type[Any]:
         name: ``module:Class``.
 
     Raises:
-        EntryNotFoundError: there is no such module or class.
+        NameNotFoundError: there is no such module or class.
     """
     return _load(name, "class", lambda found: isinstance(found, type))
 
 
 def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
-    """Import the object ``module:name`` of a kind ("function" or "class"); raises EntryNotFoundError."""
+    """Import the object ``module:name`` of a kind ("function" or "class"); raises NameNotFoundError."""
     module_name, _, path = name.partition(":")
     place = f"module {module_name!r}"
     try:
         found: Any = importlib.import_module(module_name)
     except ImportError as error:
-        raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
+        raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):
         if not hasattr(found, part):
             public = [entry for entry in dir(found) if not entry.startswith("_")]
             known = [entry for entry in public if is_kind(getattr(found, entry, None))]
-            raise EntryNotFoundError(kind, path, known, place)
+            raise NameNotFoundError(kind, path, known, place)
         found = getattr(found, part)
     if not is_kind(found):
-        raise EntryNotFoundError(kind, path, [], f"{place}: {path} is {found!r}, which is not a {kind}")
+        raise NameNotFoundError(kind, path, [], f"{place}: {path} is {found!r}, which is not a {kind}")
     return found

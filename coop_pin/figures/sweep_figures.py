@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from coop_pin.arrays import Array
-from coop_pin.errors import EntryNotFoundError, FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     is_log_spaced,
@@ -34,7 +34,7 @@ def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
     and ``failed``.
 
     Raises:
-        EntryNotFoundError: no run has the metric.
+        NameNotFoundError: no run has the metric.
     """
     values, failed = result.values(metric), result.data["status"] == FAILED
     values = values.where(np.isfinite(values))
@@ -160,7 +160,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
         over: a numeric field: draw lines over it, one for each combination of the other dimensions.
 
     Raises:
-        EntryNotFoundError: no run has the metric, or no dimension has the name ``over``.
+        NameNotFoundError: no run has the metric, or no dimension has the name ``over``.
         FieldError: no numeric field varies, or there are more lines than distinguishable colours.
     """
     table = metric_table(result, metric)
@@ -168,7 +168,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     if over is None and len(fields) == 2 and table["value"].ndim == 2:
         return map_figure(table)
     if over is not None and over not in table.dims:
-        raise EntryNotFoundError("dimension", over, [str(name) for name in table.dims], "the sweep")
+        raise NameNotFoundError("dimension", over, [str(name) for name in table.dims], "the sweep")
     if (not fields) if over is None else (over not in fields):
         raise FieldError(
             "has no numbers to draw a line over; use pareto_figure, or result.best", over or "the sweep"
@@ -185,7 +185,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
         metric_b: along the vertical axis; smaller is better.
 
     Raises:
-        EntryNotFoundError: no run has one of the metrics.
+        NameNotFoundError: no run has one of the metrics.
     """
     a, b = (result.values(name).values.ravel() for name in (metric_a, metric_b))
     front = result.pareto(metric_a, metric_b)

@@ -58,8 +58,8 @@ class ArmModel:
             name: of the arm, for error messages.
 
         Raises:
-            UrdfNotFoundError, UrdfError: the URDF is missing or defective.
-            FrameNotFoundError: the tip is not in the URDF.
+            UrdfError: the URDF is missing or defective.
+            NameNotFoundError: the tip is not in the URDF.
         """
         self.name, self._arm = name, arm
         alone = load_arm_model(arm)
@@ -83,7 +83,7 @@ class ArmModel:
         """Joint, velocity and effort limits.
 
         Raises:
-            FieldShapeError: the number of torque limits differs from the number of joints.
+            FieldError: the number of torque limits differs from the number of joints.
         """
         return JointLimits(self._arm, self.name)
 

@@ -37,7 +37,7 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
         name: its name in the cell, for the path in error messages.
 
     Raises:
-        FieldShapeError: the number of coefficients differs from the number of joints.
+        FieldError: the number of coefficients differs from the number of joints.
     """
     model, chosen = load_arm_model(arm), arm.friction
     joints = int(model.nv)

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.arm import Arm
-from coop_pin.errors import FieldShapeError
+from coop_pin.errors import FieldError
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import load_arm_model
 
@@ -47,8 +47,8 @@ class JointLimits:
             name: its name in the cell, for the path in error messages.
 
         Raises:
-            FieldShapeError: the number of torque limits differs from the number of joints.
-            UrdfNotFoundError, UrdfError: the URDF is missing or defective.
+            FieldError: the number of torque limits differs from the number of joints.
+            UrdfError: the URDF is missing or defective.
         """
         self._model = model = load_arm_model(arm)
         self.joints = joints = JointAngles(model)
@@ -125,10 +125,10 @@ def per_joint(values: Array, joints: int, path: str) -> Array:
     """Return one value for each joint, shape (joints,), from as many values or a single one.
 
     Raises:
-        FieldShapeError: there are more or fewer values than joints.
+        FieldError: there are more or fewer values than joints.
     """
     if values.ndim and values.shape != (joints,):
-        raise FieldShapeError(f"has {len(values)} entries; the arm has {joints} joints", path)
+        raise FieldError(f"has {len(values)} entries; the arm has {joints} joints", path)
     return np.full(joints, values) if values.ndim == 0 else values
 
 

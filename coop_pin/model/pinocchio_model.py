@@ -19,15 +19,7 @@ from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import (
-    ArgumentError,
-    FrameNotFoundError,
-    JointNotFoundError,
-    LockedJointError,
-    MimicJointError,
-    UnsupportedJointError,
-    UrdfError,
-)
+from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
 
 _DRIVEN = ("revolute", "continuous", "prismatic")
 _SLACK = 1e-9
@@ -58,13 +50,13 @@ def frame_id(model: pin.Model, name: str) -> int:
     For an unknown name pin.Model.getFrameId returns an index beyond the last frame, which corrupts memory.
 
     Raises:
-        FrameNotFoundError: no frame has that name.
+        NameNotFoundError: no frame has that name.
     """
     if not model.existFrame(name):
         # Suggest links first, from the ends of the tree: a misspelt frame of an arm is most often its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
-        raise FrameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
+        raise NameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
     return int(model.getFrameId(name))
 
 
@@ -72,10 +64,10 @@ def joint_id(model: pin.Model, name: str) -> int:
     """Return the index of a joint.
 
     Raises:
-        JointNotFoundError: no joint has that name.
+        NameNotFoundError: no joint has that name.
     """
     if not model.existJointName(name):
-        raise JointNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
+        raise NameNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
     return int(model.getJointId(name))
 
 
@@ -140,12 +132,10 @@ def load_arm_model(arm: Arm) -> pin.Model:
     Models are cached: a run builds several, and the file is read again only if it has changed.
 
     Raises:
-        UrdfNotFoundError: the URDF does not exist.
-        UrdfError: it has structural defects.
-        LockedJointError: a joint is locked beyond its limits, or all joints are locked.
+        UrdfError: the URDF does not exist; it has structural defects; a joint is locked beyond its limits, or
+            all joints are locked; a joint is planar or floating.
         MimicJointError: it has mimic joints, and ``mimic`` refuses them.
-        UnsupportedJointError: a joint is planar or floating.
-        JointNotFoundError: a locked joint does not exist.
+        NameNotFoundError: a locked joint does not exist.
     """
     file = arm.file
     version = file.path.stat()
@@ -177,12 +167,15 @@ def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) 
     for joint, angle in angles.items():
         _lock(model, q, joint, angle)
     if not moving:
-        raise LockedJointError(
-            f"locks every joint of {file.path.name}; an arm must have one that moves", "locked"
-        )
+        raise UrdfError(f"locks every joint of {file.path.name}; an arm must have one that moves", "locked")
     for joint in moving:
         if robot.joints[joint] not in _DRIVEN:
-            raise UnsupportedJointError(file.path.name, joint, robot.joints[joint], "urdf")
+            raise UrdfError(
+                f"{file.path.name!r} has joint {joint!r} of type {robot.joints[joint]};"
+                " arms have revolute, continuous, prismatic and fixed joints",
+                "urdf",
+                [joint],
+            )
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
@@ -196,13 +189,13 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
     if size == 2:
         q[first : first + 2] = np.cos(angle), np.sin(angle)
     elif size > 2:
-        raise LockedJointError(
+        raise UrdfError(
             "has more than one degree of freedom; only joints with one angle can be locked", f"locked.{joint}"
         )
     else:
         lower, upper = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
         if not lower - _SLACK <= angle <= upper + _SLACK:
-            raise LockedJointError(
+            raise UrdfError(
                 f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
             )
         q[first] = angle
@@ -217,9 +210,8 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
         ignore_mimic: let mimic joints move independently.
 
     Raises:
-        UrdfNotFoundError: there is no such file.
-        UrdfError: it has structural defects; MimicJointError: it has mimic joints.
-        ShapeError, NotFiniteError: gravity is not three finite numbers.
+        UrdfError: there is no such file; it has structural defects; MimicJointError: it has mimic joints.
+        ShapeError, OutOfRangeError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
@@ -241,7 +233,7 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
         angles: rad, or m for a prismatic joint, by joint name.
 
     Raises:
-        JointNotFoundError: a joint does not exist.
+        NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one degree of freedom.
     """
     configuration: Array = pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
@@ -256,7 +248,7 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
         rates: rad/s, or m/s for a prismatic joint, by joint name.
 
     Raises:
-        JointNotFoundError: a joint does not exist.
+        NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one degree of freedom.
     """
     v = np.zeros(model.nv)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array
 from coop_pin.description.mesh import read_mesh
 from coop_pin.description.payload import Payload
-from coop_pin.errors import GeometryWarning, MeshError
+from coop_pin.errors import FieldError, UrdfWarning
 
 
 class Box(NamedTuple):
@@ -126,8 +126,8 @@ def payload_shape(payload: Payload, scale: float = 1.0) -> Shape:
     if payload.shape == "mesh":
         try:
             mesh = read_mesh(Path(payload.mesh_file))
-        except MeshError as error:
-            warnings.warn(f"the payload is drawn as a box: {error}", GeometryWarning, stacklevel=2)
+        except FieldError as error:
+            warnings.warn(f"the payload is drawn as a box: {error}", UrdfWarning, stacklevel=2)
         else:
             return Mesh(
                 scale * payload.mesh_scale * np.array(mesh.vertices, dtype=float),

@@ -13,7 +13,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
-from coop_pin.errors import GeometryWarning
+from coop_pin.errors import UrdfWarning
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
 from coop_pin.model.shapes import Shape, shape_of
@@ -157,4 +157,4 @@ def _only_visuals_of(name: str, text: str) -> str:
 
 
 def _warn(urdf: str, what: str, why: str) -> None:
-    warnings.warn(f"{what} of {urdf!r} is not drawn: {why}", GeometryWarning, stacklevel=2)
+    warnings.warn(f"{what} of {urdf!r} is not drawn: {why}", UrdfWarning, stacklevel=2)

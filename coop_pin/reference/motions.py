@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array, frozen
-from coop_pin.errors import AmbiguousTurnError, NotPositiveError
+from coop_pin.errors import AmbiguousTurnError, OutOfRangeError
 from coop_pin.reference.pose_reference import (
     PoseReference,
     PoseTarget,
@@ -114,7 +114,7 @@ class Hold(PoseReference):
         pose: desired pose of P in W, shape (4, 4).
 
     Raises:
-        ShapeError, NotFiniteError, NotAPoseError: pose is not a pose.
+        ShapeError, OutOfRangeError, NotAPoseError: pose is not a pose.
     """
 
     pose: Array
@@ -148,8 +148,8 @@ class Line(PoseReference):
         start_time: s.
 
     Raises:
-        ShapeError, NotFiniteError, NotAPoseError: start or goal is not a pose.
-        NotPositiveError: duration is zero or less.
+        ShapeError, OutOfRangeError, NotAPoseError: start or goal is not a pose.
+        OutOfRangeError: duration is zero or less.
         AmbiguousTurnError: start and goal are half a turn apart.
     """
 
@@ -215,8 +215,8 @@ class Circle(PoseReference):
 
     Raises:
         ShapeError: shapes differ from these.
-        NotFiniteError: an entry is NaN or infinite.
-        NotPositiveError: radius or ramp is zero or less, or the normal has no length.
+        OutOfRangeError: an entry is NaN or infinite; radius or ramp is zero or less, or the normal has no
+            length.
     """
 
     centre: Array
@@ -280,9 +280,9 @@ class Turn(PoseReference):
         start_time: s.
 
     Raises:
-        ShapeError, NotFiniteError: a field has another shape or holds a NaN.
+        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
         NotAPoseError: pose is not a pose.
-        NotPositiveError: duration is zero or less, or the axis has no length.
+        OutOfRangeError: duration is zero or less, or the axis has no length.
     """
 
     pose: Array
@@ -331,9 +331,9 @@ class Swing(PoseReference):
         start_time: s.
 
     Raises:
-        ShapeError, NotFiniteError: a field has another shape or holds a NaN.
+        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
         NotAPoseError: pose is not a pose.
-        NotPositiveError: period or ramp is zero or less, or the axis has no length.
+        OutOfRangeError: period or ramp is zero or less, or the axis has no length.
     """
 
     pose: Array
@@ -385,8 +385,7 @@ class Exponentials(PoseReference):
 
     Raises:
         ShapeError: shapes differ from these.
-        NotFiniteError: an entry is NaN or infinite.
-        NotPositiveError: a time constant is zero or less.
+        OutOfRangeError: an entry is NaN or infinite; a time constant is zero or less.
     """
 
     constant: Array
@@ -405,7 +404,7 @@ class Exponentials(PoseReference):
         rpy = as_array("rpy", self.rpy, 3)
         for index, time_constant in enumerate(time_constants):
             if time_constant <= 0.0:
-                raise NotPositiveError(f"time_constants[{index}]", float(time_constant))
+                raise OutOfRangeError(f"time_constants[{index}]", float(time_constant))
         rates = -1.0 / time_constants
         base = np.concatenate((make_pose(constant, rpy).reshape(16), np.zeros(12)))
         columns = np.zeros((28, len(rates)))
@@ -439,7 +438,7 @@ class FromFunction(PoseReference):
         step: of the differences, s, positive.
 
     Raises:
-        NotPositiveError: step is zero or less. ``at`` raises ShapeError, NotFiniteError or NotAPoseError,
+        OutOfRangeError: step is zero or less. ``at`` raises ShapeError, OutOfRangeError or NotAPoseError,
             naming the function.
     """
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array, frozen
-from coop_pin.errors import InconsistentReferenceError, NotAPoseError, NotIncreasingError, NotPositiveError
+from coop_pin.errors import InconsistentReferenceError, NotAPoseError, NotIncreasingError, OutOfRangeError
 
 
 class PoseTarget(NamedTuple):
@@ -84,7 +84,7 @@ def as_number(name: str, value: ArrayLike) -> float:
 
     Raises:
         ShapeError: it is not a single number.
-        NotFiniteError: it is NaN or infinite.
+        OutOfRangeError: it is NaN or infinite.
     """
     return float(as_array(name, value))
 
@@ -94,12 +94,11 @@ def as_positive(name: str, value: ArrayLike) -> float:
 
     Raises:
         ShapeError: it is not a single number.
-        NotFiniteError: it is NaN or infinite.
-        NotPositiveError: it is zero or less.
+        OutOfRangeError: it is NaN or infinite; it is zero or less.
     """
     number = as_number(name, value)
     if number <= 0.0:
-        raise NotPositiveError(name, number)
+        raise OutOfRangeError(name, number)
     return number
 
 
@@ -108,7 +107,7 @@ def as_pose(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        NotFiniteError: an entry is NaN or infinite.
+        OutOfRangeError: an entry is NaN or infinite.
         NotAPoseError: the 3x3 block is no rotation matrix or the last row is not 0 0 0 1.
     """
     pose = as_array(name, value, 4, 4)
@@ -126,8 +125,7 @@ def as_unit_vector(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        NotFiniteError: an entry is NaN or infinite.
-        NotPositiveError: its length is zero.
+        OutOfRangeError: an entry is NaN or infinite; its length is zero.
     """
     vector = as_array(name, value, 3)
     unit: Array = vector / as_positive(f"length of {name}", float(np.linalg.norm(vector)))
@@ -139,7 +137,7 @@ def as_times(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: it is not a list of numbers.
-        NotFiniteError: an entry is NaN or infinite.
+        OutOfRangeError: an entry is NaN or infinite.
         NotIncreasingError: an entry is not greater than the one before it.
     """
     times = as_array(name, value, "n")
@@ -222,7 +220,7 @@ def check_consistency(reference: PoseReference, times: ArrayLike, allowed: float
         the largest closure_errors, where all are accepted.
 
     Raises:
-        ShapeError, NotFiniteError, NotAPoseError: a target is not what PoseTarget says.
+        ShapeError, OutOfRangeError, NotAPoseError: a target is not what PoseTarget says.
         InconsistentReferenceError: a gap is too large; it names the part, the time and the gap.
     """
     instants = as_array("times", times, "n").tolist()

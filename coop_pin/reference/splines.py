@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from coop_pin.arrays import Array, as_array
 from coop_pin.errors import (
     AmbiguousTurnError,
+    FileReadError,
     NotIncreasingError,
-    NotPositiveError,
-    ReferenceFileError,
+    OutOfRangeError,
     ShapeError,
     suggestion,
 )
@@ -80,9 +80,9 @@ class PoseSpline:
         quaternions: (x, y, z, w), either sign, any length but zero, shape (n, 4); kept with length one.
 
     Raises:
-        ShapeError, NotFiniteError: a field has another shape or holds a NaN.
+        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
         NotIncreasingError: times do not increase strictly.
-        NotPositiveError: a quaternion has no length.
+        OutOfRangeError: a quaternion has no length.
         AmbiguousTurnError: neighbouring orientations are too far apart.
     """
 
@@ -140,7 +140,7 @@ def _same_sign(quaternions: Array) -> Array:
     """Return the quaternions with length one, each with the sign nearer to the one before it, shape (n, 4)."""
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
     if not lengths.all():
-        raise NotPositiveError(f"length of quaternions[{int(lengths.argmin())}]", 0.0)
+        raise OutOfRangeError(f"length of quaternions[{int(lengths.argmin())}]", 0.0)
     unit: Array = quaternions / lengths
     for index in range(1, len(unit)):
         cosine = float(unit[index] @ unit[index - 1])
@@ -198,7 +198,7 @@ class Waypoints(PoseReference):
         poses: X_WP_d at these times, shape (n, 4, 4).
 
     Raises:
-        ShapeError, NotFiniteError: a field has another shape or holds a NaN.
+        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
         NotAPoseError: one of the poses is not a pose.
         NotIncreasingError: times do not increase strictly.
         AmbiguousTurnError: neighbouring orientations are about half a turn apart.
@@ -267,7 +267,7 @@ class Tabulated(PoseReference):
         interval and to rest within its last.
 
         Raises:
-            ReferenceFileError: the file cannot be read; it carries the line number where a line is to blame.
+            FileReadError: the file cannot be read; it carries the line number where a line is to blame.
         """
         columns, lines, table = _read(str(path))
         column = dict(zip(columns, table.T, strict=True))
@@ -282,7 +282,7 @@ class Tabulated(PoseReference):
         try:
             return cls(column["time"], np.stack([column[name] for name in POSITION[1:]], axis=1), quaternions)
         except (NotIncreasingError, AmbiguousTurnError) as error:
-            raise ReferenceFileError(str(path), lines[error.index], str(error)) from error
+            raise FileReadError(str(error), str(path), lines[error.index]) from error
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
@@ -302,9 +302,9 @@ def _read(path: str) -> tuple[tuple[str, ...], list[int], Array]:
                     lines.append(reader.line_num)
                     rows.append(_numbers(path, reader.line_num, columns, cells))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ReferenceFileError(path, 0, f"cannot be read as a table: {error}") from error
+        raise FileReadError(f"cannot be read as a table: {error}", path) from error
     if len(rows) < 2:
-        raise ReferenceFileError(path, 0, f"has {len(rows)} rows of numbers; a motion needs at least 2")
+        raise FileReadError(f"has {len(rows)} rows of numbers; a motion needs at least 2", path)
     return columns, lines, np.array(rows)
 
 
@@ -316,27 +316,27 @@ def _header(path: str, cells: Sequence[str]) -> tuple[str, ...]:
     missing = [name for name in wanted if name not in columns]
     if missing:
         detail = f"columns missing: {', '.join(missing)}; needed: {', '.join(POSITION)} and {', '.join(RPY)} or {', '.join(QUATERNION)}"
-        raise ReferenceFileError(path, 1, detail)
+        raise FileReadError(detail, path, 1)
     for index, name in enumerate(columns):
         if name not in wanted:
-            raise ReferenceFileError(path, 1, f"unknown column {name!r}; {suggestion(name, wanted)}")
+            raise FileReadError(f"unknown column {name!r}; {suggestion(name, wanted)}", path, 1)
         if name in columns[:index]:
-            raise ReferenceFileError(path, 1, f"column {name!r} stands there twice; keep one")
+            raise FileReadError(f"column {name!r} stands there twice; keep one", path, 1)
     return columns
 
 
 def _numbers(path: str, line: int, columns: Sequence[str], cells: Sequence[str]) -> list[float]:
     """Return the numbers of one line, checked."""
     if len(cells) != len(columns):
-        raise ReferenceFileError(path, line, f"has {len(cells)} cells; the header has {len(columns)}")
+        raise FileReadError(f"has {len(cells)} cells; the header has {len(columns)}", path, line)
     numbers = []
     for name, cell in zip(columns, cells, strict=True):
         try:
             number = float(cell)
         except ValueError:
-            raise ReferenceFileError(path, line, f"{name} is {cell!r}; it must be a number") from None
+            raise FileReadError(f"{name} is {cell!r}; it must be a number", path, line) from None
         if not math.isfinite(number):
-            raise ReferenceFileError(path, line, f"{name} is {number}; it must be a finite number")
+            raise FileReadError(f"{name} is {number}; it must be a finite number", path, line)
         numbers.append(number)
     return numbers
 
@@ -346,4 +346,4 @@ def _check_lengths(path: str, lines: Sequence[int], quaternions: Array) -> None:
     for line, length in zip(lines, np.linalg.norm(quaternions, axis=1), strict=True):
         if abs(length - 1.0) > LENGTH_ALLOWED:
             detail = f"the quaternion has length {length:.6g}; it must be 1 within {LENGTH_ALLOWED:g}"
-            raise ReferenceFileError(path, line, detail)
+            raise FileReadError(detail, path, line)

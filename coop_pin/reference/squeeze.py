@@ -33,7 +33,7 @@ class ConstantSqueeze(SqueezeReference):
         wrenches: N and N m, shape (m, 6).
 
     Raises:
-        ShapeError, NotFiniteError: wrenches has another shape or holds a NaN.
+        ShapeError, OutOfRangeError: wrenches has another shape or holds a NaN.
     """
 
     wrenches: Array
@@ -58,8 +58,8 @@ class RampedSqueeze(SqueezeReference):
         start_time: s.
 
     Raises:
-        ShapeError, NotFiniteError: a field has another shape or holds a NaN.
-        NotPositiveError: duration is zero or less.
+        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
+        OutOfRangeError: duration is zero or less.
     """
 
     start: Array
@@ -97,6 +97,6 @@ class SqueezeFromFunction(SqueezeReference):
         """Return f_d at a time in s, shape (m, 6).
 
         Raises:
-            ShapeError, NotFiniteError: the function returns another shape or a NaN.
+            ShapeError, OutOfRangeError: the function returns another shape or a NaN.
         """
         return frozen(as_array(f"function({time})", self.function(time), "m", 6))

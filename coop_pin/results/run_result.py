@@ -11,7 +11,7 @@ import xarray as xr
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ResultFileError, ScenarioError, ScenarioFileError
+from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.dataset import QUANTITIES
@@ -147,30 +147,30 @@ class RunResult:
         """Read a result.
 
         Raises:
-            ResultFileError: the file is missing, damaged or not a result of this version of coop_pin.
+            FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
         """
         path = Path(path)
         if not path.is_file():
             hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
-            raise ResultFileError(f"there is no result file at {path}{hint}")
+            raise FileReadError(f"there is no result file at {path}{hint}")
         try:
             data = xr.load_dataset(path, engine="h5netcdf")
         except (OSError, ValueError, KeyError) as error:
-            raise ResultFileError(
+            raise FileReadError(
                 f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
             ) from None
         text = data.attrs.pop("coop_pin_scenario", None)
         if text is None:
-            raise ResultFileError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+            raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
         missing = [q.name for q in QUANTITIES if q.stored and q.name not in data]
         if missing:
-            raise ResultFileError(
+            raise FileReadError(
                 f"{path} lacks {', '.join(missing)}; it was written by another version of coop_pin: "
                 "run its scenario again"
             )
         try:
             return cls(Scenario.from_toml(text), data)
-        except (ScenarioError, ScenarioFileError) as error:
-            raise ResultFileError(
+        except (ScenarioError, FileReadError) as error:
+            raise FileReadError(
                 f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
             ) from None

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from coop_pin.errors import FieldError, FieldNotFiniteError, FieldShapeError, one_or_all
+from coop_pin.errors import FieldError, one_or_all
 from coop_pin.schema.overrides import overridden
 from coop_pin.schema.validation_errors import field_errors
 
@@ -40,7 +40,7 @@ def _sized(size: int) -> Callable[[Any], Any]:
     def check(value: Any) -> Any:
         entries = _as_tuples(value)
         if isinstance(entries, tuple) and len(entries) != size:
-            raise FieldShapeError(f"has {len(entries)} entries {list(entries)}; it must have {size}")
+            raise FieldError(f"has {len(entries)} entries {list(entries)}; it must have {size}")
         return entries
 
     return check
@@ -52,7 +52,7 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
     if not isinstance(entries, tuple):
         return _number(entries)
     if not entries:
-        raise FieldShapeError("has no entries; it must be a number or have one entry for each row it acts on")
+        raise FieldError("has no entries; it must be a number or have one entry for each row it acts on")
     return tuple(_number(entry, str(index)) for index, entry in enumerate(entries))
 
 
@@ -63,7 +63,7 @@ def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[f
         return number_or_row(entries)
     lengths = [len(row) if isinstance(row, tuple) else 0 for row in entries]
     if len(set(lengths)) > 1 or not lengths[0]:
-        raise FieldShapeError(
+        raise FieldError(
             f"has rows of {lengths} entries; all rows must have the same number of entries, at least one"
         )
     return tuple(
@@ -76,7 +76,7 @@ def _number(value: Any, path: str = "") -> float:
         raise FieldError(f"is {value!r}; it must be a number", path)
     number = float(value)
     if not math.isfinite(number):
-        raise FieldNotFiniteError(f"is {number}; it must be a finite number", path)
+        raise FieldError(f"is {number}; it must be a finite number", path)
     return number
 
 

@@ -57,7 +57,7 @@ class Pose(Description):
         """Return the description of a 4x4 pose matrix.
 
         Raises:
-            ShapeError, NotFiniteError, NotAPoseError: it is none.
+            ShapeError, OutOfRangeError, NotAPoseError: it is none.
         """
         X = as_pose("X_AB", X_AB)
         return cls(xyz=X[:3, 3], rpy=rpy_from_rotation(X[:3, :3]))

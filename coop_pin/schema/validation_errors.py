@@ -8,15 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from coop_pin.errors import (
-    FieldError,
-    FieldNotFiniteError,
-    FieldShapeError,
-    MissingFieldError,
-    ScenarioError,
-    UnknownFieldError,
-    suggestion,
-)
+from coop_pin.errors import FieldError, ScenarioError, UnknownFieldError, suggestion
 
 _ABSENT = object()
 _SHOWN_CHARACTERS = 100
@@ -68,14 +60,12 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
                 )
             ]
         case "missing":
-            return [MissingFieldError(f"must be given{_needs(model, details['loc'])}", path)]
+            return [FieldError(f"must be given{_needs(model, details['loc'])}", path)]
         case "finite_number":
-            return [FieldNotFiniteError(f"is {value}; it must be a finite number", path)]
+            return [FieldError(f"is {value}; it must be a finite number", path)]
         case "too_short" | "too_long":
             return [
-                FieldShapeError(
-                    f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path
-                )
+                FieldError(f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path)
             ]
         case "union_tag_invalid":
             return [
@@ -84,7 +74,7 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
                 )
             ]
         case "union_tag_not_found":
-            return [MissingFieldError("must be given: it says what the other fields mean", f"{path}.kind")]
+            return [FieldError("must be given: it says what the other fields mean", f"{path}.kind")]
         case "literal_error":
             return [FieldError(f"is {value!r}; it must be {context['expected']}", path)]
         case _ if kind in _WANTED:

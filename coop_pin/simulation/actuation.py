@@ -45,7 +45,7 @@ class Transmission:
         """Collect transmission matrices and friction.
 
         Raises:
-            FieldShapeError: a friction coefficient does not fit its arm.
+            FieldError: a friction coefficient does not fit its arm.
         """
         edges = np.cumsum([0, *(len(arm.drive) for arm in arms)])
         drives = edges[-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 
-from coop_pin.errors import NotPositiveError
+from coop_pin.errors import OutOfRangeError
 
 _LOST_S = 0.1
 """A longer delay counts as lost, s."""
@@ -24,10 +24,10 @@ class RealtimePacer:
         """Set the rate; time starts to count at the first wait.
 
         Raises:
-            NotPositiveError: the rate is not greater than zero.
+            OutOfRangeError: the rate is not greater than zero.
         """
         if not rate > 0.0:
-            raise NotPositiveError("realtime_rate", rate)
+            raise OutOfRangeError("realtime_rate", rate)
         self.rate = rate
         self._origin: float | None = None
 

@@ -36,7 +36,7 @@ def simulate(
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
-        SingularArmError: an arm became singular.
+        SingularJacobianError: an arm became singular.
         DivergedError: the run diverged.
         UserCodeError: the controller, motion or squeeze raised something else.
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.

@@ -17,7 +17,7 @@ from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
-from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
+from coop_pin.errors import DivergedError, FieldError, InvalidStateError
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
@@ -107,13 +107,16 @@ class Simulation:
         """Do the next tick: measure, apply events, step the controller, record, integrate over the period.
 
         Raises:
-            RunFinishedError: the last tick is done.
+            InvalidStateError: the last tick is done.
             ShapeError: the controller returned torques of a wrong shape.
-            SingularArmError: an arm became singular.
+            SingularJacobianError: an arm became singular.
             DivergedError: the motion left the range of finite, closed motion.
         """
         if self.is_finished:
-            raise RunFinishedError(self.timeline.time(self.timeline.ticks))
+            raise InvalidStateError(
+                f"the simulation finished at t = {self.timeline.time(self.timeline.ticks):.6g} s;"
+                " create a new Simulation, or give the scenario a longer duration"
+            )
         # A diverging run is refused with its time, not warned of.
         with np.errstate(over="ignore", invalid="ignore"):
             self._tick(self.ticks_done)
@@ -137,10 +140,10 @@ class Simulation:
         """Add an event on the payload, at the next tick or later.
 
         Raises:
-            EventTimeError: it starts before the next tick, or ends after the run.
+            FieldError: it starts before the next tick, or ends after the run.
         """
         if event.time < self.time:
-            raise EventTimeError(
+            raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
             )
         self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
@@ -158,7 +161,7 @@ class Simulation:
         """Replace the desired internal wrenches.
 
         Raises:
-            SqueezeError: it does not name the arms of the cell.
+            FieldError: it does not name the arms of the cell.
         """
         self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze.build(list(self.scenario.cell.arms))
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")

@@ -56,7 +56,7 @@ class Session:
                 address is malformed.
             MissingExtraError: dask is not installed.
             CodeChangedError: the user's code was edited after it was loaded.
-            StoreWriteError: a file cannot be written.
+            FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
         with OutcomeWriter(self.store) as writer:
@@ -125,7 +125,7 @@ class OutcomeWriter:
         """Wait.
 
         Raises:
-            StoreWriteError: a file could not be written.
+            FileWriteError: a file could not be written.
         """
         self._pool.shutdown(wait=True)
         if error is None:
@@ -135,7 +135,7 @@ class OutcomeWriter:
         """Write an outcome soon; wait if too many are waiting.
 
         Raises:
-            StoreWriteError: an earlier file could not be written.
+            FileWriteError: an earlier file could not be written.
         """
         self._check()
         self._slots.acquire()
@@ -257,7 +257,7 @@ def sweep(
         MissingExtraError: dask is not installed.
         CodeChangedError: the user's code was edited after it was loaded.
         StoreLockedError: another process works on the folder.
-        StoreWriteError: the disk is full; every run written before is kept.
+        FileWriteError: the disk is full; every run written before is kept.
         WorkersLostError: the scheduler is gone; every finished run is kept.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
     """

@@ -16,11 +16,10 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import (
-    EntryNotFoundError,
     FieldError,
-    FieldShapeError,
+    FileReadError,
+    NameNotFoundError,
     ScenarioError,
-    ScenarioFileError,
     UnknownFieldError,
     one_or_all,
 )
@@ -127,7 +126,7 @@ class SweepPlan(Description):
             lengths = {field: len(values) for field, values in group.items()}
             if len(set(lengths.values())) != 1:
                 wanted = "fields that vary together need equally many"
-                raise FieldShapeError(f"has fields with {lengths} values; {wanted}", str(index))
+                raise FieldError(f"has fields with {lengths} values; {wanted}", str(index))
         return groups
 
     @field_validator("cases")
@@ -170,17 +169,17 @@ class SweepPlan(Description):
         """Read a plan from a TOML file; paths of scenarios in it are relative to the file.
 
         Raises:
-            EntryNotFoundError: there is no such file, or no such scenario.
-            ScenarioFileError: it is not TOML.
+            NameNotFoundError: there is no such file, or no such scenario.
+            FileReadError: it is not TOML.
             ScenarioError: it has mistakes.
         """
         path = Path(path)
         if not path.is_file():
-            raise EntryNotFoundError("sweep file", str(path), [], "the file system")
+            raise NameNotFoundError("sweep file", str(path), [], "the file system")
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ScenarioFileError(f"{path} is not a TOML file: {error}") from None
+            raise FileReadError(f"{path} is not a TOML file: {error}") from None
         return cls(**data | {"base": _anchored(data.get("base"), path.parent)})
 
     # ------------------------------------------------------------ points

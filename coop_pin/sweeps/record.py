@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
-from coop_pin.errors import CoopPinError, SweepStoreError
+from coop_pin.errors import CoopPinError, FileReadError
 
 _HEAD, _MIDDLE, _TAIL = b'{"content": ', b', "sha256": "', b'"}\n'
 _DIGEST = 64
@@ -25,15 +25,15 @@ def from_checksummed_json(data: bytes) -> dict[str, Any]:
     """Return the content of a file written by ``to_checksummed_json``.
 
     Raises:
-        SweepStoreError: the file is damaged, or was written by something else.
+        FileReadError: the file is damaged, or was written by something else.
     """
     end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
     framed = data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
     if end < len(_HEAD) or not framed:
-        raise SweepStoreError("the file was not written by a sweep, or is truncated")
+        raise FileReadError("the file was not written by a sweep, or is truncated")
     body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
     if hashlib.sha256(body).hexdigest().encode() != digest:
-        raise SweepStoreError("the file is damaged: its checksum does not match its content")
+        raise FileReadError("the file is damaged: its checksum does not match its content")
     content: dict[str, Any] = json.loads(body)
     return content
 
@@ -100,11 +100,11 @@ class Record(NamedTuple):
         """Read a record.
 
         Raises:
-            SweepStoreError: the file is damaged, or not a record.
+            FileReadError: the file is damaged, or not a record.
         """
         content = from_checksummed_json(data)
         if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
-            raise SweepStoreError("the file is not a record of a run, or one of another version")
+            raise FileReadError("the file is not a record of a run, or one of another version")
         failure = content["failure"]
         if failure is not None:
             failure = Failure(**failure | {"numbers": _read(failure["numbers"])})

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.errors import EntryNotFoundError, FieldError, SweepStoreError, UnfinishedSweepError
+from coop_pin.errors import FieldError, FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
 from coop_pin.sweeps import sensitivity
@@ -69,7 +69,7 @@ class SweepResult:
         """Read the folder of a sweep, finished or not; another process may be writing it.
 
         Raises:
-            SweepStoreError: the folder is not that of a sweep.
+            FileReadError: the folder is not that of a sweep.
         """
         store = SweepStore(folder)
         return cls(store.read_plan(), store)
@@ -106,7 +106,7 @@ class SweepResult:
         """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
 
         Raises:
-            StoreWriteError: the disk is full.
+            FileWriteError: the disk is full.
         """
         names = self.metric_names
         self.store.write_with("table.csv", lambda part: write_csv(part, self.plan, self.store, names))
@@ -119,10 +119,10 @@ class SweepResult:
         """Return one metric of all runs.
 
         Raises:
-            EntryNotFoundError: no run has it.
+            NameNotFoundError: no run has it.
         """
         if metric not in self.metric_names:
-            raise EntryNotFoundError("metric", metric, self.metric_names, "the sweep")
+            raise NameNotFoundError("metric", metric, self.metric_names, "the sweep")
         return self.data[metric]
 
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
@@ -140,11 +140,11 @@ class SweepResult:
             average: averaging function, for example np.nanmedian.
 
         Raises:
-            EntryNotFoundError: there is no such metric or field.
+            NameNotFoundError: there is no such metric or field.
         """
         values = self.values(metric).where(np.isfinite(self.values(metric)))
         if field not in self.data.coords:
-            raise EntryNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
+            raise NameNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
         with warnings.catch_warnings():
             # of places along the field where all runs failed
             warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")
@@ -169,14 +169,17 @@ class SweepResult:
                 finished ones when omitted.
 
         Raises:
-            UnfinishedSweepError: runs are missing.
-            EntryNotFoundError: the field is not a dimension.
+            InvalidStateError: runs are missing.
+            NameNotFoundError: the field is not a dimension.
         """
         missing = self.counts()[MISSING]
         if missing:
-            raise UnfinishedSweepError("a stability boundary", missing, len(self.plan))
+            raise InvalidStateError(
+                f"a stability boundary needs all {len(self.plan)} runs,"
+                f" but {missing} of them failed or are missing; see result.failures"
+            )
         if field not in self.data.dims:
-            raise EntryNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
+            raise NameNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
         kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
         return sensitivity.stability_boundary(
@@ -195,7 +198,7 @@ class SweepResult:
 
         Raises:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
-            UnfinishedSweepError: runs failed, are missing, or have no finite value.
+            InvalidStateError: runs failed, are missing, or have no finite value.
         """
         sample = self.plan.sample
         if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
@@ -204,7 +207,10 @@ class SweepResult:
         values = self.values(metric).values
         unfinished = int(np.count_nonzero(~np.isfinite(values)))
         if unfinished:
-            raise UnfinishedSweepError(f"the Sobol' indices of {metric}", unfinished, len(self.plan))
+            raise InvalidStateError(
+                f"the Sobol' indices of {metric} needs all {len(self.plan)} runs,"
+                f" but {unfinished} of them failed or are missing; see result.failures"
+            )
         return sensitivity.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
 
     # ------------------------------------------------------------ single runs
@@ -223,7 +229,7 @@ class SweepResult:
         """
         try:
             record = self.store.read(point_key(self.plan, number))
-        except SweepStoreError:
+        except FileReadError:
             record = None
         kept = self.store.read_result(record) if record is not None else None
         return kept if kept is not None else run(self.plan.scenario(number))

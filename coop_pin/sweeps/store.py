@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from coop_pin.errors import ScenarioError, StoreLockedError, StoreWriteError, SweepStoreError
+from coop_pin.errors import FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.sweeps.plan import SweepPlan
@@ -109,7 +109,7 @@ class SweepStore:
         """Return the record of a run, or None if there is none.
 
         Raises:
-            SweepStoreError: the file is damaged or foreign.
+            FileReadError: the file is damaged or foreign.
         """
         try:
             data = self.record_path(key).read_bytes()
@@ -117,7 +117,7 @@ class SweepStore:
             return None
         record = Record.from_bytes(data)
         if record.key != key:
-            raise SweepStoreError(f"{self.record_path(key)} holds the record of another run")
+            raise FileReadError(f"{self.record_path(key)} holds the record of another run")
         return record
 
     def read_or_quarantine(self, key: str, *, with_result: bool = False) -> Record | None:
@@ -132,7 +132,7 @@ class SweepStore:
         """
         try:
             record = self.read(key)
-        except (SweepStoreError, IsADirectoryError) as error:
+        except (FileReadError, IsADirectoryError) as error:
             self._quarantine(self.record_path(key))
             _LOG.warning("a run is repeated: %s; its file was moved to quarantine", error)
             return None
@@ -145,7 +145,7 @@ class SweepStore:
         """Write a record, and first the full result that belongs to it.
 
         Raises:
-            StoreWriteError: the disk is full, or the folder cannot be written.
+            FileWriteError: the disk is full, or the folder cannot be written.
         """
         if result is not None:
             record = record._replace(result_digest=hashlib.sha256(result).hexdigest())
@@ -173,15 +173,15 @@ class SweepStore:
         """Return the last plan.
 
         Raises:
-            SweepStoreError: the folder is not that of a sweep, or its plan is damaged.
+            FileReadError: the folder is not that of a sweep, or its plan is damaged.
         """
         path = self.folder / "plan.json"
         try:
             return SweepPlan(**from_checksummed_json(path.read_bytes()))
         except FileNotFoundError:
-            raise SweepStoreError(f"{self.folder} holds no sweep: there is no {path.name}") from None
-        except (SweepStoreError, ScenarioError) as error:
-            raise SweepStoreError(
+            raise FileReadError(f"{self.folder} holds no sweep: there is no {path.name}") from None
+        except (FileReadError, ScenarioError) as error:
+            raise FileReadError(
                 f"{path} cannot be used ({error}); run the sweep's command again: finished runs are kept"
             ) from None
 
@@ -189,15 +189,15 @@ class SweepStore:
         """Write a file of the folder, complete or not at all.
 
         Raises:
-            StoreWriteError: the disk is full, or the folder cannot be written.
+            FileWriteError: the disk is full, or the folder cannot be written.
         """
         path = self.folder / name
         try:
             write_atomically(path, write)
         except OSError as error:
-            raise StoreWriteError(str(path), _reason(error)) from None
+            raise FileWriteError(str(path), _reason(error)) from None
         except RuntimeError as error:  # HDF5 raises it when it closes a file on a full disk
-            raise StoreWriteError(str(path), str(error)) from None
+            raise FileWriteError(str(path), str(error)) from None
 
     def _write(self, path: Path, data: bytes) -> None:
         self.write_with(str(path.relative_to(self.folder)), lambda part: part.write_bytes(data))
@@ -237,7 +237,7 @@ class SweepStore:
             target.parent.mkdir(exist_ok=True)
             file.rename(target)
         except OSError as error:
-            raise StoreWriteError(str(target), _reason(error)) from None
+            raise FileWriteError(str(target), _reason(error)) from None
         return True
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from coop_pin.errors import ScenarioError, SweepStoreError
+from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.record import Record
@@ -57,7 +57,7 @@ def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
         key = point_key(plan, point.number)
         try:
             record = store.read(key)
-        except SweepStoreError:
+        except FileReadError:
             record = None
         yield Row(point, key, record)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import EntryNotFoundError, FieldError, NothingFeasibleError
+from coop_pin.errors import FieldError, NameNotFoundError, NothingFeasibleError
 from coop_pin.sweeps.backend import BackendOptions
 from coop_pin.sweeps.engine import Session, open_session
 from coop_pin.sweeps.plan import SweepPlan
@@ -79,14 +79,14 @@ class Objective(NamedTuple):
         metric, and is largest for a failed run.
 
         Raises:
-            EntryNotFoundError: runs have no such metric.
+            NameNotFoundError: runs have no such metric.
         """
         known, count = result.metric_names, len(result.plan)
         if not known:
             return np.full(count, _FAILED)
         wanted = {self.minimize, *(bound.metric for bound in self.bounds)}
         for name in sorted(wanted - set(known)):
-            raise EntryNotFoundError("metric", name, known, "the runs")
+            raise NameNotFoundError("metric", name, known, "the runs")
         values = {name: result.values(name).values.ravel() for name in wanted}
         excess = np.zeros(count)
         for bound in self.bounds:
@@ -114,7 +114,7 @@ class Evaluator:
         """Run a generation of points, shape (s, fields), and return their costs, shape (s,).
 
         Raises:
-            EntryNotFoundError: runs have no such metric.
+            NameNotFoundError: runs have no such metric.
             CoopPinError: whatever ``Session.compute`` raises.
         """
         points = [tuple(map(float, point)) for point in generation]
@@ -202,7 +202,7 @@ def tune(
     Raises:
         FieldError: there is no such field or method, a range is empty, a constraint cannot be read, or the
             scheduler's address is malformed.
-        EntryNotFoundError: runs have no such metric.
+        NameNotFoundError: runs have no such metric.
         MissingExtraError: the method's package is not installed.
         NothingFeasibleError: no run is within all bounds; the folder keeps the runs.
         SweepInterruptedError: Ctrl-C; every finished run is kept.

@@ -3,11 +3,7 @@
 Public names are loaded on first use: meshcat takes its time.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
-from coop_pin.lazy import load_public
+from coop_pin import lazy_names
 
 _PUBLIC = {
     "LiveView": "coop_pin.viz.live_view",
@@ -23,13 +19,4 @@ _PUBLIC = {
 }
 
 __all__ = sorted(_PUBLIC)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name on first use."""
-    return load_public(__name__, _PUBLIC, name)
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return list(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)

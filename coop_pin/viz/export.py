@@ -18,16 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.errors import (
-    BrowserError,
-    BrowserNotFoundError,
-    MissingExtraError,
-    NotFiniteError,
-    NotPositiveError,
-    PictureSizeError,
-    TimeOutsideRunError,
-    VideoError,
-)
+from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.cell_scene import FRAMES_PER_SECOND
@@ -79,14 +70,12 @@ def save_image(
 
     Raises:
         MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: the browser drew nothing.
-        TimeOutsideRunError: the time is not within the run.
-        PictureSizeError: width or height is too small.
+        BrowserError: there is no browser; the browser drew nothing.
+        OutOfRangeError: the time is not within the run; width or height is too small.
     """
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
-        raise TimeOutsideRunError(time, result.end)
+        raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
     (image,) = run_in_thread(lambda _: list(page_images(replay_html(result), [time], width, height)))
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
@@ -112,17 +101,15 @@ def save_video(
 
     Raises:
         MissingExtraError: playwright, imageio or imageio-ffmpeg is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: the browser drew nothing.
-        NotPositiveError: the frame rate is not greater than zero.
-        NotFiniteError: the frame rate is infinite.
-        PictureSizeError: width or height is too small, or odd.
-        VideoError: the encoder did not write all frames.
+        BrowserError: there is no browser; the browser drew nothing.
+        OutOfRangeError: the frame rate is not greater than zero; the frame rate is infinite; width or height
+            is too small, or odd.
+        FileWriteError: the encoder did not write all frames.
     """
     times = frame_times(result.end, frames_per_second)
     for name, value in (("width", width), ("height", height)):
         if value % 2:
-            raise PictureSizeError(name, value, "even in a video")
+            raise OutOfRangeError(name, value, "an even number of pixels in a video")
     packages, page = _video_packages(), replay_html(result)
 
     def encode(stop: threading.Event, part: Path) -> int:
@@ -133,7 +120,9 @@ def save_video(
     def write(part: Path) -> None:
         frames = run_in_thread(lambda stop: encode(stop, part))
         if frames < len(times):
-            raise VideoError(Path(path), frames, len(times))
+            raise FileWriteError(
+                str(path), f"the encoder wrote {frames} of {len(times)} frames (its message is above)"
+            )
 
     write_atomically(Path(path), write)
 
@@ -142,13 +131,12 @@ def frame_times(end: float, frames_per_second: float) -> Array:
     """Return the times of a video's frames, t = k / frames_per_second from 0 to the end of the run, s.
 
     Raises:
-        NotPositiveError: the frame rate is not greater than zero.
-        NotFiniteError: the frame rate is infinite.
+        OutOfRangeError: the frame rate is not greater than zero; the frame rate is infinite.
     """
     if not frames_per_second > 0.0:
-        raise NotPositiveError("frames_per_second", frames_per_second)
+        raise OutOfRangeError("frames_per_second", frames_per_second)
     if not np.isfinite(frames_per_second):
-        raise NotFiniteError("frames_per_second", (), frames_per_second)
+        raise OutOfRangeError("frames_per_second", frames_per_second, "a finite number")
     return np.arange(int(end * frames_per_second + _ROUNDING) + 1) / frames_per_second
 
 
@@ -162,11 +150,11 @@ def page_images(page: str, times: Iterable[float], width: int, height: int) -> G
         height: pixels.
 
     Raises:
-        PictureSizeError: width or height is too small; and the errors of ``offline_page``.
+        OutOfRangeError: width or height is too small; and the errors of ``offline_page``.
     """
     for name, value in (("width", width), ("height", height)):
         if value < _MIN_PIXELS:
-            raise PictureSizeError(name, value, f"at least {_MIN_PIXELS}")
+            raise OutOfRangeError(name, value, f"at least {_MIN_PIXELS}")
     with offline_page(width, height) as browser_page:
         browser_page.set_content(page)
         browser_page.add_style_tag(content=_HIDE_CONTROLS)
@@ -186,8 +174,7 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
 
     Raises:
         MissingExtraError: playwright is not installed.
-        BrowserNotFoundError: there is no browser.
-        BrowserError: the browser does not start, or the page reported an error.
+        BrowserError: there is no browser; the browser does not start, or the page reported an error.
     """
     try:
         from playwright import sync_api
@@ -230,13 +217,16 @@ def find_browser(own: Path) -> str:
         own: path at which playwright installs its own.
 
     Raises:
-        BrowserNotFoundError: there is none, or none at the path in the variable.
+        BrowserError: there is none, or none at the path in the variable.
     """
     named = os.environ.get(_VARIABLE)
     places = (named,) if named else (str(own), *_NAMES, _MAC)
     path = next((found for place in places if (found := shutil.which(place))), None)
     if path is None:
-        raise BrowserNotFoundError((f"{_VARIABLE}={named}",) if named else (_VARIABLE, str(own), *_NAMES))
+        raise BrowserError(
+            None,
+            "looked for " + ", ".join((f"{_VARIABLE}={named}",) if named else (_VARIABLE, str(own), *_NAMES)),
+        )
     return path
 
 

@@ -12,7 +12,7 @@ from coop_pin.controller_factory import build_controller
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.squeeze import SteadySqueeze
-from coop_pin.errors import CoopPinError, SqueezeError, UserCodeError
+from coop_pin.errors import CoopPinError, FieldError, UserCodeError
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import RealtimePacer, Simulation
 
@@ -45,7 +45,7 @@ class LiveRun:
 
         Raises:
             UnreachablePoseError: an arm does not reach its grasp at the start.
-            NotPositiveError: the real-time rate is not greater than zero.
+            OutOfRangeError: the real-time rate is not greater than zero.
         """
         self.scenario, self.error = scenario, None
         self.on_end: Callable[[], None] = lambda: None
@@ -139,12 +139,12 @@ class LiveRun:
         """Replace the squeeze by that of the scenario at t = 0, scaled to a largest force on an arm, N.
 
         Raises:
-            SqueezeError: the scenario has no squeeze to scale.
+            FieldError: the scenario has no squeeze to scale.
         """
         wrenches = self.scenario.squeeze_wrenches
         present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
         if not present > 0.0:
-            raise SqueezeError("is zero and cannot be scaled; give the scenario a squeeze first", "squeeze")
+            raise FieldError("is zero and cannot be scaled; give the scenario a squeeze first", "squeeze")
         table = {
             name: tuple(newtons / present * row)
             for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NotPositiveError, PortTakenError, ViewWarning
+from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
 from coop_pin.figures import palette
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.viz.cell_scene import FRAMES_PER_SECOND, TRAIL_RADIUS_M, TRAIL_SPACING_M, WARNING_COLOURS
@@ -51,11 +51,11 @@ class LiveView:
             port: port on 127.0.0.1; 0 for any free one.
 
         Raises:
-            NotPositiveError: the frame rate is not greater than zero.
+            OutOfRangeError: the frame rate is not greater than zero.
             PortTakenError: the chosen port is not available.
         """
         if not frames_per_second > 0.0:
-            raise NotPositiveError("frames_per_second", frames_per_second)
+            raise OutOfRangeError("frames_per_second", frames_per_second)
         self._period, self._due = 1.0 / frames_per_second, 0.0
         self._title, self._scene, self._latest = initial.name, LiveScene(initial), initial.snapshot
         self.sent = self.dropped = 0

@@ -15,7 +15,7 @@ from coop_pin.description.urdf.lint import element_findings, mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xml import MAX_BYTES, read_document
-from coop_pin.errors import MissingExtraError, UrdfError, UrdfNotFoundError, UrdfWarning
+from coop_pin.errors import MissingExtraError, UrdfError, UrdfWarning
 
 
 def check_urdf(text: str | bytes) -> UrdfReport:
@@ -29,9 +29,9 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
     """Return every defect of a file, missing meshes included; a xacro file is expanded first.
 
     Raises:
-        UrdfNotFoundError: the file does not exist any more.
+        UrdfError: the file does not exist any more; it is a xacro file that cannot be expanded, or it cannot
+            be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
-        UrdfError: it is a xacro file that cannot be expanded, or it cannot be read from the disk.
     """
     return UrdfReport(str(urdf.path), _findings(_text(urdf), urdf.package_dirs))
 
@@ -47,9 +47,9 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
         strict: whether physical findings are errors, in any file.
 
     Raises:
-        UrdfNotFoundError: the file does not exist any more.
+        UrdfError: the file does not exist any more; the file has errors, all of which the message lists, or
+            cannot be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
-        UrdfError: the file has errors, all of which the message lists, or cannot be read from the disk.
     """
     data = _text(urdf)
     _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
@@ -94,7 +94,7 @@ def _text(urdf: UrdfFile) -> bytes:
     if urdf.path.suffix == ".xacro":
         return _expanded(urdf)
     if not urdf.path.is_file():
-        raise UrdfNotFoundError(f"no file at {urdf.path}")
+        raise UrdfError(f"no file at {urdf.path}")
     try:
         with urdf.path.open("rb") as file:
             return file.read(MAX_BYTES + 1)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-from coop_pin.errors import UrdfNotFoundError, suggestion
+from coop_pin.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
 
@@ -113,13 +113,13 @@ def find_urdf(
         xacro_args: arguments of a xacro file.
 
     Raises:
-        UrdfNotFoundError: there is none; the message lists the places searched and the closest names.
+        UrdfError: there is none; the message lists the places searched and the closest names.
     """
     given = Path.cwd() / name_or_path
     robots = example_urdfs() | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
     path = given if _is(Path.is_file, given) else robots.get(str(name_or_path))
     if path is None:
-        raise UrdfNotFoundError(_not_found(str(name_or_path), given, sorted(robots)))
+        raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))
     path, folders = path.resolve(), [Path(folder).absolute() for folder in package_dirs]
     origin: Literal["user", "bundled", "example"] = "user"
     examples, bundled = example_folder(), bundled_urdf_folder()

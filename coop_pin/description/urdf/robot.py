@@ -13,7 +13,7 @@ from coop_pin.description.urdf.inertia import inertia_matrix
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.tree import Edge, Tree, read_tree
 from coop_pin.description.urdf.xml import Node, number, numbers, read_document
-from coop_pin.errors import FrameNotFoundError, UrdfError
+from coop_pin.errors import NameNotFoundError, UrdfError
 from coop_pin.spatial import make_pose
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -77,10 +77,10 @@ class Robot:
             angles: angles of the moving joints between the root and it, rad or m.
 
         Raises:
-            FrameNotFoundError: there is no such link or joint.
+            NameNotFoundError: there is no such link or joint.
         """
         if frame not in self._ends:
-            raise FrameNotFoundError("frame", frame, self._ends, "the URDF")
+            raise NameNotFoundError("frame", frame, self._ends, "the URDF")
         X, link = np.eye(4), self._ends[frame]
         while link in self._tree.above:
             edge = self._tree.above[link]
