@@ -47,7 +47,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     for _ in range(TICK):
         run.tick()
     plant, chain, sensor, t = run.plant, run.chain, run.sensors[0], run.timeline.time(TICK)
-    target, squeeze = run.motion.at(t), run.squeeze.at(t)
+    target, squeeze = run.motion.at(t), run.squeeze.at(t, scenario.cell.arms)
     references = run._references(target, squeeze)
     measured = run._measure(TICK, t, references)
     law, state, answer = (
@@ -77,7 +77,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
         BOTH: lambda: controller.step(run._measure(TICK, t, references), references, state),
         "commands and torque limits": lambda: run.actuation.apply(run.actuation.commands(answer)),
-        "references": lambda: run._references(run.motion.at(t), run.squeeze.at(t)),
+        "references": lambda: run._references(run.motion.at(t), run.squeeze.at(t, scenario.cell.arms)),
         STEP: lambda: plant._integrator.step(plant._rate, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(q, v),
         "    friction": lambda: plant.drives.friction(v),

@@ -107,7 +107,7 @@ class MujocoRun:
         loop, model, data, state, samples = self.loop, self.model, self.data, None, []
         for tick in range(loop.timeline.ticks + 1):
             t = loop.timeline.time(tick)
-            references = loop._references(loop.motion.at(t), loop.squeeze.at(t))
+            references = loop._references(loop.motion.at(t), loop.squeeze.at(t, loop.scenario.cell.arms))
             measurements = loop._measure(tick, t, references)
             self._happen(t)
             state = self.controller.init(measurements, references) if state is None else state

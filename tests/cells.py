@@ -7,7 +7,7 @@ import numpy as np
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import SlidingMode, SlidingModeGains
-from coop_pin.description.motion import HoldMotion
+from coop_pin.reference import HoldMotion
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.schema.pose import Pose

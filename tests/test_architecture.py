@@ -28,7 +28,7 @@ BELOW_VIEWS = BELOW_RUNS | {"controller_factory", "run_scenario"}
 
 # Package -> (packages it may import besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything that stands in a scenario file;
-# - schema (rotations), reference and results turn quaternions with scipy;
+# - reference and results turn quaternions with scipy;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
@@ -41,8 +41,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "lazy": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
-    "schema": ({"reference"}, {"pydantic", "pydantic_core"}),
-    "reference": (set(), {"scipy"}),
+    "schema": (set(), {"pydantic", "pydantic_core"}),
+    "reference": ({"schema"}, {"pydantic", "scipy"}),
     "control": (set(), {"scipy"}),
     "description": (
         {"schema", "control", "reference"},
@@ -57,7 +57,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "analysis": (BELOW_VIEWS, {"pinocchio", "scipy"}),
     "figures": ({"description", "results", "sweeps"}, {"matplotlib", "scipy", "xarray"}),
     "viz": (
-        {"schema", "description", "model", "chain", "controller_factory", "results", "simulation", "figures"},
+        {
+            "schema",
+            "reference",
+            "description",
+            "model",
+            "chain",
+            "controller_factory",
+            "results",
+            "simulation",
+            "figures",
+        },
         {
             "imageio",
             "imageio_ffmpeg",

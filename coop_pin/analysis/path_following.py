@@ -35,7 +35,7 @@ class Route(NamedTuple):
 
 def route_of(scenario: Scenario, poses: int) -> Route:
     """Return the route of a scenario: straight to the reference, then along it through poses evenly spaced in time."""
-    reference = scenario.motion.build()
+    reference = scenario.motion.replace()
     times = np.linspace(0.0, scenario.duration, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))

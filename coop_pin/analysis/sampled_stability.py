@@ -95,7 +95,7 @@ def _held(entry: complex) -> float:
 def _answers(scenario: Scenario, simulation: Simulation) -> Callable[[Array], Array]:
     """Return the controller's generalised force at the start as a function of the speeds; internal wrenches are as desired."""
     rows, plant = scenario.cell.task_rows, simulation.plant
-    target, squeeze = simulation.motion.at(0.0), simulation.squeeze.at(0.0)
+    target, squeeze = simulation.motion.at(0.0), simulation.squeeze.at(0.0, scenario.cell.arms)
     twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
     references = [
         ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze

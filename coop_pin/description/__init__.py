@@ -13,36 +13,18 @@ from coop_pin.description.controller import (
 )
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.motion import (
-    CircleMotion,
-    CsvMotion,
-    ExponentialMotion,
-    HoldMotion,
-    LineMotion,
-    SwingMotion,
-    TurnMotion,
-    UserMotion,
-    Waypoint,
-    WaypointsMotion,
-)
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
 from coop_pin.description.scenario import Scenario, scenario_names
-from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.description.switching import Saturation, Sign, Tanh
 from coop_pin.schema.pose import Pose
 
 __all__ = [
     "Arm",
     "Cell",
-    "CircleMotion",
     "Clock",
-    "CsvMotion",
-    "ExponentialMotion",
-    "HoldMotion",
     "JointFriction",
     "LateForcePath",
-    "LineMotion",
     "LowPassForcePath",
     "NoForcePath",
     "Payload",
@@ -52,7 +34,6 @@ __all__ = [
     "PlantOptions",
     "Pose",
     "PostureGains",
-    "RampSqueeze",
     "RedundantSlidingMode",
     "Saturation",
     "Scenario",
@@ -60,15 +41,8 @@ __all__ = [
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
-    "SteadySqueeze",
-    "SwingMotion",
     "Tanh",
-    "TurnMotion",
     "UserController",
-    "UserMotion",
-    "UserSqueeze",
-    "Waypoint",
-    "WaypointsMotion",
     "WrenchPulse",
     "grasps_from_configuration",
     "scenario_names",

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
-from coop_pin.description.payload import Payload, built
+from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArmNotFoundError, FieldError, LoadShareError, suggestion
-from coop_pin.reference.pose_reference import as_pose
-from coop_pin.schema.base import Description, Vector3
+from coop_pin.errors import ArmNotFoundError, FieldError, LoadShareError
+from coop_pin.schema.base import Description, Vector3, check_arm_names
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose
+from coop_pin.spatial import as_pose, inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 
@@ -56,7 +55,7 @@ class Cell(Description):
 
     Attributes:
         arms: the arms by name; their order is the order of arrays.
-        payload: the held object; a table with a ``kind`` is made into one (payload_source.py).
+        payload: the held object.
         payload_pose: pose X_WP at which the arms, in their postures, grip the payload as they stand; for
             "as-posed" grasps only.
         grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" takes them from
@@ -68,7 +67,7 @@ class Cell(Description):
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
-    payload: Annotated[Payload, BeforeValidator(built)]
+    payload: Payload
     payload_pose: Pose | None = None
     grasps: dict[str, Pose]
     rows: RowsName = "full"
@@ -131,18 +130,3 @@ class Cell(Description):
         if self.load_shares is None:
             return np.full(len(self.arms), 1.0 / len(self.arms))
         return np.array([self.load_shares[name] for name in self.arms])
-
-
-def check_arm_names(
-    given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError
-) -> None:
-    """Refuse a table by arm that misses an arm or names one that does not exist; without arms (they have mistakes) say nothing."""
-    if arms is None:
-        return
-    given, arms = list(given), list(arms)
-    for name in given:
-        if name not in arms:
-            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}")
-    missing = [name for name in arms if name not in given]
-    if missing:
-        raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one")

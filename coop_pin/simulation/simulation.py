@@ -13,10 +13,9 @@ from coop_pin.control.interface import ArmMeasurement, ArmReference, CellControl
 from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.errors import DivergedError, EventTimeError, RunFinishedError
 from coop_pin.model.joint_limits import joint_limits
-from coop_pin.reference import PoseTarget
+from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.plant import Plant
@@ -84,7 +83,8 @@ class Simulation:
         self.saturated = self.actuation.idle
         self.sensors = [ArmSensor(scenario.cell, place) for place in self.chain.tree.arms]
         self.force_sensor = ForceSensor(scenario.cell, scenario.controller.force_path)
-        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
+        self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table anew
+        self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, self.limits)
         self.state: Any = None
         self.ticks_done = 0
@@ -148,18 +148,18 @@ class Simulation:
         self.controller = controller
         self._replaced.append(f"controller replaced at t = {self.time:g} s")
 
-    def replace_squeeze(self, squeeze: SteadySqueeze | RampSqueeze | UserSqueeze) -> None:
+    def replace_squeeze(self, squeeze: SqueezeReference) -> None:
         """Ask for other internal wrenches.
 
         Raises:
             SqueezeError: it does not name the arms of the cell.
         """
-        self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze.build(list(self.scenario.cell.arms))
+        self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")
 
     def _tick(self, tick: int) -> None:
         time = self.timeline.time(tick)
-        target, squeeze = self.motion.at(time), self.squeeze.at(time)
+        target, squeeze = self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms)
         references = self._references(target, squeeze)
         measurements = self._measure(tick, time, references)
         self._happen(time)

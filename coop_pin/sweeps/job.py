@@ -16,10 +16,10 @@ import dask
 from distributed import get_worker
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
+from coop_pin.schema.user_code import load_function
 from coop_pin.sweeps.record import Failure, Record, flat
 from coop_pin.sweeps.run_key import UserCode, require_loaded
 

@@ -13,7 +13,6 @@ from typing import Annotated, Any, NamedTuple, Self
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import (
     EntryNotFoundError,
     FieldError,
@@ -24,6 +23,7 @@ from coop_pin.errors import (
     one_or_all,
 )
 from coop_pin.schema.base import Description
+from coop_pin.schema.user_code import FunctionName
 from coop_pin.sweeps.dimensions import (
     CasesDimension,
     Dimension,

@@ -156,7 +156,9 @@ class UserCode(NamedTuple):
 def user_code(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[UserCode, ...]:
     """Return the code of the user's own that a run names, each name once."""
     parts = (scenario.controller, scenario.motion, scenario.squeeze)
-    named = [getattr(part, field, None) for part in parts if part.kind == "user" for field in _FIELDS]
+    named = [
+        getattr(part, field, None) for part in parts if part.kind in ("user", "function") for field in _FIELDS
+    ]
     return tuple(map(_as_it_stands, dict.fromkeys([*filter(None, named), *metrics])))
 
 

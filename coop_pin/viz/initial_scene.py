@@ -59,7 +59,7 @@ def standing_scenario(scenario: Scenario) -> InitialScene:
     Raises:
         UnreachablePoseError: it is out of an arm's reach.
     """
-    motion = scenario.motion.build()
+    motion = scenario.motion.replace()
     path = np.array([motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, scenario.duration, _PATH_SAMPLES)])
     moment = _at_rest(
         scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches

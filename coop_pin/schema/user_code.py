@@ -1,10 +1,10 @@
-"""Functions of the user's own, named in a scenario as ``module:function``."""
+"""Names of user-written functions, ``module:function``, and the import of what they name."""
 
 from __future__ import annotations
 
 import functools
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -13,7 +13,7 @@ from coop_pin.errors import EntryNotFoundError, FieldError
 
 
 def _function_name(value: Any) -> Any:
-    """Read a name, or name a function that stands at the top of a module (in a notebook: of the notebook)."""
+    """Return ``module:function`` for such a text or for a function at the top of a module or notebook."""
     if callable(value):
         module, name = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
         if not module or not name or "<" in name:
@@ -32,8 +32,8 @@ FunctionName = Annotated[str, BeforeValidator(_function_name)]
 """``module:function``; a function itself is accepted and named."""
 
 
-def load_function(name: str, options: dict[str, Any]) -> Callable[..., Any]:
-    """Return a user's function with its options bound to it.
+def load_function(name: str, options: Mapping[str, Any]) -> Callable[..., Any]:
+    """Return the function of a name with its options bound to it.
 
     Args:
         name: ``module:function``.
@@ -48,10 +48,10 @@ def load_function(name: str, options: dict[str, Any]) -> Callable[..., Any]:
     except ImportError as error:
         raise EntryNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):
-        known = [entry for entry in dir(found) if not entry.startswith("_")]
-        found = getattr(found, part, None)
-        if found is None:
+        if not hasattr(found, part):
+            known = [entry for entry in dir(found) if not entry.startswith("_")]
             raise EntryNotFoundError("function", path, known, f"module {module_name!r}")
+        found = getattr(found, part)
     if not callable(found):
         raise EntryNotFoundError(
             "function", path, [], f"module {module_name!r}: {path} is {found!r}, which cannot be called"
