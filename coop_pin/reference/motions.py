@@ -192,8 +192,11 @@ class CircleMotion(PoseReference):
     def _circle(self) -> tuple[Array, Array, Array]:
         """R_WP_d, the centre c and the rows r e_1, r e_2."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
-        outward, _ = _radial_and_tangential(self.start_angle, _spokes(normal, self.radius))
-        spokes = _spokes(normal / np.linalg.norm(normal), self.radius)
+        along = np.array((1.0, 0.0, 0.0) if abs(normal[0]) < 1.0 - 1e-6 else (0.0, 1.0, 0.0))
+        e_1 = along - (along @ normal) * normal
+        e_1 /= np.linalg.norm(e_1)
+        spokes = self.radius * np.stack((e_1, np.cross(normal, e_1)))
+        outward, _ = _radial_and_tangential(self.start_angle, spokes)
         return rotation_from_rpy(self.pose.rpy), np.array(self.pose.xyz) - outward, spokes
 
     def at(self, time: float) -> PoseTarget:
@@ -205,14 +208,6 @@ class CircleMotion(PoseReference):
         outward, onward = _radial_and_tangential(phi, spokes)
         a = acceleration * onward - rate**2 * outward
         return make_target(R, centre + outward, v=rate * onward, a=a)
-
-
-def _spokes(normal: Array, radius: float) -> Array:
-    """Return r e_1 and r e_2, rows of shape (2, 3)."""
-    along = np.array((1.0, 0.0, 0.0) if abs(normal[0]) < 1.0 - 1e-6 else (0.0, 1.0, 0.0))
-    e_1 = along - (along @ normal) * normal
-    e_1 /= np.linalg.norm(e_1)
-    return radius * np.stack((e_1, np.cross(normal, e_1)))
 
 
 def _radial_and_tangential(phi: float, spokes: Array) -> Array:
