@@ -47,7 +47,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     for _ in range(TICK):
         run.tick()
     plant, chain, sensor, t = run.plant, run.plant.chain, run.sensing.arms[0], run.timeline.time(TICK)
-    target, squeeze, references = run.motion.at(t), run.squeeze.at(t), run.references(t)
+    target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.arms), run.references(t)
     measured = run.sensing.start(plant.q, plant.v, references)
     law, state = controller.controllers["left"], run.controller_state
     command = controller.step(measured, references, state)

@@ -25,9 +25,9 @@ from coop_pin.description.controller import (
 )
 from coop_pin.description.gains import PostureGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.user_code import load_class
 from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel
+from coop_pin.schema.user_code import load_class
 
 
 def build_controller(scenario: Scenario) -> CellController:

@@ -24,8 +24,8 @@ def press(time):
 
 if __name__ == "__main__":
     changes = {
-        "motion": {"kind": "user", "target": "own_reference:eight"},
-        "squeeze": {"kind": "user", "target": "own_reference:press"},
+        "motion": {"kind": "function", "target": "own_reference:eight"},
+        "squeeze": {"kind": "function", "target": "own_reference:press"},
         "start": {"xyz": CENTRE.tolist(), "rpy": [0.0, 0.0, TURN]},
         "controller.gains.sign_gain": 0.05,
         "duration": 8.0,

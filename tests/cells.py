@@ -7,9 +7,9 @@ import numpy as np
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import SlidingMode, SlidingModeGains
-from coop_pin.description.motion import HoldMotion
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
+from coop_pin.reference import HoldMotion
 from coop_pin.schema.pose import Pose
 
 SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))

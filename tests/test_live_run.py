@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.controller_factory import build_controller
-from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import (
     CoopPinError,
     DivergedError,
@@ -20,6 +19,7 @@ from coop_pin.errors import (
     MissingExtraError,
     UserCodeError,
 )
+from coop_pin.reference import ConstantSqueeze
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.panel import gain_sliders
@@ -107,12 +107,12 @@ def test_a_controller_replaced_by_its_equal_changes_nothing():
 def test_another_squeeze_is_followed():
     simulation = advanced(quiet_paper(3.0), 20)
     simulation.replace_squeeze(
-        SteadySqueeze(wrenches={"left": (-25.0, 0, 0, 0, 0, 0), "right": (25.0, 0, 0, 0, 0, 0)})
+        ConstantSqueeze(wrenches={"left": (-25.0, 0, 0, 0, 0, 0), "right": (25.0, 0, 0, 0, 0, 0)})
     )
     internal = to_the_end(simulation).data["internal_wrench"].values[-1, 0, :2]
     assert_allclose(np.linalg.norm(internal), 25.0, atol=5.0)
     with pytest.raises(CoopPinError, match="middle"):
-        simulation.replace_squeeze(SteadySqueeze(wrenches={"middle": (0.0,) * 6}))
+        simulation.replace_squeeze(ConstantSqueeze(wrenches={"middle": (0.0,) * 6}))
 
 
 def test_a_finished_run_has_no_more_ticks():
@@ -161,7 +161,7 @@ def test_a_squeeze_of_zero_keeps_its_direction_and_none_has_none():
     run.change_squeeze(10.0)
     assert_allclose(run.scenario.squeeze_wrenches, quiet_paper().squeeze_wrenches)
     with pytest.raises(FieldError):
-        LiveRun(quiet_paper().replace(squeeze=SteadySqueeze())).change_squeeze(1.0)
+        LiveRun(quiet_paper().replace(squeeze=ConstantSqueeze())).change_squeeze(1.0)
 
 
 def test_a_value_that_is_not_allowed_changes_nothing():

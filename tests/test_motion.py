@@ -1,4 +1,4 @@
-"""Every motion and squeeze that a scenario can name: what it says is what it does, through a file as well, and mistakes have paths."""
+"""Motions and squeezes of a scenario: what they do, the TOML round trip, and the paths of mistakes."""
 
 import math
 
@@ -9,24 +9,24 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin import errors
-from coop_pin.description import (
+from coop_pin.description import Pose, Scenario
+from coop_pin.reference import (
     CircleMotion,
+    ConstantSqueeze,
     CsvMotion,
     ExponentialMotion,
+    FunctionMotion,
+    FunctionSqueeze,
     HoldMotion,
     LineMotion,
-    Pose,
+    PoseReference,
     RampSqueeze,
-    Scenario,
-    SteadySqueeze,
     SwingMotion,
     TurnMotion,
-    UserMotion,
-    UserSqueeze,
     Waypoint,
     WaypointsMotion,
+    check_consistency,
 )
-from coop_pin.reference import PoseReference, check_consistency
 from coop_pin.spatial import make_pose, pose_error
 
 START = SPATIAL_START
@@ -89,9 +89,9 @@ MOTIONS = {
             Waypoint(time=4.0, xyz=GOAL.xyz, rpy=GOAL.rpy),
         ]
     ),
-    "user": UserMotion(target=users_pose, options={"reach": 0.05}),
-    "user with twist": UserMotion(target=users_pose, twist=users_twist),
-    "user in a class": UserMotion(target=Namespace.pose),
+    "function": FunctionMotion(target=users_pose, options={"reach": 0.05}),
+    "function with twist": FunctionMotion(target=users_pose, twist=users_twist),
+    "function in a class": FunctionMotion(target=Namespace.pose),
 }
 
 
@@ -108,7 +108,7 @@ def table(tmp_path):
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_twist_and_acceleration_are_the_derivatives_of_the_pose(motion):
-    check_consistency(motion.build(), TIMES, allowed=2e-3)
+    check_consistency(motion, TIMES, allowed=2e-3)
 
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
@@ -116,28 +116,26 @@ def test_a_motion_survives_the_scenario_file_unchanged(motion):
     scenario = spatial_scenario().replace(motion=motion)
     again = Scenario.from_toml(scenario.to_toml())
     assert again == scenario
-    assert isinstance(again.motion.build(), PoseReference)
+    assert isinstance(again.motion, PoseReference)
     for time in (0.0, 1.3, 5.0):
-        assert_allclose(again.motion.build().at(time).X_WP_d, motion.build().at(time).X_WP_d, rtol=0, atol=0)
+        assert_allclose(again.motion.at(time).X_WP_d, motion.at(time).X_WP_d, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("kind", ["line", "circle", "turn", "swing", "waypoints"])
 def test_a_motion_that_starts_at_a_pose_starts_there_and_at_rest(kind):
-    target = MOTIONS[kind].build().at(0.0)
+    target = MOTIONS[kind].at(0.0)
     assert_allclose(pose_error(np.array(target.X_WP_d), START.matrix), np.zeros(6), atol=1e-14)
     assert_allclose(target.V_WP_d, np.zeros(6), atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", ["line", "waypoints"])
 def test_a_motion_that_ends_at_a_pose_ends_there(kind):
-    assert_allclose(
-        pose_error(np.array(MOTIONS[kind].build().at(9.0).X_WP_d), GOAL.matrix), np.zeros(6), atol=1e-14
-    )
+    assert_allclose(pose_error(np.array(MOTIONS[kind].at(9.0).X_WP_d), GOAL.matrix), np.zeros(6), atol=1e-14)
 
 
 def test_a_circle_keeps_its_radius_about_one_centre_in_its_plane():
     motion = MOTIONS["circle"]
-    positions = np.array([motion.build().at(time).X_WP_d[:3, 3] for time in np.linspace(0, 8, 200)])
+    positions = np.array([motion.at(time).X_WP_d[:3, 3] for time in np.linspace(0, 8, 200)])
     normal = np.array(motion.normal) / np.linalg.norm(motion.normal)
     e_1 = np.array((1.0, 0, 0)) - normal[0] * normal
     e_1 /= np.linalg.norm(e_1)
@@ -148,14 +146,14 @@ def test_a_circle_keeps_its_radius_about_one_centre_in_its_plane():
 
 
 def test_a_turn_turns_by_its_angle_about_its_axis_and_goes_nowhere():
-    reference = MOTIONS["turn"].build()
+    reference = MOTIONS["turn"]
     before, after = (np.array(reference.at(time).X_WP_d) for time in (0.0, 9.0))
     axis = np.array((0.0, 1.0, 1.0)) / math.sqrt(2.0)
     assert_allclose(pose_error(after, before), np.concatenate((np.zeros(3), 1.2 * axis)), atol=1e-14)
 
 
 def test_a_csv_motion_passes_through_its_rows(table):
-    reference = CsvMotion(path=str(table)).build()
+    reference = CsvMotion(path=str(table))
     for time in (0.0, 1.0, 2.5, 4.0):
         expected = make_pose((0.45 + 0.02 * time, 0.05, 0.4), (0.3, -0.2, 0.5 + 0.1 * time))
         assert_allclose(reference.at(time).X_WP_d, expected, atol=1e-12)
@@ -170,33 +168,33 @@ def test_a_csv_path_is_relative_to_the_scenario_file(table, monkeypatch, tmp_pat
     monkeypatch.chdir(elsewhere)
     read = Scenario.load(table.parent / "study.toml")
     assert read.motion.path == str(table.resolve())
-    assert_allclose(read.motion.build().at(0.0).X_WP_d[:3, 3], (0.45, 0.05, 0.4))
+    assert_allclose(read.motion.at(0.0).X_WP_d[:3, 3], (0.45, 0.05, 0.4))
 
 
 def test_a_missing_or_bad_csv_names_itself_and_the_line(table):
     with pytest.raises(errors.FileReadError, match=r"nowhere\.csv"):
-        CsvMotion(path="nowhere.csv").build()
+        CsvMotion(path="nowhere.csv").at(0.0)
     table.write_text(table.read_text().replace("1.0,", "one,", 1))
     with pytest.raises(errors.FileReadError) as caught:
-        CsvMotion(path=str(table)).build()
+        CsvMotion(path=str(table)).at(0.0)
     assert caught.value.line == 3
 
 
 def test_a_users_twist_is_used_and_its_mistakes_are_seen():
-    motion = UserMotion(target=users_pose, twist=users_twist, options={"reach": 0.2})
+    motion = FunctionMotion(target=users_pose, twist=users_twist, options={"reach": 0.2})
     assert motion.target == f"{__name__}:users_pose"
-    assert_allclose(motion.build().at(0.4).V_WP_d, users_twist(0.4, 0.2))
+    assert_allclose(motion.at(0.4).V_WP_d, users_twist(0.4, 0.2))
     with pytest.raises(errors.InconsistentReferenceError, match="V_WP_d"):
-        check_consistency(UserMotion(target=users_pose, twist=wrong_twist).build(), TIMES)
+        check_consistency(FunctionMotion(target=users_pose, twist=wrong_twist), TIMES)
 
 
 def test_a_users_function_that_does_not_exist_is_named():
     with pytest.raises(errors.NameNotFoundError, match="no_such_module"):
-        UserMotion(target="no_such_module:f").build()
+        FunctionMotion(target="no_such_module:f").at(0.0)
     with pytest.raises(errors.NameNotFoundError, match="did you mean 'users_pose'"):
-        UserMotion(target=f"{__name__}:user_pose").build()
-    with pytest.raises(errors.NameNotFoundError, match="not a function"):
-        UserMotion(target=f"{__name__}:START").build()
+        FunctionMotion(target=f"{__name__}:user_pose").at(0.0)
+    with pytest.raises(errors.NameNotFoundError, match="cannot be called"):
+        FunctionMotion(target=f"{__name__}:START").at(0.0)
 
 
 def test_fields_of_a_motion_can_be_overridden_and_its_kind_changed():
@@ -258,12 +256,17 @@ MISTAKES = {
         "ambiguous",
     ),
     "no function": (
-        {"kind": "user", "target": "just_a_name"},
+        {"kind": "function", "target": "just_a_name"},
         errors.FieldError,
         "motion.target",
         "module:function",
     ),
-    "a lambda": ({"kind": "user", "target": lambda _: np.eye(4)}, errors.FieldError, "motion.target", "def"),
+    "a lambda": (
+        {"kind": "function", "target": lambda _: np.eye(4)},
+        errors.FieldError,
+        "motion.target",
+        "def",
+    ),
     "terms of unequal number": (
         {
             "kind": "exponentials",
@@ -301,12 +304,12 @@ def test_a_mistake_in_a_motion_has_its_type_its_path_and_what_to_do(motion, kind
 
 
 def squeeze_at(squeeze, time):
-    return spatial_scenario().replace(squeeze=squeeze).squeeze.build(["left", "right"]).at(time)
+    return spatial_scenario().replace(squeeze=squeeze).squeeze.at(time, ["left", "right"])
 
 
 def test_a_plain_table_is_a_constant_squeeze_in_the_order_of_the_arms():
     assert_allclose(squeeze_at({"right": RIGHT, "left": LEFT}, 3.0), [LEFT, RIGHT])
-    assert spatial_scenario().squeeze == SteadySqueeze(wrenches={"left": LEFT, "right": RIGHT})
+    assert spatial_scenario().squeeze == ConstantSqueeze(wrenches={"left": LEFT, "right": RIGHT})
     assert_allclose(spatial_scenario().squeeze_wrenches, [LEFT, RIGHT])
     assert_allclose(squeeze_at({}, 1.0), np.zeros((2, 6)))
 
@@ -322,18 +325,18 @@ def test_a_ramp_goes_from_its_start_to_its_goal_and_sums_to_zero_all_the_way():
 
 @pytest.mark.parametrize("function", [users_squeeze, users_squeeze_rows])
 def test_a_users_squeeze_may_be_a_table_or_rows_in_the_order_of_the_arms(function):
-    squeeze = UserSqueeze(target=function, options={"force": 3.0})
+    squeeze = FunctionSqueeze(target=function, options={"force": 3.0})
     assert_allclose(squeeze_at(squeeze, 2.0)[:, 0], (-6.0, 6.0))
 
 
 @pytest.mark.parametrize(
     "squeeze",
     [
-        SteadySqueeze(wrenches={"left": LEFT, "right": RIGHT}),
+        ConstantSqueeze(wrenches={"left": LEFT, "right": RIGHT}),
         RampSqueeze(start={"left": RIGHT, "right": LEFT}, goal={"left": LEFT, "right": RIGHT}, duration=2.0),
-        UserSqueeze(target=users_squeeze, options={"force": 2.0}),
+        FunctionSqueeze(target=users_squeeze, options={"force": 2.0}),
     ],
-    ids=["constant", "ramp", "user"],
+    ids=["constant", "ramp", "function"],
 )
 def test_a_squeeze_survives_the_scenario_file_unchanged(squeeze):
     scenario = spatial_scenario().replace(squeeze=squeeze)
@@ -345,9 +348,7 @@ def test_the_run_squeezes_by_the_ramp():
     result = cp.run(planar_scenario().replace(squeeze=ramp, duration=0.2, events=()))
     assert result.scenario.squeeze == ramp
     desired = result.data.desired_internal_wrench.values
-    lengths = [
-        np.linalg.norm(ramp.build(["left", "right"]).at(float(time))[0, :2]) for time in result.data.time
-    ]
+    lengths = [np.linalg.norm(ramp.at(float(time), ["left", "right"])[0, :2]) for time in result.data.time]
     assert lengths[0] == 0.0
     assert lengths[-1] == pytest.approx(10.0)
     assert_allclose(np.linalg.norm(desired[:, 0, :2], axis=1), lengths, atol=1e-9)
@@ -359,7 +360,7 @@ def test_the_run_squeezes_by_the_ramp():
 )
 def test_a_users_squeeze_that_is_none_is_refused_when_it_is_called(function, time, said):
     with pytest.raises(errors.FieldError, match=said) as caught:
-        UserSqueeze(target=function).build(["left", "right"]).at(time)
+        FunctionSqueeze(target=function).at(time, ["left", "right"])
     assert caught.value.path.startswith("squeeze.target")
 
 
@@ -411,7 +412,12 @@ SQUEEZE_MISTAKES = {
         "positive",
     ),
     "unknown kind": ({"kind": "rampp"}, errors.FieldError, "squeeze.kind", "'ramp'"),
-    "no function": ({"kind": "user", "target": "f"}, errors.FieldError, "squeeze.target", "module:function"),
+    "no function": (
+        {"kind": "function", "target": "f"},
+        errors.FieldError,
+        "squeeze.target",
+        "module:function",
+    ),
 }
 
 

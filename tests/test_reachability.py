@@ -9,23 +9,12 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import reachability
-from coop_pin.description import (
-    Arm,
-    Cell,
-    CircleMotion,
-    HoldMotion,
-    LineMotion,
-    Payload,
-    Pose,
-    Scenario,
-    TurnMotion,
-    UserController,
-    UserMotion,
-)
+from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, UserController
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, JointLimitError, UnreachablePoseError
 from coop_pin.model import ArmModel
-from coop_pin.reference.motions import rest_to_rest
+from coop_pin.reference import CircleMotion, FunctionMotion, HoldMotion, LineMotion, TurnMotion
+from coop_pin.reference.quintic import quintic
 from coop_pin.spatial import pose_error
 
 L_1, L_2 = 0.425, 0.375
@@ -50,7 +39,7 @@ def planar_arm(motion, start, posture=(0.3, 0.9, 0.0), duration=2.0):
 
 def held(report, name, scenario):
     """How far the payload is off the pose that the arm should hold, at every pose of the reference."""
-    arm, reference = next(arm for arm in report.arms if arm.arm == name), scenario.motion.build()
+    arm, reference = next(arm for arm in report.arms if arm.arm == name), scenario.motion
     model = ArmModel(scenario.cell.arms[name], scenario.cell.grasps[name].matrix)
     walked = zip(arm.times[-report.poses :], arm.q[-report.poses :], strict=True)
     return np.array(
@@ -138,7 +127,7 @@ def test_a_line_that_leaves_the_reach_is_reported_with_the_arm_the_moment_and_th
     scenario = planar_arm(motion, Pose(xyz=(0.5, 0, 0)))
     report = reachability(scenario)
     times = np.linspace(0.0, 2.0, 200001)
-    at_edge = times[np.argmax([0.5 + 0.7 * rest_to_rest(t, 0.0, 2.0).value >= L_1 + L_2 for t in times])]
+    at_edge = times[np.argmax([0.5 + 0.7 * quintic(t, 0.0, 2.0).value >= L_1 + L_2 for t in times])]
     loss = report.arms[0].unreachable
     assert not report.ok
     assert loss.time == pytest.approx(at_edge, abs=1e-4)
@@ -150,7 +139,7 @@ def test_a_line_that_leaves_the_reach_is_reported_with_the_arm_the_moment_and_th
 
 
 def test_an_arm_that_comes_back_into_reach_is_followed_again():
-    motion = UserMotion(target=out_and_back)
+    motion = FunctionMotion(target=out_and_back)
     report = reachability(planar_arm(motion, Pose(xyz=(0.6, 0, 0)), duration=2.0))
     arm = report.arms[0]
     assert arm.unreachable.gap_m == pytest.approx(0.1, rel=1e-3)
@@ -209,7 +198,7 @@ def test_the_first_limit_that_is_met_is_reported_with_its_joint_and_its_moment()
     arm = report.arms[0]
     first = float(arm.q[0][2])
     times = np.linspace(0.0, 2.0, 200001)
-    expected = times[np.argmax([first + 9.0 * rest_to_rest(t, 0.0, 2.0).value >= 2 * math.pi for t in times])]
+    expected = times[np.argmax([first + 9.0 * quintic(t, 0.0, 2.0).value >= 2 * math.pi for t in times])]
     assert not report.ok
     assert arm.unreachable is None
     assert arm.limit_violation.joint == "joint_3"
@@ -290,7 +279,7 @@ def through_the_wrist(time):
 def test_a_path_through_a_singular_pose_is_found_though_no_sample_stands_on_it():
     arm = Arm(urdf="ur5", tip="tool0", posture=tuple(WRIST + np.array((0, 0, 0, 0, 0.3, 0))))
     scenario = one_arm(
-        arm, UserMotion(target=through_the_wrist), Pose.from_matrix(through_the_wrist(0.0)), duration=1.0
+        arm, FunctionMotion(target=through_the_wrist), Pose.from_matrix(through_the_wrist(0.0)), duration=1.0
     )
     report = reachability(scenario, poses=50)
     only = report.arms[0]
@@ -335,13 +324,13 @@ def spinning(time):
 
 
 def test_continuous_joints_turn_on_and_on_without_limits():
-    scenario = one_arm(KINOVA, UserMotion(target=spinning), Pose.from_matrix(spinning(0.0)), duration=4.0)
+    scenario = one_arm(KINOVA, FunctionMotion(target=spinning), Pose.from_matrix(spinning(0.0)), duration=4.0)
     report = reachability(scenario, poses=81)
     arm, model = report.arms[0], ArmModel(KINOVA)
     assert (arm.unreachable, arm.limit_violation) == (None, None)
     assert arm.q.shape == (101, 9)
     assert_allclose(held(report, "only", scenario), 0.0, atol=1e-9)
-    angles = np.unwrap([model.joint_angles(q)[5] for q in arm.q_slice])
+    angles = np.unwrap([model.joint_angles(q)[5] for q in arm.q])
     assert_allclose(angles[-81:] - angles[0], 2.0 * arm.times[-81:], atol=1e-7)
     assert arm.fastest_joint.joint == "j2s6s200_joint_6"
     assert arm.fastest_joint.speed == pytest.approx(2.0, rel=1e-6)

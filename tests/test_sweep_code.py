@@ -153,7 +153,7 @@ def test_an_edit_makes_another_key_and_undoing_it_the_same(place, edited):
 @pytest.mark.parametrize("field", ["target", "twist", "acceleration"])
 def test_every_function_of_a_motion_and_every_metric_is_in_the_key(place, field):
     write(place, {"own_pose.py": "def f(t): ...\n", "own_other.py": "def f(t): ...\n"})
-    motion = {"kind": "user", "target": "own_pose:f", field: "own_other:f"}
+    motion = {"kind": "function", "target": "own_pose:f", field: "own_other:f"}
     scenario = cp.Scenario.load("adept-paper", SHORT | {"motion": motion})
     plain = cp.Scenario.load("adept-paper")
     before = run_key(scenario), run_key(plain, ("own_other:f",)), run_key(plain)

@@ -111,7 +111,7 @@ class PayloadPath(NamedTuple):
 
 def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
     """Return the path of a scenario: straight to the reference, then along it, evenly spaced in time."""
-    reference = scenario.motion.build()
+    reference = scenario.motion.replace()  # reads a CSV table again
     times = np.linspace(0.0, scenario.duration, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))

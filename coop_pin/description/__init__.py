@@ -14,35 +14,17 @@ from coop_pin.description.controller import (
 )
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.motion import (
-    CircleMotion,
-    CsvMotion,
-    ExponentialMotion,
-    HoldMotion,
-    LineMotion,
-    SwingMotion,
-    TurnMotion,
-    UserMotion,
-    Waypoint,
-    WaypointsMotion,
-)
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
-from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.schema.pose import Pose
 
 __all__ = [
     "Arm",
     "Cell",
-    "CircleMotion",
     "Clock",
-    "CsvMotion",
-    "ExponentialMotion",
-    "HoldMotion",
     "JointFriction",
     "LateForcePath",
-    "LineMotion",
     "LowPassForcePath",
     "NoForcePath",
     "Payload",
@@ -52,20 +34,12 @@ __all__ = [
     "PlantOptions",
     "Pose",
     "PostureGains",
-    "RampSqueeze",
     "RedundantSlidingMode",
     "Scenario",
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
-    "SteadySqueeze",
-    "SwingMotion",
-    "TurnMotion",
     "UserController",
-    "UserMotion",
-    "UserSqueeze",
-    "Waypoint",
-    "WaypointsMotion",
     "WrenchPulse",
     "grasps_from_configuration",
     "scenario_names",

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
-from coop_pin.description.payload import Payload, built
+from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import FieldError, NameNotFoundError, suggestion
-from coop_pin.reference.pose_reference import as_pose
-from coop_pin.schema.base import Description, Vector3
+from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.schema.base import Description, Vector3, check_arm_names
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose
+from coop_pin.spatial import as_pose, inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 
@@ -67,7 +66,7 @@ class Cell(Description):
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
-    payload: Annotated[Payload, BeforeValidator(built)]
+    payload: Payload
     payload_pose: Pose | None = None
     grasps: dict[str, Pose]
     rows: RowsName = "full"
@@ -130,24 +129,3 @@ class Cell(Description):
         if self.load_shares is None:
             return np.full(len(self.arms), 1.0 / len(self.arms))
         return np.array([self.load_shares[name] for name in self.arms])
-
-
-def check_arm_names(
-    given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError
-) -> None:
-    """Refuse a table by arm that misses an arm or names an unknown one.
-
-    Args:
-        given: the names in the table.
-        arms: the names in the cell; None, because the arms themselves have mistakes, accepts any table.
-        error: type of the error to raise.
-    """
-    if arms is None:
-        return
-    given, arms = list(given), list(arms)
-    for name in given:
-        if name not in arms:
-            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}")
-    missing = [name for name in arms if name not in given]
-    if missing:
-        raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one")

@@ -10,9 +10,9 @@ from pydantic import Field
 from coop_pin.control.switching import Sign, Switching
 from coop_pin.control.terms import force_gain_bound
 from coop_pin.description.gains import Gains, PayloadSpaceGains, PostureGains, SlidingModeGains
-from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, NotNegative
+from coop_pin.schema.user_code import FunctionName
 
 
 class NoForcePath(Description):

@@ -1,34 +1,63 @@
-"""The payload as a user says it: mass, inertia about its centre of mass, and a shape to draw."""
+"""Payload: mass, inertia about the centre of mass and a shape to draw; from measures, a mesh or a URDF."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
+import functools
+import inspect
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo, create_model, field_validator, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.mesh import mesh_body
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import link_body
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.schema.pose import Pose
 
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+
+def _checked(make: Maker) -> Maker:
+    """Validate the arguments of a class method by their annotations, all mistakes at once.
+
+    Raises:
+        ScenarioError: with the names of the arguments as paths.
+    """
+    signature, types = inspect.signature(make), get_type_hints(make, include_extras=True)
+    fields: dict[str, Any] = {
+        name: (types[name], ... if argument.default is argument.empty else argument.default)
+        for name, argument in signature.parameters.items()
+        if name in types
+    }
+    arguments = create_model(make.__name__, __base__=Description, **fields)
+
+    @functools.wraps(make)
+    def checked(cls: type[Payload], *args: Any, **kwargs: Any) -> Payload:
+        positional = signature.bind_partial(cls, *args).arguments
+        given = {name: value for name, value in positional.items() if name in fields}
+        made: Payload = make(cls, **dict(arguments(**given, **kwargs)))
+        return made
+
+    return cast(Maker, checked)
+
 
 class Payload(Description):
     """The held object; its frame P has its origin at the centre of mass.
 
+    A table with a ``kind`` ("box", "bar", "cylinder", "mesh" or "urdf") holds the arguments of the class
+    method of that name: ``{ kind = "box", mass = 3.0, size = [0.3, 0.2, 0.1] }`` is ``Payload.box(3.0, (0.3,
+    0.2, 0.1))``.
+
     Attributes:
         mass: kg.
         inertia: ixx, iyy, izz, ixy, ixz, iyz about P, kg m^2.
-        size: edges of the box around it, m; a cylinder has the axis z.
-        shape: what stands for it in pictures: "box", "cylinder" or "mesh".
-        mesh_file: the mesh, where the shape is one.
+        size: edges of the bounding box, m; a cylinder has the axis z.
+        shape: drawn by viewers and figures: "box", "cylinder" or "mesh".
+        mesh_file: the mesh, if the shape is one.
         mesh_scale: metres of one unit of that file.
         shape_pose: pose X_PS of the shape in the payload frame.
     """
@@ -41,6 +70,23 @@ class Payload(Description):
     mesh_scale: Positive = 1.0
     shape_pose: Pose = Pose()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_kind(cls, value: Any) -> Any:
+        if not (isinstance(value, Mapping) and "kind" in value):
+            return value
+        makers: dict[str, Callable[..., Payload]] = {
+            "box": cls.box,
+            "bar": cls.bar,
+            "cylinder": cls.cylinder,
+            "mesh": cls.mesh,
+            "urdf": cls.from_urdf,
+        }
+        kind, arguments = value["kind"], {name: entry for name, entry in value.items() if name != "kind"}
+        if kind not in makers:
+            raise FieldError(f"is {kind!r}; it must be one of {list(makers)}", "kind")
+        return dict(makers[kind](**arguments))
+
     @field_validator("inertia")
     @classmethod
     def _physical(cls, inertia: tuple[float, ...], earlier: ValidationInfo) -> tuple[float, ...]:
@@ -49,7 +95,8 @@ class Payload(Description):
         moments = np.linalg.eigvalsh(_matrix(inertia))
         if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
             raise FieldError(
-                f"has principal moments {np.round(moments, 12).tolist()}; they must be positive and none may exceed the sum of the others"
+                f"has principal moments {np.round(moments, 12).tolist()}; they must be positive and none may"
+                " exceed the sum of the others"
             )
         return inertia
 
@@ -66,24 +113,21 @@ class Payload(Description):
         return _matrix(self.inertia)
 
     @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
+    @_checked
+    def box(cls, mass: Positive, size: Vector3) -> Self:
         """Return a homogeneous box with edges along the axes of P.
 
         Args:
             mass: kg.
             size: its edges along x, y and z, m.
         """
-        if len(size) != 3:
-            raise FieldError(
-                f"has {len(size)} entries {list(size)}; it must have 3, the edges along x, y and z in m",
-                "size",
-            )
         x, y, z = (edge * edge * mass / 12.0 for edge in size)
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)
 
     @classmethod
-    def bar(cls, mass: float, length: float, thickness: float = 0.03) -> Self:
-        """Return a bar along x that turns about z like a thin rod: I_z = m d^2 / 12 (section 4.1 of the paper).
+    @_checked
+    def bar(cls, mass: Positive, length: Positive, *, thickness: Positive = 0.03) -> Self:
+        """Return a bar along x with the I_z = m d^2 / 12 of a thin rod (section 4.1 of the paper).
 
         Args:
             mass: m, kg.
@@ -91,14 +135,12 @@ class Payload(Description):
             thickness: edge of its square section, m; counts in I_x only.
         """
         rod = mass * length**2 / 12.0
-        return cls(
-            mass=mass,
-            inertia=(mass * thickness**2 / 6.0, rod, rod, 0.0, 0.0, 0.0),
-            size=(length, thickness, thickness),
-        )
+        inertia = (mass * thickness**2 / 6.0, rod, rod, 0.0, 0.0, 0.0)
+        return cls(mass=mass, inertia=inertia, size=(length, thickness, thickness))
 
     @classmethod
-    def cylinder(cls, mass: float, radius: float, length: float) -> Self:
+    @_checked
+    def cylinder(cls, mass: Positive, radius: Positive, length: Positive) -> Self:
         """Return a homogeneous cylinder about the z axis of P.
 
         Args:
@@ -111,10 +153,16 @@ class Payload(Description):
         return cls(mass=mass, inertia=(across, across, along, 0.0, 0.0, 0.0), size=size, shape="cylinder")
 
     @classmethod
+    @_checked
     def mesh(
-        cls, path: str | Path, mass: float | None = None, density: float | None = None, scale: float = 1.0
+        cls,
+        path: str | Path,
+        *,
+        mass: Positive | None = None,
+        density: Positive | None = None,
+        scale: Positive = 1.0,
     ) -> Self:
-        """Return a homogeneous body that fills a closed surface mesh; P sits at its centre of mass, with the axes of the file.
+        """Return a homogeneous body that fills a closed surface mesh; P has the axes of the file.
 
         Args:
             path: an STL, OBJ, PLY or other file that trimesh reads.
@@ -123,24 +171,33 @@ class Payload(Description):
             scale: metres of one unit of the file: 0.001 for one in millimetres.
 
         Raises:
-            FieldError: the file cannot be read or its surface is open; not exactly one of mass and density is
-                given.
+            FieldError: the file cannot be read, or its surface does not enclose a volume; not exactly one of
+                mass and density is given.
         """
+        if (mass is None) == (density is None):
+            raise FieldError(f"give either mass or density; they are {mass} and {density}", "mass")
         file = Path(path).absolute()
-        body = mesh_body(file, mass, density, scale)
-        drawn = {
-            "shape": "mesh",
-            "mesh_file": str(file),
-            "mesh_scale": scale,
-            "shape_pose": Pose(xyz=-body.centre),
-        }
-        return cls(mass=body.mass, inertia=body.inertia, size=body.size, **drawn)
+        mesh = _closed_mesh(file)
+        mesh.apply_scale(scale)
+        volume = float(mesh.volume)
+        kilograms = mass if mass is not None else (density or 0.0) * volume
+        M = kilograms / volume * np.array(mesh.moment_inertia)
+        return cls(
+            mass=kilograms,
+            inertia=(M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2]),
+            size=mesh.extents,
+            shape="mesh",
+            mesh_file=str(file),
+            mesh_scale=scale,
+            shape_pose=Pose(xyz=-np.array(mesh.center_mass)),
+        )
 
     @classmethod
+    @_checked
     def from_urdf(cls, path: str | Path) -> Self:
-        """Return the only link of a URDF; P sits at its centre of mass, with the axes of the link.
+        """Return the only link of a URDF; P has the axes of the link.
 
-        Its first visual is drawn where it is a box or a cylinder, otherwise a box of 0.1 m.
+        Its first visual is drawn if it is a box or a cylinder, otherwise a box of 0.1 m.
 
         Raises:
             UrdfError: no such file; the file has defects, physical ones included, or more than one link.
@@ -155,7 +212,7 @@ class Payload(Description):
         )
 
     def with_mass(self, mass: float) -> Self:
-        """Return the same shape with another mass: the inertia scales along."""
+        """Return the same shape with another mass: the inertia is proportional to the mass."""
         scale = mass / self.mass
         return self.replace(mass=mass, inertia=tuple(scale * entry for entry in self.inertia))
 
@@ -165,87 +222,33 @@ def _matrix(inertia: tuple[float, ...]) -> Array:
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
 
 
-class PayloadSource(Description):
-    """What a payload is made from. The resolved scenario holds mass, inertia and shape in its place."""
+def read_mesh(path: Path) -> Any:
+    """Return the trimesh.Trimesh of a file, its parts joined into one.
 
-    @abstractmethod
-    def build(self) -> Payload:
-        """Return the payload."""
+    Raises:
+        FieldError: the file cannot be read.
+    """
+    import trimesh  # a tenth of a second, only for payloads that are meshes
 
-
-class BoxSource(PayloadSource):
-    """Arguments of Payload.box."""
-
-    kind: Literal["box"] = "box"
-    mass: Positive
-    size: Vector3
-
-    def build(self) -> Payload:
-        """Return the payload."""
-        return Payload.box(self.mass, self.size)
-
-
-class BarSource(PayloadSource):
-    """Arguments of Payload.bar."""
-
-    kind: Literal["bar"] = "bar"
-    mass: Positive
-    length: Positive
-    thickness: Positive = 0.03
-
-    def build(self) -> Payload:
-        """Return the payload."""
-        return Payload.bar(self.mass, self.length, self.thickness)
+    if not path.is_file():
+        raise FieldError(f"there is no mesh at {path}", "mesh_file")
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:  # the readers of many formats have no common base of their errors
+        raise FieldError(f"{path} cannot be read as a mesh: {error}", "mesh_file") from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise FieldError(f"{path} holds no triangles", "mesh_file")
+    return mesh
 
 
-class CylinderSource(PayloadSource):
-    """Arguments of Payload.cylinder."""
-
-    kind: Literal["cylinder"] = "cylinder"
-    mass: Positive
-    radius: Positive
-    length: Positive
-
-    def build(self) -> Payload:
-        """Return the payload."""
-        return Payload.cylinder(self.mass, self.radius, self.length)
-
-
-class MeshSource(PayloadSource):
-    """Arguments of Payload.mesh."""
-
-    kind: Literal["mesh"] = "mesh"
-    path: str
-    mass: Positive | None = None
-    density: Positive | None = None
-    scale: Positive = 1.0
-
-    def build(self) -> Payload:
-        """Return the payload."""
-        return Payload.mesh(self.path, self.mass, self.density, self.scale)
-
-
-class UrdfSource(PayloadSource):
-    """Arguments of Payload.from_urdf."""
-
-    kind: Literal["urdf"] = "urdf"
-    path: str
-
-    def build(self) -> Payload:
-        """Return the payload."""
-        return Payload.from_urdf(self.path)
-
-
-PAYLOAD_SOURCES: Mapping[str, type[PayloadSource]] = MappingProxyType(
-    {"box": BoxSource, "bar": BarSource, "cylinder": CylinderSource, "mesh": MeshSource, "urdf": UrdfSource}
-)
-
-
-def built(value: Any) -> Any:
-    """Return the payload of a table that has a kind; anything else as it is."""
-    if not (isinstance(value, Mapping) and "kind" in value):
-        return value
-    kind = value["kind"]
-    if kind not in PAYLOAD_SOURCES:
-        raise FieldError(f"is {kind!r}; it must be one of {list(PAYLOAD_SOURCES)}", "kind")
-    return PAYLOAD_SOURCES[kind](**value).build()
+def _closed_mesh(path: Path) -> Any:
+    mesh = read_mesh(path)
+    mesh.merge_vertices()
+    if not mesh.is_watertight:
+        raise FieldError(
+            f"{path} is open: it encloses no volume. Close its holes, or give mass and inertia yourself",
+            "mesh_file",
+        )
+    if mesh.volume < 0.0:
+        mesh.invert()  # the triangles look inwards
+    return mesh

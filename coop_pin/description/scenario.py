@@ -13,14 +13,14 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.cell import Cell, check_arm_names
+from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
-from coop_pin.description.motion import Motion
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.squeeze import Squeeze, SteadySqueeze, check_squeeze_arms
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError, one_or_all
-from coop_pin.schema.base import Description, Positive, Vector
+from coop_pin.reference.motions import Motion
+from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
+from coop_pin.schema.base import Description, Positive, Vector, check_arm_names
 from coop_pin.schema.pose import Pose
 
 _FOLDER = Path(__file__).parent / "scenarios"
@@ -65,7 +65,7 @@ class Scenario(Description):
     cell: Cell
     controller: Controller
     motion: Motion
-    squeeze: Squeeze = SteadySqueeze()
+    squeeze: Squeeze = ConstantSqueeze()
     start: Pose
     start_angles: dict[str, Vector] = Field(default_factory=dict)
     project_start: bool = False
@@ -106,7 +106,7 @@ class Scenario(Description):
     @classmethod
     def _names_the_arms(cls, squeeze: Squeeze, earlier: ValidationInfo) -> Squeeze:
         if "cell" in earlier.data:
-            check_squeeze_arms(squeeze, earlier.data["cell"].arms)
+            squeeze.check_arms(earlier.data["cell"].arms)
         return squeeze
 
     @field_validator("events")
@@ -127,7 +127,7 @@ class Scenario(Description):
     @property
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
-        return self.squeeze.build(list(self.cell.arms)).at(0.0)
+        return self.squeeze.at(0.0, self.cell.arms)
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:

@@ -1,45 +1,54 @@
-"""Where the payload shall be, and how hard it shall be squeezed, at time t.
+"""Desired motion and squeeze of the payload as functions of time.
 
-A ``PoseReference`` answers ``at(time)`` with a ``PoseTarget``: the desired pose, twist and acceleration of
-the payload frame P, world axes, linear first. The kinds:
+Each is a frozen, validated value: what a scenario holds is what runs.
 
-- ``Hold``: stand still.
-- ``Exponentials``: a position along decaying exponentials, as in the reference experiment of Gueaieb et al.
-  (2007).
-- ``Line``: from one pose to another, straight, from rest to rest.
-- ``Circle``: round a circle, from rest.
-- ``Turn``, ``Swing``: about an axis through P, once or to and fro.
-- ``Waypoints``, ``Tabulated``: smoothly through poses given in an array or in a file.
-- ``FromFunction``: a function of time of the user's own.
+A motion (``PoseReference``) returns from ``at(time)`` a ``PoseTarget``: the desired pose, twist and
+acceleration of the payload frame P, world axes, linear first. The kinds:
 
-A ``SqueezeReference`` answers ``at(time)`` with the desired internal wrench of each arm, payload axes, about
-P: ``ConstantSqueeze``, ``RampedSqueeze``, ``SqueezeFromFunction``.
+- ``HoldMotion``: stands still.
+- ``ExponentialMotion``: decaying exponentials, the reference experiment of Gueaieb et al. (2007).
+- ``LineMotion``: straight from one pose to another, from rest to rest.
+- ``CircleMotion``: round a circle, from rest.
+- ``TurnMotion``, ``SwingMotion``: about an axis through P, once or to and fro.
+- ``WaypointsMotion``, ``CsvMotion``: a spline through poses, given in the scenario or in a file.
+- ``FunctionMotion``: a user-written function of time.
 
-All are immutable values, defined at every time. ``check_consistency`` tests any pose reference against
-central differences.
+A squeeze (``SqueezeReference``) returns from ``at(time, arms)`` the desired internal wrench of each arm,
+payload axes, about P: ``ConstantSqueeze``, ``RampSqueeze``, ``FunctionSqueeze``.
+
+``check_consistency`` compares any motion with central differences.
 """
 
-from coop_pin.reference.motions import Circle, Exponentials, FromFunction, Hold, Line, Swing, Turn
+from coop_pin.reference.functions import FunctionMotion
+from coop_pin.reference.motions import (
+    CircleMotion,
+    ExponentialMotion,
+    HoldMotion,
+    LineMotion,
+    SwingMotion,
+    TurnMotion,
+)
 from coop_pin.reference.pose_reference import ConsistencyGaps, PoseReference, PoseTarget, check_consistency
-from coop_pin.reference.splines import Tabulated, Waypoints
-from coop_pin.reference.squeeze import ConstantSqueeze, RampedSqueeze, SqueezeFromFunction, SqueezeReference
+from coop_pin.reference.splines import CsvMotion, Waypoint, WaypointsMotion
+from coop_pin.reference.squeeze import ConstantSqueeze, FunctionSqueeze, RampSqueeze, SqueezeReference
 
 __all__ = [
-    "Circle",
+    "CircleMotion",
     "ConsistencyGaps",
     "ConstantSqueeze",
-    "Exponentials",
-    "FromFunction",
-    "Hold",
-    "Line",
+    "CsvMotion",
+    "ExponentialMotion",
+    "FunctionMotion",
+    "FunctionSqueeze",
+    "HoldMotion",
+    "LineMotion",
     "PoseReference",
     "PoseTarget",
-    "RampedSqueeze",
-    "SqueezeFromFunction",
+    "RampSqueeze",
     "SqueezeReference",
-    "Swing",
-    "Tabulated",
-    "Turn",
-    "Waypoints",
+    "SwingMotion",
+    "TurnMotion",
+    "Waypoint",
+    "WaypointsMotion",
     "check_consistency",
 ]

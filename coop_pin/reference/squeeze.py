@@ -1,102 +1,169 @@
-"""The desired internal wrenches: how the arms shall squeeze the payload."""
+"""Desired internal wrenches f_d, the squeeze of the payload: constant, a ramp, or a function of time."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any, Literal
 
-from numpy.typing import ArrayLike
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from coop_pin.arrays import Array, as_array, frozen
-from coop_pin.reference.motions import rest_to_rest
-from coop_pin.reference.pose_reference import as_number, as_positive, keep
+from coop_pin.errors import FieldError, ScenarioError, one_or_all
+from coop_pin.reference.quintic import quintic
+from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
+from coop_pin.schema.user_code import FunctionName, load_function
+
+_ALLOWED_SUM = 1e-9
+_SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the other"
 
 
-class SqueezeReference(ABC):
-    """The desired internal wrench f_d_i of each arm, Gueaieb et al. (2007), eq. (23).
+def _balanced(wrenches: dict[str, Any]) -> dict[str, Any]:
+    total = np.sum(list(wrenches.values()), axis=0) if wrenches else np.zeros(6)
+    if np.abs(total).max() > _ALLOWED_SUM:
+        raise FieldError(f"entries sum to {total.tolist()}; {_SUM_RULE}")
+    return wrenches
 
-    Rows in the order of the cell's arms; on the arm by the payload, about P, in PAYLOAD axes, linear first.
-    They must sum to zero over the arms: the scenario checks that, not the reference.
+
+WrenchTable = Annotated[dict[str, Vector6], AfterValidator(_balanced)]
+"""A wrench on each arm about P in *payload* axes, N and N m; they sum to zero. No entries: all are zero."""
+
+
+class SqueezeReference(Description):
+    """Desired internal wrench f_d_i of each arm, Gueaieb et al. (2007), eq. (23).
+
+    The wrench acts on the arm by the payload, about P, in *payload* axes, linear first. The wrenches sum to
+    zero over the arms.
     """
 
     @abstractmethod
-    def at(self, time: float) -> Array:
-        """Return f_d at a time in s, N and N m, read-only, shape (m, 6)."""
+    def at(self, time: float, arms: Collection[str]) -> Array:
+        """Return f_d, N and N m, read-only, shape (m, 6).
+
+        Args:
+            time: s.
+            arms: names of the m arms, in the order of the rows.
+        """
+
+    def tables(self) -> Mapping[str, WrenchTable]:
+        """Return the tables that must name every arm, by field; "" is the squeeze as a whole."""
+        return {}
+
+    def check_arms(self, arms: Collection[str]) -> None:
+        """Refuse tables that have entries but miss an arm or name an unknown one.
+
+        Raises:
+            FieldError: with the table's field as its path.
+        """
+        for field, table in self.tables().items():
+            if table:
+                _check_names(table, arms, field)
 
 
-@dataclass(frozen=True, eq=False)
 class ConstantSqueeze(SqueezeReference):
     """f_d = wrenches at all times.
 
     Attributes:
-        wrenches: N and N m, shape (m, 6).
-
-    Raises:
-        ShapeError, OutOfRangeError: wrenches has another shape or holds a NaN.
+        wrenches: for each arm; zero when omitted.
     """
 
-    wrenches: Array
+    kind: Literal["constant"] = "constant"
+    wrenches: WrenchTable = Field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Check the wrenches."""
-        keep(self, wrenches=as_array("wrenches", self.wrenches, "m", 6))
+    def tables(self) -> Mapping[str, WrenchTable]:
+        """Return the one table."""
+        return {"": self.wrenches}
 
-    def at(self, time: float) -> Array:
-        """Return the wrenches, the same array at every time."""
-        return self.wrenches
+    def at(self, time: float, arms: Collection[str]) -> Array:
+        """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
+        return frozen(_rows(self.wrenches, arms))
 
 
-@dataclass(frozen=True, eq=False)
-class RampedSqueeze(SqueezeReference):
-    """f_d = start + s (goal - start), s(t) the quintic from rest to rest.
+class RampSqueeze(SqueezeReference):
+    """f_d = (1 - s) start + s goal, s(t) the quintic from rest to rest.
 
     Attributes:
-        start: before start_time, N and N m, shape (m, 6).
-        goal: afterwards, shape (m, 6).
-        duration: of the ramp, s, positive.
+        start: for each arm, before; zero when omitted.
+        goal: for each arm, afterwards.
+        duration: of the ramp, s.
         start_time: s.
-
-    Raises:
-        ShapeError, OutOfRangeError: a field has another shape or holds a NaN.
-        OutOfRangeError: duration is zero or less.
     """
 
-    start: Array
-    goal: Array
-    duration: float
+    kind: Literal["ramp"] = "ramp"
+    start: WrenchTable = Field(default_factory=dict)
+    goal: WrenchTable
+    duration: Positive
     start_time: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check the fields."""
-        start = as_array("start", self.start, "m", 6)
-        keep(self, start=start, goal=as_array("goal", self.goal, len(start), 6))
-        keep(
-            self,
-            duration=as_positive("duration", self.duration),
-            start_time=as_number("start_time", self.start_time),
-        )
+    def tables(self) -> Mapping[str, WrenchTable]:
+        """Return both tables."""
+        return {"start": self.start, "goal": self.goal}
 
-    def at(self, time: float) -> Array:
-        """Return f_d at a time in s, shape (m, 6)."""
-        s = rest_to_rest(time, self.start_time, self.duration).value
-        return frozen((1.0 - s) * self.start + s * self.goal)
+    def at(self, time: float, arms: Collection[str]) -> Array:
+        """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
+        s = quintic(time, self.start_time, self.duration).value
+        return frozen((1.0 - s) * _rows(self.start, arms) + s * _rows(self.goal, arms))
 
 
-@dataclass(frozen=True, eq=False)
-class SqueezeFromFunction(SqueezeReference):
-    """f_d(t) = function(t), written by the user.
+class FunctionSqueeze(SqueezeReference):
+    """f_d(t) from a user-written function of time.
 
     Attributes:
-        function: time in s -> f_d, N and N m, shape (m, 6), the same m at all times.
+        target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six
+            numbers} or an array of shape (m, 6) in the order of the arms, payload axes, N and N m, that sums
+            to zero. In Python it may be given as the function itself.
+        options: its keyword arguments.
     """
 
-    function: Callable[[float], ArrayLike]
+    kind: Literal["function"] = "function"
+    target: FunctionName
+    options: dict[str, Any] = Field(default_factory=dict)
 
-    def at(self, time: float) -> Array:
-        """Return f_d at a time in s, shape (m, 6).
+    def at(self, time: float, arms: Collection[str]) -> Array:
+        """Return f_d of the arms at a time in s, N and N m, shape (m, 6).
 
         Raises:
-            ShapeError, OutOfRangeError: the function returns another shape or a NaN.
+            NameNotFoundError: the module or function does not exist.
+            FieldError, ShapeError, OutOfRangeError: the function returned no squeeze of these arms.
         """
-        return frozen(as_array(f"function({time})", self.function(time), "m", 6))
+        value, called = load_function(self.target, self.options)(time), f"{self.target} at t = {time:g} s"
+        if isinstance(value, Mapping):
+            _check_names(value, arms, "squeeze.target")
+            value = [value[name] for name in arms]
+        rows = as_array(called, value, len(arms), 6)
+        total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))
+        if np.abs(total).max() > _ALLOWED_SUM * largest:
+            raise FieldError(f"{called} sums to {total.tolist()}; {_SUM_RULE}", "squeeze.target")
+        return frozen(rows)
+
+
+def _rows(wrenches: Mapping[str, Any], arms: Collection[str]) -> Array:
+    return np.array([wrenches[name] for name in arms]) if wrenches else np.zeros((len(arms), 6))
+
+
+def _check_names(table: Mapping[str, Any], arms: Collection[str], path: str) -> None:
+    try:
+        check_arm_names(table, arms, FieldError)
+    except FieldError as error:
+        raise error.below(path) from None
+
+
+def _plain_table(value: Any) -> Any:
+    """Return a table ``{left = [...], right = [...]}`` as constant squeeze; mistakes keep their paths."""
+    if not isinstance(value, Mapping) or isinstance(value.get("kind"), str):
+        return value
+    try:
+        return ConstantSqueeze(wrenches=dict(value))
+    except ScenarioError as error:
+        problems = [
+            type(problem)(problem.detail, problem.path.removeprefix("wrenches").lstrip("."))
+            for problem in error.problems
+        ]
+        raise one_or_all(problems, "the squeeze") from None
+
+
+Squeeze = Annotated[
+    Annotated[ConstantSqueeze | RampSqueeze | FunctionSqueeze, Field(discriminator="kind")],
+    BeforeValidator(_plain_table),
+]

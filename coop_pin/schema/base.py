@@ -1,41 +1,29 @@
-"""The frozen base of all descriptions, and the kinds of numbers they hold."""
+"""Frozen base class of the configuration classes, and the types of their fields."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Real
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from coop_pin.errors import FieldError, one_or_all
+from coop_pin.errors import FieldError, one_or_all, suggestion
 from coop_pin.schema.overrides import overridden
 from coop_pin.schema.validation_errors import field_errors
 
 
 def _as_tuples(value: Any) -> Any:
-    """Let numpy arrays and lists stand where tuples of numbers are stored."""
+    """Return numpy arrays and lists as nested tuples, anything else as it is."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return tuple(map(_as_tuples, value)) if isinstance(value, list | tuple) else value
 
 
-def _positive(value: float) -> float:
-    if value <= 0.0:
-        raise FieldError(f"is {value:g}; it must be positive")
-    return value
-
-
-def _not_negative(value: float) -> float:
-    if value < 0.0:
-        raise FieldError(f"is {value:g}; it must not be negative")
-    return value
-
-
 def _sized(size: int) -> Callable[[Any], Any]:
-    """Return a validator of the number of entries."""
+    """Return a validator of the number of entries of a row."""
 
     def check(value: Any) -> Any:
         entries = _as_tuples(value)
@@ -47,7 +35,10 @@ def _sized(size: int) -> Callable[[Any], Any]:
 
 
 def number_or_row(value: Any) -> float | tuple[float, ...]:
-    """Read a number or a row of numbers. One reader, because a union of types reports one mistake once for each type."""
+    """Return a number or a row of numbers.
+
+    One validator, because pydantic reports a mistake in a union once for each member.
+    """
     entries = _as_tuples(value)
     if not isinstance(entries, tuple):
         return _number(entries)
@@ -57,7 +48,7 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
 
 
 def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
-    """Read a number, a row of numbers, or rows of equal length."""
+    """Return a number, a row of numbers, or rows of equal length."""
     entries = _as_tuples(value)
     if not (isinstance(entries, tuple) and any(isinstance(row, tuple) for row in entries)):
         return number_or_row(entries)
@@ -80,8 +71,8 @@ def _number(value: Any, path: str = "") -> float:
     return number
 
 
-Positive = Annotated[float, AfterValidator(_positive)]
-NotNegative = Annotated[float, AfterValidator(_not_negative)]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
 Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_sized(3))]
 Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_sized(6))]
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
@@ -92,8 +83,31 @@ NumberVectorOrMatrix = Annotated[
 ]
 
 
+def check_arm_names(
+    given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError
+) -> None:
+    """Refuse a table by arm that misses an arm or names an unknown one.
+
+    Args:
+        given: the names in the table.
+        arms: the names in the cell; None, because the arms themselves have mistakes, accepts any table.
+        error: type of the error to raise.
+    """
+    if arms is None:
+        return
+    given, arms = list(given), list(arms)
+    for name in given:
+        if name not in arms:
+            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}")
+    missing = [name for name in arms if name not in given]
+    if missing:
+        raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one")
+
+
 class Description(BaseModel):
-    """Base of everything a user says: frozen, nothing unknown accepted, only finite numbers.
+    """Base of the configuration classes: frozen, no unknown fields, finite numbers only.
+
+    Two values are equal if their types and fields are; what a value has precomputed does not count.
 
     Raises:
         ScenarioError: with every mistake at once; a single mistake is raised as its own FieldError subclass.
@@ -107,15 +121,21 @@ class Description(BaseModel):
         except ValidationError as error:
             raise one_or_all(field_errors(error, fields, type(self)), type(self).__name__) from None
 
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
     def replace(self, **fields: Any) -> Self:
-        """Return a copy with some fields changed, checked like a new one."""
+        """Return a copy with some fields changed, validated like a new value."""
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | fields)
 
     def override(self, changes: Mapping[str, Any]) -> Self:
-        """Return a copy with fields changed by dotted path, for example ``{"clock.rate_hz": 400, "events.0.time": 5.0}``.
+        """Return a copy with fields changed by dotted path.
 
-        Entries of lists are counted from zero; the number after the last one adds an entry. A changed
-        ``kind`` starts from the defaults of the new kind.
+        For example ``{"clock.rate_hz": 400, "events.0.time": 5.0}``. Entries of lists are counted from zero;
+        the number after the last one adds an entry. A changed ``kind`` starts from the defaults of the new
+        kind.
 
         Raises:
             ScenarioError: a path does not exist, or the copy has mistakes.

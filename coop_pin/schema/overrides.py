@@ -1,4 +1,4 @@
-"""Fields of a description changed by dotted path."""
+"""Overrides: fields of a configuration value changed by dotted path."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from coop_pin.errors import UnknownFieldError, suggestion
 
 
 def overridden(description: BaseModel, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a description with changes by dotted path, not yet checked.
+    """Return the fields of a configuration value with changes by dotted path, not yet validated.
 
     Outer fields change before inner ones, and a ``kind`` before the fields beside it, whatever the order they
     are given in.
 
     Raises:
-        UnknownFieldError: a path leads through something that has no fields. Unknown last fields are left to
-            the check.
+        UnknownFieldError: a path leads through something that has no fields. An unknown last field is left to
+            the validation.
     """
     fields: Any = description
     for path, value in sorted(changes.items(), key=lambda change: _order(change[0])):
@@ -32,7 +32,7 @@ def _order(path: str) -> tuple[int, bool]:
 
 
 def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
-    """Return a copy of a node with what lies at the end of the keys replaced."""
+    """Return a copy of a node with the value at the end of the keys replaced."""
     key, rest = keys[0], keys[1:]
     if isinstance(node, BaseModel):
         node = {name: getattr(node, name) for name in type(node).model_fields}

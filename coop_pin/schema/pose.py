@@ -1,4 +1,4 @@
-"""A pose as a user says it: a translation and roll, pitch, yaw."""
+"""Pose as configuration value: a translation and roll, pitch, yaw."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from pydantic import model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import ArgumentError, FieldError
-from coop_pin.reference.pose_reference import as_pose
 from coop_pin.schema.base import Description, Vector3
-from coop_pin.spatial import make_pose, rpy_from_rotation
+from coop_pin.spatial import as_pose, make_pose, rpy_from_rotation
 
 
 class Pose(Description):
-    """Pose X_AB of a frame B in a frame A. Where a description holds a pose, a 4x4 matrix or a position of three will do.
+    """Pose X_AB of a frame B in a frame A. A field of this type accepts a 4x4 matrix or a position of three.
 
     Attributes:
         xyz: position of B's origin in A, m.
@@ -35,7 +34,8 @@ class Pose(Description):
             return value
         if not isinstance(value, list | tuple):
             raise FieldError(
-                f"is {value!r}; it must be a table of xyz and rpy, a position of 3 numbers, or a 4x4 pose matrix"
+                f"is {value!r}; it must be a table of xyz and rpy, a position of 3 numbers,"
+                " or a 4x4 pose matrix"
             )
         if len(value) == 3 and not any(isinstance(entry, list | tuple | np.ndarray) for entry in value):
             return {"xyz": value}
@@ -43,7 +43,8 @@ class Pose(Description):
             X_AB = as_pose("the matrix", value)
         except ArgumentError as error:
             raise FieldError(
-                f"is neither a table of xyz and rpy, nor a position of 3 numbers, nor a 4x4 pose matrix: {error}"
+                "is neither a table of xyz and rpy, nor a position of 3 numbers, nor a 4x4 pose matrix:"
+                f" {error}"
             ) from None
         return {"xyz": X_AB[:3, 3], "rpy": rpy_from_rotation(X_AB[:3, :3])}
 
@@ -54,10 +55,10 @@ class Pose(Description):
 
     @classmethod
     def from_matrix(cls, X_AB: ArrayLike) -> Self:
-        """Return the description of a 4x4 pose matrix.
+        """Return the value of a 4x4 pose matrix.
 
         Raises:
-            ShapeError, OutOfRangeError, NotAPoseError: it is none.
+            ShapeError, OutOfRangeError, NotAPoseError: it is not a pose matrix.
         """
         X = as_pose("X_AB", X_AB)
         return cls(xyz=X[:3, 3], rpy=rpy_from_rotation(X[:3, :3]))

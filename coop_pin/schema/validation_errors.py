@@ -1,4 +1,4 @@
-"""What pydantic finds, as typed errors with the paths that the user wrote."""
+"""Conversion of pydantic's validation errors into typed errors with the paths that the user wrote."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from coop_pin.errors import FieldError, ScenarioError, UnknownFieldError, sugges
 
 _ABSENT = object()
 _SHOWN_CHARACTERS = 100
-"""How much of a wrong value a message shows."""
+"""Characters of a wrong value that a message shows."""
 
 _WANTED = {
     "tuple_type": "a list",
@@ -29,18 +29,18 @@ _WANTED = {
     "bool_parsing": "true or false",
     "string_type": "a text",
 }
-"""What pydantic's findings of a wrong type ask for, in the words of a scenario file."""
+"""The wanted type by pydantic's error type, in the words of a scenario file."""
 
 
 def field_errors(
     error: ValidationError, fields: Mapping[str, Any], model: type[BaseModel]
 ) -> list[FieldError]:
-    """Turn pydantic's findings into our own, keeping the typed ones that validators raised.
+    """Return one FieldError for each of pydantic's errors; those that validators raised keep their type.
 
     Args:
-        error: the findings.
-        fields: what was checked.
-        model: the description that it should have become.
+        error: pydantic's errors.
+        fields: the values that were validated.
+        model: the class that they were validated for.
     """
     return [problem for details in error.errors() for problem in _translated(details, fields, model)]
 
@@ -53,16 +53,16 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
         return [problem.below(path) for problem in cause.problems]
     match kind:
         case "extra_forbidden":
-            return [
-                UnknownFieldError(
-                    f"there is no such field; {suggestion(str(details['loc'][-1]), list(model.model_fields))}",
-                    path,
-                )
-            ]
+            known = suggestion(str(details["loc"][-1]), list(model.model_fields))
+            return [UnknownFieldError(f"there is no such field; {known}", path)]
         case "missing":
             return [FieldError(f"must be given{_needs(model, details['loc'])}", path)]
         case "finite_number":
             return [FieldError(f"is {value}; it must be a finite number", path)]
+        case "greater_than" if context["gt"] == 0.0:
+            return [FieldError(f"is {float(value):g}; it must be positive", path)]
+        case "greater_than_equal" if context["ge"] == 0.0:
+            return [FieldError(f"is {float(value):g}; it must not be negative", path)]
         case "too_short" | "too_long":
             return [
                 FieldError(f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path)
@@ -89,7 +89,7 @@ def _shown(value: Any) -> str:
 
 
 def _needs(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    """Say which fields a missing table must have."""
+    """Return which fields a missing table must have, for the message."""
     field = model.model_fields.get(str(location[-1])) if len(location) == 1 else None
     table = field.annotation if field is not None else None
     if not (isinstance(table, type) and issubclass(table, BaseModel)):
@@ -99,7 +99,7 @@ def _needs(model: type[BaseModel], location: Sequence[str | int]) -> str:
 
 
 def _path(location: Sequence[str | int], fields: Mapping[str, Any], keep_last: bool) -> str:
-    """Return pydantic's location without the names of union members, which are not in the data."""
+    """Return pydantic's location as dotted path, without the names of union members: the data has none."""
     if not location:
         return ""
     parts, data = [str(location[0])], fields.get(str(location[0]), _ABSENT)

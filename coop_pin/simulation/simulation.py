@@ -16,10 +16,9 @@ from coop_pin.control.interface import ArmReference, CellController
 from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.squeeze import RampSqueeze, SteadySqueeze, UserSqueeze
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.reference import PoseTarget
+from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation, Applied
 from coop_pin.simulation.plant import Plant
@@ -87,7 +86,8 @@ class Simulation:
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario.cell, limits, self.plant.transmission)
         self.sensing = Sensing(scenario.cell, chain.model.arms, scenario.controller.force_path)
-        self.motion, self.squeeze = scenario.motion.build(), scenario.squeeze.build(list(scenario.cell.arms))
+        self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
+        self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
         self._payload: Payload = scenario.cell.payload
         self._applied: Applied | None = None
@@ -157,22 +157,22 @@ class Simulation:
         self.controller = controller
         self._replaced.append(f"controller replaced at t = {self.time:g} s")
 
-    def replace_squeeze(self, squeeze: SteadySqueeze | RampSqueeze | UserSqueeze) -> None:
+    def replace_squeeze(self, squeeze: SqueezeReference) -> None:
         """Replace the desired internal wrenches.
 
         Raises:
             FieldError: it does not name the arms of the cell.
         """
-        self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze.build(list(self.scenario.cell.arms))
+        self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")
 
     def references(self, time: float) -> list[ArmReference]:
         """Return the reference of each arm at a time, s."""
-        return self._references(self.motion.at(time), self.squeeze.at(time))
+        return self._references(self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms))
 
     def _tick(self, tick: int) -> None:
         time = self.timeline.time(tick)
-        target, squeeze = self.motion.at(time), self.squeeze.at(time)
+        target, squeeze = self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms)
         references = self._references(target, squeeze)
         if self._applied is None:
             measurements = self.sensing.start(self.plant.q, self.plant.v, references)

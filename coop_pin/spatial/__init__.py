@@ -28,6 +28,7 @@ al. (2007), eqs. (7)-(12)).
 
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
 from coop_pin.spatial.pose import (
+    as_pose,
     inverse_pose,
     make_pose,
     pose_error,
@@ -43,6 +44,7 @@ __all__ = [
     "PlanarRows",
     "PositionalRows",
     "TaskRows",
+    "as_pose",
     "internal_wrenches",
     "inverse_pose",
     "load_wrenches",

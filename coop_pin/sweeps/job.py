@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.user_code import load_function
 from coop_pin.errors import RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
+from coop_pin.schema.user_code import load_function
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.run_key import CodeDigest, require_unchanged
 

@@ -14,7 +14,6 @@ from typing import Annotated, Any, NamedTuple, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.user_code import FunctionName
 from coop_pin.errors import (
     FieldError,
     FileReadError,
@@ -24,6 +23,7 @@ from coop_pin.errors import (
     one_or_all,
 )
 from coop_pin.schema.base import Description
+from coop_pin.schema.user_code import FunctionName
 from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, Values
 from coop_pin.sweeps.sampling import Sample
 

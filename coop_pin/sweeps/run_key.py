@@ -151,7 +151,10 @@ def code_digests(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[CodeDige
     """Return the digests of the user's code that a run names, each name once."""
     parts = (scenario.controller, scenario.motion, scenario.squeeze)
     named = [
-        getattr(part, field, None) for part in parts if part.kind == "user" for field in _FUNCTION_FIELDS
+        getattr(part, field, None)
+        for part in parts
+        if part.kind in ("user", "function")
+        for field in _FUNCTION_FIELDS
     ]
     names = dict.fromkeys([*filter(None, named), *metrics])
     return tuple(CodeDigest(name, tuple(map(file_digest, source_files(name)))) for name in names)

@@ -11,8 +11,8 @@ import numpy as np
 from coop_pin.controller_factory import build_controller
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.squeeze import SteadySqueeze
 from coop_pin.errors import CoopPinError, FieldError, UserCodeError
+from coop_pin.reference import ConstantSqueeze
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import RealtimePacer, Simulation
 
@@ -149,7 +149,7 @@ class LiveRun:
             name: tuple(newtons / present * row)
             for name, row in zip(self.scenario.cell.arms, wrenches, strict=True)
         }
-        squeeze = SteadySqueeze(wrenches=table)
+        squeeze = ConstantSqueeze(wrenches=table)
         with self._lock:
             if newtons > 0.0:  # a zero squeeze would lose its direction
                 self.scenario = self.scenario.replace(squeeze=squeeze)
