@@ -82,7 +82,7 @@ def frames(scenario: cp.Scenario) -> None:
     drawn = in_browser(scenario)
     print(
         f", {drawn:.1f} per second were drawn by Chromium without a graphics card"
-        if drawn
+        if drawn is not None
         else "; no browser here"
     )
 
@@ -95,11 +95,11 @@ async def count(view: LiveView, counted: list[int], ready: threading.Event) -> N
         counted[0] += 1
 
 
-def in_browser(scenario: cp.Scenario) -> float:
-    """Return the frames per second that a browser draws; 0 if there is none."""
+def in_browser(scenario: cp.Scenario) -> float | None:
+    """Return the frames per second that a browser draws; None if there is none."""
     chromium = shutil.which("chromium")
     if chromium is None or importlib.util.find_spec("playwright") is None:
-        return 0.0
+        return None
     from playwright.sync_api import sync_playwright
 
     view = open_view(scenario)

@@ -53,10 +53,11 @@ def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
     sizes = {"pose_gain": k_0, "sliding_gain": k_0, "sign_gain": k, "damping_gain": k}
     if isinstance(law, PayloadSpace):
         sizes["sign_gain"] = k_0
-    path = f"controller.{'arm_gains.' + arm if arm in law.arm_gains else 'gains'}"
+    own = arm in law.arm_gains
+    gains, path = (law.arm_gains[arm], f"arm_gains.{arm}") if own else (law.gains, "gains")
     common: dict[str, Any] = {"rows": rows, "period": scenario.clock.period, "switching": law.switching}
-    for name, gain in law.gains_of(arm):
-        common[name] = _matrix(gain, sizes[name], f"{path}.{name}") if name in sizes else gain
+    for name, gain in gains:
+        common[name] = _matrix(gain, sizes[name], f"controller.{path}.{name}") if name in sizes else gain
     if isinstance(law, PayloadSpace):
         share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
         posture = _posture(scenario, law.posture, arm, model) if k > k_0 else None

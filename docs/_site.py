@@ -10,6 +10,7 @@ from typing import Any
 import coop_pin
 from coop_pin.cli.field_list import described, meanings, section
 from coop_pin.description import Payload, Scenario
+from coop_pin.schema.base import Description
 
 _NOT_OURS = {"model_config", "model_post_init", "model_fields", "model_computed_fields"}
 
@@ -92,7 +93,7 @@ def _value(default: Any) -> str:
     """Return a default as it stands in a scenario file."""
     if default is None:
         return "omitted"
-    if hasattr(default, "model_fields"):
+    if isinstance(default, Description):
         return f'`kind = "{default.kind}"`' if hasattr(default, "kind") else "its defaults"
     return f"`{json.dumps(default)}`"
 

@@ -167,7 +167,7 @@ def largest_force(wrenches: Array) -> float:
 
 
 def _scales(cell: Cell, typical_force: float, *, has_moments: bool) -> ArrowScales:
-    """Return both scales: a moment is at least as long as its force on the longest lever from P to a grasp."""
+    """Return both scales; a moment is at least as long as its force on the longest lever from P to a tip."""
     per_metre = _round_number(typical_force / TYPICAL_LENGTH_M, up=True)
     levers = (float(np.linalg.norm(grasp.matrix[:3, 3])) for grasp in cell.grasps.values())
     lever = max(_SHORTEST_LEVER_M, *levers)
