@@ -122,8 +122,8 @@ def _torque_law(scenario: Scenario, simulation: Simulation) -> Callable[[Array],
     state = simulation.controller.init(measured(np.zeros(len(plant.v))), references)
 
     def torque(v: Array) -> Array:
-        answer = simulation.controller.step(measured(v), references, state)
-        return plant.drives.torque(simulation.actuation.commands(answer.torque))
+        command = simulation.controller.step(measured(v), references, state)
+        return plant.drives.torque(simulation.actuation.commands(command.torque))
 
     return torque
 
