@@ -158,7 +158,7 @@ def test_two_calls_give_the_same_bits_whatever_came_between(case, formulation):
     plant.mechanism.forward_dynamics(q_2, v_2, tau_2)
     again, fresh = (
         plant.mechanism.forward_dynamics(q, v, tau),
-        chain_of(case, formulation=formulation)[0].chain.forward_dynamics(q, v, tau),
+        chain_of(case, formulation=formulation)[0].mechanism.forward_dynamics(q, v, tau),
     )
     for field, copy, second, third in zip(first, kept, again, fresh, strict=True):
         assert_allclose(field, copy, rtol=0, atol=0)

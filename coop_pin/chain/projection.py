@@ -76,7 +76,7 @@ class Projection:
             if length > 0.5 * last and np.abs(state.position).max() < _NEARLY_CLOSED:
                 break
             q = pin.integrate(self._model, q, dq)
-            if svd is full:  # a step at a lower rank says nothing about the convergence of the next
+            if svd is full:  # not after a step at a lower rank: the next one is at full rank
                 last = length
                 if length < _AT_REST:
                     break

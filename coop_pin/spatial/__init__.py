@@ -1,4 +1,4 @@
-"""The notation page: frames, poses, twists, wrenches and task rows, everywhere in coop_pin.
+"""Spatial algebra and notation of coop_pin: frames, poses, twists, wrenches and task rows.
 
 **Frames.** W world, B arm base, E end effector (the grasping tip of an arm), P payload, with its origin at
 the payload's centre of mass. Arms have names ("left", "right"), not numbers.
@@ -22,7 +22,7 @@ stated).
 c_i that sum to one, ``f_i = F_i - c_i sum_j F_j`` is the internal wrench and ``sum_i f_i = 0`` (Gueaieb et
 al. (2007), eqs. (7)-(12)).
 
-**Task rows.** A cell works on k_0 rows of the six: all of them ("full"), x, y and the turn about z
+**Task rows.** A cell controls k_0 of the six rows: all of them ("full"), x, y and the rotation about z
 ("planar"), or x, y, z ("positional").
 """
 

@@ -1,4 +1,4 @@
-"""The split of interaction wrenches into a load part and an internal part."""
+"""Load and internal wrenches: the decomposition of interaction wrenches by load shares."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from coop_pin.arrays import Array
 
 
 def load_wrenches(interaction: Array, load_shares: Array) -> Array:
-    """Return what each arm carries of the load: delta_i = c_i sum_j F_j.
+    """Return the load wrench of each arm: delta_i = c_i sum_j F_j.
 
     Gueaieb et al. (2007), eqs. (10)-(12).
 

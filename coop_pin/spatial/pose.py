@@ -1,4 +1,4 @@
-"""Poses as 4x4 homogeneous matrices, and the error between two of them."""
+"""Poses as 4x4 homogeneous matrices, pose errors, and the transformation of wrenches and twists."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
 def rpy_from_rotation(rotation: ArrayLike) -> Array:
     """Return roll, pitch, yaw (rad) of a rotation matrix, shape (3, 3), in the URDF convention.
 
-    Yaw first, then the rest from R' = Rz(-yaw) R = Ry(pitch) Rx(roll): as accurate at a pitch of +-pi/2,
-    where grasps often are.
+    Yaw first, then the rest from R' = Rz(-yaw) R = Ry(pitch) Rx(roll), which is also accurate at a pitch of
+    +-pi/2, common for grasps.
     """
     R = as_array("rotation", rotation, 3, 3)
     yaw = np.arctan2(R[1, 0], R[0, 0])

@@ -1,4 +1,4 @@
-"""Task rows: which of the six rows of twists, wrenches and pose errors a cell works on."""
+"""Task rows: the rows of twists, wrenches and pose errors that a cell controls."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RowsName = Literal["planar", "positional", "full"]
 
 
 class TaskRows(ABC):
-    """The k_0 rows of six-vectors that a cell works on.
+    """Task rows: the k_0 rows of six-vectors that a cell controls.
 
     Attributes:
         name: name in scenario files.
@@ -72,7 +72,7 @@ class FullRows(TaskRows):
 
 
 class PlanarRows(TaskRows):
-    """x, y and the turn about z: motion in the horizontal plane of the world."""
+    """x, y and the rotation about z: motion in the horizontal plane of the world."""
 
     name: RowsName = "planar"
     indices = (0, 1, 5)
@@ -101,7 +101,7 @@ class PlanarRows(TaskRows):
 
 
 class PositionalRows(TaskRows):
-    """x, y and z: the orientation of the payload is left to the arms."""
+    """x, y and z: the orientation of the payload is not controlled."""
 
     name: RowsName = "positional"
     indices = (0, 1, 2)
