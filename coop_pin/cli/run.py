@@ -85,12 +85,15 @@ class Run:
 def _metrics_table(result: Any, real_time_factor: float) -> str:
     """Return the metrics of a RunResult and the limits that it exceeded, one to a line."""
     scenario = result.scenario
-    speed = f"{real_time_factor:.1f} times real time"
-    lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {speed}"]
+    lines = [
+        f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz,"
+        f" {real_time_factor:.1f} times real time"
+    ]
     lines += [f"  {name:<30} {_metric_text(value)}" for name, value in result.metrics().items()]
     if math.isinf(result.settling_time()) and result.steady_window.start < result.steady_window.end:
-        advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
-        lines.append(f"  did not settle; {advice}")
+        lines.append(
+            "  did not settle; 'coop-pin check' tests whether the control rate is high enough for these gains"
+        )
     for violation in result.limit_violations():
         worst = f"{violation.worst:.4g} (limit {violation.limit:.4g})"
         quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
