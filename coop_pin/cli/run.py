@@ -85,8 +85,10 @@ class Run:
 def _metrics_table(result: Any, real_time_factor: float) -> str:
     """Return the metrics of a RunResult and the limits that it exceeded, one to a line."""
     scenario = result.scenario
-    speed = f"{real_time_factor:.1f} times real time"
-    lines = [f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz, {speed}"]
+    lines = [
+        f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz,"
+        f" {real_time_factor:.1f} times real time"
+    ]
     lines += [f"  {name:<30} {_metric_text(value)}" for name, value in result.metrics().items()]
     start, end = result.steady_window
     if start >= end:

@@ -34,6 +34,8 @@ _SETTINGS = {
     "distributed.admin.low-level-log-length": 10,
 }
 _TRIES, _SHORT_LIFE_S, _GRACE_S = 3, 10.0, 3.0
+RESUME = "start the same command again: finished runs are kept"
+"""Advice of every error that ends a sweep on workers."""
 
 
 class QuietScheduler(distributed.Scheduler):
@@ -160,8 +162,7 @@ class Cluster(NamedTuple):
         except Exception as error:
             if self.client.status == "running" and not isinstance(error, OSError):
                 raise
-            advice = "start the same command again: finished runs are kept"
-            raise WorkersLostError(f"the scheduler does not answer ({error}); {advice}") from error
+            raise WorkersLostError(f"the scheduler does not answer ({error}); {RESUME}") from error
 
 
 @contextlib.contextmanager

@@ -18,7 +18,7 @@ import dask
 from distributed import CancelledError, KilledWorker, get_worker
 
 from coop_pin.errors import CodeChangedError, RunTimeoutError, WorkerDiedError, WorkersLostError
-from coop_pin.sweeps.cluster import Cluster
+from coop_pin.sweeps.cluster import RESUME, Cluster
 from coop_pin.sweeps.job import Job, Outcome, run_job
 from coop_pin.sweeps.record import Failure, Record
 
@@ -107,8 +107,7 @@ class DaskBackend:
 
     def _submit(self, jobs: list[Job], deaths: int) -> None:
         name = uuid.uuid4().hex
-        call = (run_isolated, jobs[0], name) if deaths else (run_jobs, jobs)
-        future = self._cluster.submit(*call)
+        future = self._cluster.submit(*((run_isolated, jobs[0], name) if deaths else (run_jobs, jobs)))
         self._under_way[future] = _Task(jobs, deaths, name)
         future.add_done_callback(self._finished.put)
 
@@ -124,8 +123,7 @@ class DaskBackend:
             yield from self._worker_died(task)
             return
         except CancelledError:
-            advice = "start the same command again: finished runs are kept"
-            raise WorkersLostError(f"the scheduler is gone; {advice}") from None
+            raise WorkersLostError(f"the scheduler is gone; {RESUME}") from None
         except CodeChangedError:
             raise
         except Exception as error:  # errors of runs are in their records: this one is the worker's own
@@ -148,8 +146,7 @@ class DaskBackend:
             connected = self._cluster.client.status == "running"
             lost_since = None if connected else lost_since or time.monotonic()
             if lost_since is not None and time.monotonic() - lost_since > _PATIENCE_S:
-                advice = "start the same command again: finished runs are kept"
-                raise WorkersLostError(f"the scheduler does not answer; {advice}")
+                raise WorkersLostError(f"the scheduler does not answer; {RESUME}")
 
     def _note_start(self, event: tuple[float, str]) -> None:
         """Note the start of an isolated job, by this process's clock."""

@@ -98,25 +98,29 @@ def _coordinates(dimension: Dimension) -> dict[str, tuple[str, Any]]:
 
 def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]) -> None:
     """Write one line for each run in the order of the plan; numbers read back exactly."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["point", *plan[0].parameters, "status", "failure", "message", *metrics, "key"])
-        for row in rows(plan, store):
-            failure = row.record.failure if row.record else None
-            reason = (failure.kind, failure.message) if failure else ("", "")
-            values = [_text(row.record.metrics.get(name)) if row.record else "" for name in metrics]
-            parameters = map(_text, row.point.parameters.values())
-            table.writerow([row.point.number, *parameters, row.status, *reason, *values, row.key])
+    lines: list[list[Any]] = [["point", *plan[0].parameters, "status", "failure", "message", *metrics, "key"]]
+    for row in rows(plan, store):
+        failure = row.record.failure if row.record else None
+        reason = (failure.kind, failure.message) if failure else ("", "")
+        values = [row.record.metrics.get(name) if row.record else None for name in metrics]
+        lines.append(
+            [row.point.number, *row.point.parameters.values(), row.status, *reason, *values, row.key]
+        )
+    _write_lines(path, lines)
 
 
 def write_times(path: Path, plan: SweepPlan, store: SweepStore) -> None:
     """Write the duration of each run; metrics, unlike durations, are the same on every machine."""
+    lines: list[list[Any]] = [["point", *_TIMES, "key"]]
+    for row in rows(plan, store):
+        times = row.record.times if row.record else {}
+        lines.append([row.point.number, *map(times.get, _TIMES), row.key])
+    _write_lines(path, lines)
+
+
+def _write_lines(path: Path, lines: list[list[Any]]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["point", *_TIMES, "key"])
-        for row in rows(plan, store):
-            times = row.record.times if row.record else {}
-            table.writerow([row.point.number, *(_text(times.get(name)) for name in _TIMES), row.key])
+        csv.writer(file, lineterminator="\n").writerows(map(_text, line) for line in lines)
 
 
 def _text(value: Any) -> str:
