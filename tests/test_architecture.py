@@ -50,12 +50,12 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description"}, {"xarray", "h5netcdf", "scipy"}),
+    "results": ({"description"}, {"xarray", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "controller_factory": ({"control", "description", "model"}, set()),
     "run_scenario": (BELOW_RUNS | {"controller_factory"}, set()),
     "analysis": (BELOW_VIEWS, {"pinocchio", "scipy"}),
-    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "scipy", "xarray"}),
+    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {"schema", "description", "model", "chain", "controller_factory", "results", "simulation", "figures"},
         {
