@@ -1,4 +1,4 @@
-"""Load and internal force: add torques J^T w whose w sum to zero, and nothing moves differently, but the arms squeeze by exactly w."""
+"""Load and internal wrenches: torques J^T w with sum(w) = 0 add w to the internal wrenches only."""
 
 import numpy as np
 
@@ -21,6 +21,5 @@ for name, tau in (("as it is", torque), ("squeezed", squeezed)):
     F = np.array([rows.select(wrench) for wrench in plant.interaction_wrenches(q, v, tau)])
     load, internal = load_wrenches(F, cell.shares)[0], internal_wrenches(F, cell.shares)[0]
     acceleration = plant.mechanism.forward_dynamics(q, v, tau).acceleration
-    print(
-        f"{name}: load {load.round(6)}, internal {internal.round(6)}, joint accelerations {acceleration[:3].round(6)}"
-    )
+    print(f"{name}: load {load.round(6)}, internal {internal.round(6)}, ", end="")
+    print(f"joint accelerations {acceleration[:3].round(6)}")

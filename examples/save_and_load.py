@@ -1,4 +1,4 @@
-"""Results and scenarios as files: what is read back is what was written, and one page tells it all. Usage: save_and_load.py [FOLDER]"""
+"""Results, scenarios and reports as files that load to the same values. Usage: save_and_load.py [FOLDER]"""
 
 import sys
 from pathlib import Path

@@ -127,7 +127,7 @@ def error_figure(result: RunResult) -> Figure:
         _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle (rad)")
         frame_decades(closure, np.stack((distance, angle)))
         label(closure, "closure error", "m, rad")
-        legend_above(closure)
+        closure.legend(loc="best")
         _draw_decades(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
     return figure
