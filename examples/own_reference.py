@@ -9,7 +9,7 @@ CENTRE, TURN = np.array([0.5, 0.05, 0.0]), np.pi / 3
 
 
 def eight(time, size=0.06, period=6.0):
-    """X_WP_d; its twist comes from central differences. The phase starts slowly, so that the start is at rest."""
+    """X_WP_d; its twist comes from central differences. It starts slowly, so that the start is at rest."""
     phase = 2.0 * np.pi * time / period * min(time / 2.0, 1.0)
     return make_pose(
         CENTRE + size * np.array([np.sin(phase), np.sin(2.0 * phase) / 2.0, 0.0]), (0.0, 0.0, TURN)
