@@ -1,4 +1,4 @@
-"""A motion and a squeeze of your own, as functions of time: a figure of eight, pressed harder and harder."""
+"""User-written functions of time as motion and squeeze: a figure of eight, pressed harder and harder."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ CENTRE, TURN = np.array([0.5, 0.05, 0.0]), np.pi / 3
 
 
 def eight(time, size=0.06, period=6.0):
-    """X_WP_d; its twist is found by differences. It starts slowly, so that the start is at rest."""
+    """X_WP_d; its twist comes from central differences. It starts slowly, so that the start is at rest."""
     phase = 2.0 * np.pi * time / period * min(time / 2.0, 1.0)
     return make_pose(
         CENTRE + size * np.array([np.sin(phase), np.sin(2.0 * phase) / 2.0, 0.0]), (0.0, 0.0, TURN)

@@ -92,6 +92,15 @@ def followed_and_pressed(out, _folder):
         assert found == pytest.approx(desired, abs=1.5)
 
 
+def every_motion_and_payload_source(out, _folder):
+    rows = [line.split() for line in out.splitlines()[1:]]
+    assert [row[0] for row in rows] == ["circle", "turn", "swing", "waypoints", "csv"]
+    assert [row[1] for row in rows] == ["bar", "box", "cylinder", "mesh", "urdf"]
+    assert max(float(row[3]) for row in rows) < 1.0
+    for row in rows:
+        assert float(row[4]) == pytest.approx(20.0, abs=3.0)
+
+
 def all_the_same(out, folder):
     assert [line.split()[-1] for line in out.splitlines()] == ["True"] * 3
     assert sorted(path.name for path in (folder / "out" / "save_and_load").iterdir()) == [
@@ -124,6 +133,7 @@ PROMISES = {
     "compare_laws": repaired_beats_printed,
     "internal_force_split": squeezed_without_motion,
     "ik_branches": eight_branches,
+    "motions": every_motion_and_payload_source,
     "own_reference": followed_and_pressed,
     "save_and_load": all_the_same,
     "stability_map": bound_of_a_late_force_path,

@@ -58,7 +58,7 @@ class SqueezeReference(Description):
         """
         for field, table in self.tables().items():
             if table:
-                _check_names(table, arms, field)
+                check_arm_names(table, arms, FieldError, field)
 
 
 class ConstantSqueeze(SqueezeReference):
@@ -129,7 +129,7 @@ class FunctionSqueeze(SqueezeReference):
         """
         value, called = load_function(self.target, self.options)(time), f"{self.target} at t = {time:g} s"
         if isinstance(value, Mapping):
-            _check_names(value, arms, "squeeze.target")
+            check_arm_names(value, arms, FieldError, "squeeze.target")
             value = [value[name] for name in arms]
         rows = as_array(called, value, len(arms), 6)
         total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))
@@ -140,13 +140,6 @@ class FunctionSqueeze(SqueezeReference):
 
 def _rows(wrenches: Mapping[str, Any], arms: Collection[str]) -> Array:
     return np.array([wrenches[name] for name in arms]) if wrenches else np.zeros((len(arms), 6))
-
-
-def _check_names(table: Mapping[str, Any], arms: Collection[str], path: str) -> None:
-    try:
-        check_arm_names(table, arms, FieldError)
-    except FieldError as error:
-        raise error.below(path) from None
 
 
 def _plain_table(value: Any) -> Any:
