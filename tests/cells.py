@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coop_pin.chain import ClosedChain
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import SlidingMode, SlidingModeGains
@@ -93,3 +94,10 @@ def catalogue_cell(name: str) -> tuple[Cell, np.ndarray]:
     """A cell of the catalogue, and the payload pose X_WP that it starts from."""
     scenario = Scenario.load(name)
     return scenario.cell, scenario.start.matrix
+
+
+def kkt_of(chain: ClosedChain) -> ClosedChain:
+    """The same chain (sharing the tree) solved by the KKT solver."""
+    return ClosedChain(
+        chain.model, chain.closures.closures, stabilisation=chain.stabilisation, formulation="kkt"
+    )
