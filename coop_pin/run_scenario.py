@@ -1,4 +1,4 @@
-"""``run``: a scenario with the controller that it names, from its name or file to the result."""
+"""Run of a scenario: the controller that it names is built, and the simulation runs to a result."""
 
 from __future__ import annotations
 
@@ -6,11 +6,129 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.controller_factory import build_controller
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control import (
+    ArmController,
+    CellController,
+    DecentralisedController,
+    PayloadSpaceController,
+    Posture,
+    RedundantSlidingModeController,
+    SlidingModeController,
+)
+from coop_pin.description.controller import (
+    Law,
+    PayloadSpace,
+    PostureGains,
+    RedundantSlidingMode,
+    SlidingMode,
+    UserController,
+)
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FieldError
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.results import Observer, RunResult
+from coop_pin.schema.user_code import load_class
 from coop_pin.simulation import simulate
 from coop_pin.simulation.simulate import Progress
+
+
+def build_controller(scenario: Scenario) -> CellController:
+    """Return the controller that a scenario names.
+
+    Raises:
+        FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
+        NameNotFoundError: a user's module or class does not exist.
+    """
+    chosen = scenario.controller
+    if isinstance(chosen, UserController):
+        return _users_controller(scenario, chosen)
+    return DecentralisedController(
+        {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
+    )
+
+
+def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
+    """Return the law of one arm, its matrix gains sized for the arm's joints or the cell's task rows."""
+    rows, model = scenario.cell.task_rows, ArmModel(scenario.cell.arms[arm])
+    k_0, k = rows.size, model.nv
+    _require_joints(law, arm, k, k_0)
+    sizes = {"pose_gain": k_0, "sliding_gain": k_0, "sign_gain": k, "damping_gain": k}
+    if isinstance(law, PayloadSpace):
+        sizes["sign_gain"] = k_0
+    own = arm in law.arm_gains
+    gains, path = (law.arm_gains[arm], f"arm_gains.{arm}") if own else (law.gains, "gains")
+    common: dict[str, Any] = {"rows": rows, "period": scenario.clock.period, "switching": law.switching}
+    for name, gain in gains:
+        common[name] = _matrix(gain, sizes[name], f"controller.{path}.{name}") if name in sizes else gain
+    if isinstance(law, PayloadSpace):
+        share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        posture = _posture(scenario, law.posture, arm, model) if k > k_0 else None
+        return PayloadSpaceController(load_share=share, posture=posture, **common)
+    printed = SlidingModeController(**common)
+    if isinstance(law, RedundantSlidingMode):
+        posture = _posture(scenario, law.posture, arm, model)
+        return RedundantSlidingModeController(printed, posture, law.inverse_damping)
+    return printed
+
+
+def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:
+    """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
+    if joints < rows or (isinstance(law, SlidingMode) and joints != rows):
+        wanted = "exactly as many" if isinstance(law, SlidingMode) else "at least as many"
+        raise FieldError(
+            f"is {law.kind!r}, which needs {wanted} joints as task rows; arm {arm!r} has {joints} joints and "
+            f"the cell {rows} rows. For more joints choose 'sliding-mode-redundant' or 'payload-space'",
+            "controller.kind",
+        )
+
+
+def _matrix(gain: float | tuple[Any, ...], size: int, path: str) -> Array:
+    """Return a gain as a (size, size) matrix: a number times the identity, a diagonal, or the rows as given.
+
+    Raises:
+        FieldError: its number of entries does not fit.
+    """
+    rows = np.array(gain, dtype=float)
+    if rows.ndim and len(rows) != size:
+        raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)
+    return rows * np.eye(size) if rows.ndim < 2 else rows
+
+
+def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel) -> Posture:
+    """Return the posture term of a redundant arm: a spring towards ``Arm.posture``, and a damper."""
+    if model.nq != model.nv:
+        raise FieldError(
+            f"needs angles, but arm {arm!r} has continuous joints (nq {model.nq}, nv {model.nv}); "
+            "lock them or give them limits",
+            "controller.posture",
+        )
+    angles = scenario.cell.arms[arm].posture
+    spring = np.zeros(model.nv) if angles is None else np.array(angles)
+    stiffness, damping = (
+        np.broadcast_to(np.array(gain, dtype=float), (model.nv,)) for gain in (gains.stiffness, gains.damping)
+    )
+    return Posture(model.drive @ spring, stiffness, damping)
+
+
+def _users_controller(scenario: Scenario, chosen: UserController) -> CellController:
+    """Return the controller of a user's class.
+
+    An ArmController is called as ``Class(scenario, arm, **options)`` for each arm, a CellController as
+    ``Class(scenario, **options)``.
+    """
+    kind: Any = load_class(chosen.target)
+    if issubclass(kind, CellController):
+        return kind(scenario, **chosen.options)
+    if issubclass(kind, ArmController):
+        return DecentralisedController(
+            {name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms}
+        )
+    raise FieldError(
+        f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target"
+    )
 
 
 def run(

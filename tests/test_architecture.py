@@ -16,7 +16,7 @@ from cells import SCENARIOS
 
 import coop_pin
 from coop_pin.control import ArmMeasurement, CellController
-from coop_pin.controller_factory import build_controller
+from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import simulate
 
 PACKAGE = Path(coop_pin.__file__).parent
@@ -33,7 +33,7 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
-# - controller_factory asks an ArmModel for the number of joints that gains must fit.
+# - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -50,10 +50,9 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"xarray", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "controller_factory": ({"control", "description", "model"}, set()),
-    "run_scenario": ({"controller_factory", "description", "results", "simulation"}, set()),
+    "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
-        {"chain", "control", "controller_factory", "description", "model", "simulation"},
+        {"chain", "control", "run_scenario", "description", "model", "simulation"},
         {"pinocchio", "scipy"},
     ),
     "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
@@ -64,7 +63,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "chain",
-            "controller_factory",
+            "run_scenario",
             "results",
             "simulation",
             "figures",
@@ -90,7 +89,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
-            "controller_factory",
             "description",
             "figures",
             "progress_bar",

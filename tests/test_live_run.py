@@ -10,7 +10,6 @@ from cells import SCENARIOS, planar_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.controller_factory import build_controller
 from coop_pin.errors import (
     CoopPinError,
     DivergedError,
@@ -20,6 +19,7 @@ from coop_pin.errors import (
     UserCodeError,
 )
 from coop_pin.reference import ConstantSqueeze
+from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.panel import gain_sliders

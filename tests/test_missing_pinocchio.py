@@ -22,7 +22,6 @@ MODULES = [
     "chain",
     "analysis",
     "simulation",
-    "controller_factory",
     "run_scenario",
     "viz.replay",
     "chain.kkt_solver",

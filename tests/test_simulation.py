@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController
-from coop_pin.controller_factory import build_controller
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
+from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.actuation import Transmission
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial import internal_wrenches

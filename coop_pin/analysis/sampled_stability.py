@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.controller_factory import build_controller
 from coop_pin.description.scenario import Scenario
+from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 STABILITY_LIMIT = 2.0

@@ -8,12 +8,14 @@ from coop_pin.description.controller import (
     LowPassForcePath,
     NoForcePath,
     PayloadSpace,
+    PayloadSpaceGains,
+    PostureGains,
     RedundantSlidingMode,
     SlidingMode,
+    SlidingModeGains,
     UserController,
 )
 from coop_pin.description.events import PayloadChange, WrenchPulse
-from coop_pin.description.gains import PayloadSpaceGains, PostureGains, SlidingModeGains
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names

@@ -1,1 +1,1 @@
-"""Base of the configuration classes: frozen, validated, overridable by dotted path; and the Pose value."""
+"""Frozen pydantic base of everything in a scenario file: fields, validation errors, overrides, poses."""
