@@ -19,7 +19,7 @@ WIDE = '<limit lower="-1e6" upper="1e6" effort="0" velocity="0"/>'
 
 
 def pendulum_angle(k, time):
-    """theta'' = -k cos theta from theta = pi/2 with theta' = -1, exactly: a pendulum that turns over, by its elliptic function."""
+    """Exact solution of theta'' = -k cos theta, theta(0) = pi/2, theta'(0) = -1, by elliptic functions."""
     m, rate = 4 * k / (1 + 4 * k), np.sqrt(1 + 4 * k) / 2
     return -2 * ellipj(rate * time - ellipk(m), m)[3] - np.pi / 2
 
@@ -62,7 +62,7 @@ B = A * np.sin(BETA) / np.sin(ALPHA)
 
 
 def bennett(rows, **options):
-    """Four hinges whose axes are neither parallel nor meet; the loop moves only because sin(alpha) / a = sin(beta) / b.
+    """Bennett linkage: four skew hinges; it moves only because sin(alpha) / a = sin(beta) / b.
 
     With "full" rows the fourth hinge is a joint of the tree and a stub beyond it is welded to the world.
     """
@@ -86,7 +86,7 @@ SARRUS_LEAN = 0.9
 
 
 def sarrus(turn=1.9, **options):
-    """Two folding legs of two bars each, in planes turned against each other: the plate they carry moves straight up and down.
+    """Sarrus linkage: two folding legs in planes turned against each other; their plate moves straight.
 
     One leg carries the plate; the other hangs on it and its foot is hinged to the world.
     """

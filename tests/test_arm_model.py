@@ -1,4 +1,4 @@
-"""One arm alone: its dynamics against themselves, its kinematics against finite differences and against yourdfpy."""
+"""One arm alone: dynamics against themselves, kinematics against finite differences and yourdfpy."""
 
 import numpy as np
 import pinocchio as pin
@@ -61,7 +61,7 @@ def test_inverse_dynamics_is_mass_times_acceleration_plus_nonlinear_effects_minu
 
 
 def test_mass_matrix_is_the_kinetic_energy_of_the_links(arm):
-    """T = sum over links of the energy of their own twists, from finite differences of nothing: Pinocchio's FK only."""
+    """T is the sum of the kinetic energies of the links, from their own twists."""
     data = arm.model.createData()
     for q, v, _ in states(arm, 5):
         pin.forwardKinematics(arm.model, data, q, v)

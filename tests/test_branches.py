@@ -1,4 +1,4 @@
-"""Branches of inverse kinematics: each solves, none is missing or doubled, the limits hold, the nearest comes first."""
+"""Branches of inverse kinematics: each solves, none is missing or double, within limits, nearest first."""
 
 import itertools
 
@@ -124,7 +124,7 @@ def test_a_joint_of_several_turns_stays_on_the_turn_of_the_posture_while_its_lim
 
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_a_redundant_arm_stands_as_near_to_its_posture_as_self_motion_and_limits_allow(models, name):
-    """At the nearest point the way to the posture has no part along the self-motion, but for joints that a limit stops."""
+    """At the nearest point the step to the posture has no self-motion part, except at joint limits."""
     model = models[name]
     limits = model.limits
     q, X_WP = poses_of(model, 1)[0]
@@ -255,11 +255,15 @@ SLIDER = """<robot name="slider">
   <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
     <limit lower="-5" upper="15" effort="100" velocity="1"/></joint>
   <joint name="turn" type="continuous"><parent link="carriage"/><child link="arm"/><axis xyz="0 0 1"/></joint>
-  <joint name="reach" type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
+  <joint name="reach" type="revolute"><parent link="arm"/><child link="hand"/>
+    <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
     <limit lower="-2" upper="2" effort="100" velocity="1"/></joint>
   {links}
 </robot>"""
-LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
 
 
 def test_a_slide_has_no_whole_turns(tmp_path):

@@ -1,4 +1,4 @@
-"""The wrenches between payload and arms: welded against free, Newton and Euler, d'Alembert arm by arm, and plain statics."""
+"""Interaction wrenches: welded against free payload, Newton and Euler, d'Alembert by arm, statics."""
 
 import functools
 
@@ -100,7 +100,7 @@ def states(plant, q_closed, gap, count=4, seed=8):
 @pytest.mark.parametrize("gap", [0.0, 0.04])
 @pytest.mark.parametrize("formulation", ["proximal", "kkt"])
 def test_rooted_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(name, formulation, gap):
-    """Off the closures: the free payload exactly in the first arm's grip, the second grasp open and moving apart."""
+    """Off the closures: the free payload in the first arm's grasp, the second grasp open and opening."""
     welded, q_closed = built(name, "welded", formulation)
     free, _ = built(name, "free", formulation)
     rows, push = welded.cell.task_rows, push_of(welded)
@@ -149,7 +149,7 @@ def test_the_trees_payload_twist_is_what_every_arm_sees(name, payload):
 @pytest.mark.parametrize("gap", [0.0, 0.04])
 @pytest.mark.parametrize("payload", ["welded", "free"])
 def test_the_payload_obeys_newton_and_euler(name, payload, gap):
-    """m a_c = m g - sum F + push and d/dt (R I R^T omega) = -sum n + push's moment, with rates by finite differences of the motion.
+    """m a_c = m g - sum F + push, d/dt (R I R^T omega) = -sum n + moment; rates by finite differences.
 
     Off the closures too: an open weld's wrench is still one wrench, on the arm and reversed on the payload.
     """

@@ -1,4 +1,4 @@
-"""Constrained forward dynamics: two formulations against each other, against ABA, and the decay of opened closures."""
+"""Constrained forward dynamics: two formulations, ABA, and the decay of opened closures."""
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +24,7 @@ def chain_of(case, **options):
 
 
 def states(chain, q_closed, gap):
-    """States off the closures by about gap, with a velocity error, in the directions the mechanism can move."""
+    """States off the closures by about gap, with a velocity error, in directions it can move."""
     rng = np.random.default_rng(17)
     for _ in range(4):
         v = rng.normal(size=chain.model.nv)
@@ -33,7 +33,7 @@ def states(chain, q_closed, gap):
 
 
 def held_in_plane(case, q, v):
-    """A free payload of the planar cell stays in its plane: across it nothing could pull it back to an arm that cannot follow."""
+    """Keep a free payload of the planar cell in its plane: no arm could follow it out of the plane."""
     if case == ("planar", "free"):
         q, v = q.copy(), v.copy()
         q[-5:-2] = 0.0  # z of the position, x and y of the quaternion

@@ -80,7 +80,7 @@ def test_jacobian_and_drift_are_the_derivatives_of_the_error(tree, pair, rows):
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_point_rows_are_differentiated_in_the_world(tree, pair):
-    """e = R_WA^T (p_a - p_b); e' and e'' are the world's derivatives of p_a - p_b, seen in a: a ball joint's gap decays straight."""
+    """e = R_WA^T (p_a - p_b); e', e'' are derivatives of p_a - p_b in the world, in axes a."""
     model, _ = tree
     closure, data, h = Closure(*PAIRS[pair], "point"), model.createData(), 1e-4
     closures = ClosureSet(model, [closure])
@@ -106,7 +106,7 @@ def test_point_rows_are_differentiated_in_the_world(tree, pair):
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_the_velocity_error_of_a_weld_is_its_relative_twist_and_drift_is_its_derivative(tree, pair):
-    """e' = V_a - Ad(X_ab) V_b is the derivative of -log6(X_ab) at small errors only; exactly, d/dt(-log6) = Jlog6 Ad(X_ab)^-1 e'."""
+    """e' = V_a - Ad(X_ab) V_b; exactly, d/dt(-log6(X_ab)) = Jlog6 Ad(X_ab)^-1 e'."""
     model, _ = tree
     closure, data = Closure(*PAIRS[pair], "full"), model.createData()
     closures = ClosureSet(model, [closure])
@@ -137,7 +137,7 @@ def test_the_velocity_error_of_a_weld_is_the_derivative_of_its_error_when_that_i
 
 @pytest.mark.parametrize("turns", list(itertools.product((True, False), repeat=3)), ids=str)
 def test_three_held_turns_follow_the_weld_and_fewer_are_exact(tree, turns):
-    """With all turns held and a translation free, the rotation rows are the weld's: omega_a - R omega_b against -log3."""
+    """All turns held, a translation free: rotation rows as of a weld, omega_a - R omega_b against -log3."""
     model, _ = tree
     closure = Closure("left/grasp", "payload/left", (True, True, False, *turns))
     closures, data = ClosureSet(model, [closure]), model.createData()
@@ -154,7 +154,7 @@ def test_three_held_turns_follow_the_weld_and_fewer_are_exact(tree, turns):
 
 @pytest.mark.parametrize("rows", ["full", *ROWS], ids=str)
 def test_the_two_bodies_feel_opposite_wrenches_that_do_the_power_of_the_multipliers(tree, rows):
-    """J^T lambda = J_a^T F - J_b^T F with F on body a at a and the same wrench, reversed, on body b: also off the closure."""
+    """J^T lambda = J_a^T F - J_b^T F, F on body a and reversed on body b: also off the closure."""
     model, _ = tree
     data = model.createData()
     a, b = model.getFrameId("left/grasp"), model.getFrameId("payload/left")

@@ -1,4 +1,4 @@
-"""Golden files: today's numbers, bit for bit, so that a change which should change no number is seen to change none.
+"""Golden files: today's numbers, bit for bit; a change that should move no number is shown to move none.
 
 They hold for the machine and the libraries they were recorded with. A change that means to change numbers
 records them anew, and says why::

@@ -1,4 +1,4 @@
-"""Measured orders of convergence, on vectors and on Lie groups, and the energy of chains that nothing drives."""
+"""Measured orders of convergence on vectors and Lie groups, and the energy of undriven chains."""
 
 import functools
 
@@ -224,7 +224,7 @@ def spinning_body():
 
 
 def test_a_free_bodys_momentum_is_conserved_but_for_its_weight():
-    """The oracle of the Lie-group step: m v_c falls with g t and the angular momentum about the centre of mass stays."""
+    """A free body: v_c changes by g t and the angular momentum about the centre of mass is constant."""
     model, tumbling = spinning_body()
     data, integrator = model.createData(), RungeKutta(configuration_space(model))
     q, v = pin.neutral(model), np.array([0.3, -0.2, 0.5, 2.0, -3.0, 1.5])
@@ -263,7 +263,7 @@ def test_the_increment_rate_is_the_derivative_of_the_increment(joint):
 
 
 def test_semi_implicit_euler_moves_with_the_new_velocity():
-    """v' = v + h a, q' = q + h v': on an oscillator it keeps a nearby energy for ever, where explicit Euler gains."""
+    """Semi-implicit Euler keeps a nearby energy of an oscillator; explicit Euler gains energy."""
     integrator, h = SemiImplicitEuler(VectorSpace()), 0.05
     q, v, _ = integrator.step(lambda _t, q, v: (-q, v * 0.0 - 2.0), 0.0, np.array([1.0]), np.array([0.0]), h)
     assert_allclose([q[0], v[0]], [1.0 - h * h, -h], rtol=1e-15)

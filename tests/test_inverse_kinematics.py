@@ -1,4 +1,4 @@
-"""Inverse kinematics: the solution holds the payload on the branch of the posture, or the error has the gap."""
+"""Inverse kinematics: the solution is on the branch of the posture, or the error has the gap."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_the_angles_hold_the_payload_at_the_pose(name, key):
 @pytest.mark.parametrize("elbow", [1.0, -1.0])
 @pytest.mark.parametrize("key", ["left", "right"])
 def test_the_posture_chooses_the_elbow_of_the_planar_arm_and_the_angles_are_the_closed_form(key, elbow):
-    """Elbow +1 means q2 > q1 in absolute angles: the relative angle is positive. The law of cosines is the oracle."""
+    """Elbow +1 means q2 > q1 in absolute angles (relative angle positive), by the law of cosines."""
     arm, start, _ = arm_of("planar", key)
     scenario = planar_scenario()
     tip = start @ scenario.cell.grasps[key].matrix
@@ -91,7 +91,7 @@ def test_poses_that_an_arm_just_held_are_found_again_from_a_poor_posture(name):
 
 @pytest.mark.parametrize("distance", [0.81, 1.2, 3.0])
 def test_a_tip_straight_beyond_reach_misses_by_distance_minus_reach(distance):
-    """The wrist makes up the angle; the descent on the payload's log error keeps a little of it, which costs almost no length."""
+    """The wrist makes up the angle; the descent leaves a little of it at almost no distance."""
     arm, _, posture = arm_of("planar", "left")
     X_PE = planar_scenario().cell.grasps["left"].matrix
     direction = 0.4
@@ -124,7 +124,7 @@ def test_a_planar_arm_misses_a_tilted_payload_by_its_angle():
 
 
 def test_no_angles_come_nearer_than_the_gap_that_a_spatial_arm_reports():
-    """The farthest the tip can ever be from the shoulder bounds the gap from below; stretching out bounds it from above."""
+    """The gap is bounded from below by the maximum reach and from above by a stretched arm."""
     arm, _, posture = arm_of("spatial", "left")
     cell, _ = cell_and_start("spatial")
     shoulder = np.array(cell.arms["left"].base.xyz)

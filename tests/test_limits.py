@@ -141,8 +141,9 @@ def test_torque_limits_are_stated_for_drives():
 
 def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
     text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
-    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="a"/>
-    <child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" velocity="0"/></joint></robot>"""
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="0" velocity="0"/></joint></robot>"""
     (tmp_path / "arm.urdf").write_text(text)
     limits = JointLimits(Arm.from_urdf(tmp_path / "arm.urdf"))
     assert np.isinf(limits.torque).all()

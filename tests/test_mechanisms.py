@@ -162,7 +162,7 @@ def test_a_sarrus_linkage_has_one_redundant_row_keeps_its_energy_and_moves_its_p
 
 @pytest.mark.parametrize(("rows", "count", "rank"), [("point", 3, 2), ("axis", 5, 2), ("full", 6, 3)])
 def test_a_bennett_linkage_turns_however_it_is_closed(rows, count, rank):
-    """tan(theta_1 / 2) tan(theta_2 / 2) stays what it is, theta_3 = -theta_1; redundant rows must not stop the loop."""
+    """tan(theta_1 / 2) tan(theta_2 / 2) is constant, theta_3 = -theta_1, also with redundant rows."""
     chain, start = bennett(rows)
     assert chain.closures.rows == count
     assert chain.forward_dynamics(*start, np.zeros(chain.model.nv)).rank == rank
@@ -299,7 +299,8 @@ def test_a_closure_may_be_named_from_either_side_and_the_world_has_two_names():
 
 def test_poses_of_a_closure_do_what_frames_of_the_urdf_do():
     rpy, xyz = (0.3, -0.2, 0.5), (0.7, 0.1, -0.2)
-    fixed = f"""<link name="tool"/><joint name="tool_fix" type="fixed"><parent link="two"/><child link="tool"/>
+    fixed = f"""<link name="tool"/>
+      <joint name="tool_fix" type="fixed"><parent link="two"/><child link="tool"/>
     <origin xyz="{xyz[0]} {xyz[1]} {xyz[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/></joint>"""
     arm = [
         bar("one", "ground", (0, 0, 0), axis="0 1 0"),

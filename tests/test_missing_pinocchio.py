@@ -30,7 +30,7 @@ MODULES = [
 
 
 def told_by(folder, source, *statements):
-    """What each statement raises in a process of its own in which ``pinocchio`` is a package of this source."""
+    """What each statement raises in a fresh process where ``pinocchio`` is a package of this source."""
     (folder / "pinocchio").mkdir()
     (folder / "pinocchio" / "__init__.py").write_text(source)
     code = "\n".join(
@@ -67,7 +67,8 @@ def test_the_real_one_passes():
         ),
         (
             "__version__ = '0.1'",
-            "is not Pinocchio; rename or remove it (on PyPI a plugin for nose has that name: pip uninstall pinocchio).",
+            "is not Pinocchio; rename or remove it"
+            " (on PyPI a plugin for nose has that name: pip uninstall pinocchio).",
         ),
         (
             "__version__ = '3.9.0'\ndef buildModelFromXML(text): ...",

@@ -1,4 +1,4 @@
-"""Projection onto the closures: it lands, it is the smallest move in kinetic energy, and it refuses the impossible."""
+"""Projection onto the closures: closed, smallest in kinetic energy, impossible ones refused."""
 
 import functools
 
@@ -26,7 +26,7 @@ def closed(case):
 
 
 def reachable(case, increment):
-    """The increment without what a planar cell cannot undo: a free payload lifted or tilted out of the plane."""
+    """The increment without what a planar cell cannot undo: a free payload out of the plane."""
     if case == ("planar", "free"):
         increment = increment.copy()
         increment[[-4, -3, -2]] = 0.0
@@ -63,7 +63,7 @@ def test_projecting_twice_changes_nothing(case):
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_small_correction_of_the_configuration_is_orthogonal_to_the_free_motions_in_the_mass_metric(case):
-    """dq = -M^-1 J^T lambda to first order in the gap: its M-product with motions along the closures is of second order."""
+    """dq = -M^-1 J^T lambda to first order: its M-product with free motions is of second order."""
     shares = []
     for gap in (1e-3, 1e-4):
         plant, q_open = opened(case, gap)
@@ -100,7 +100,7 @@ def test_a_projected_velocity_keeps_the_closures_closed_and_the_correction_costs
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_velocities_on_the_closures_survive_the_cut(case):
-    """The rank cut must not mistake drift for a row: the number of free motions is the mechanism's mobility."""
+    """The rank tolerance must not take drift for a row: free motions equal the mobility."""
     plant, q = closed(case)
     model = plant.mechanism.model
     M = mass_matrix(model, q)

@@ -1,4 +1,4 @@
-"""Reach, singular poses, limits and speeds along the reference, against closed forms of the planar arm and against runs."""
+"""Reachability, singularities, limits and speeds along the reference, against closed forms and runs."""
 
 import math
 
@@ -56,7 +56,7 @@ def paper():
 
 
 def paper_singular_values(time, arm, grasp, elbow):
-    """Singular values of eq. (2) in drive coordinates (q1, q2 absolute, q3 relative), from the law of cosines."""
+    """Singular values of J in drive coordinates (q1, q2 absolute), from the law of cosines."""
     x_d = 0.4 - 0.2 * math.exp(-time / 6.6) + 0.5 * math.exp(-time / 6.8)
     psi = math.pi / 3
     offset = grasp * np.array((math.cos(psi), math.sin(psi)))

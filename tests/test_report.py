@@ -153,7 +153,7 @@ def test_a_run_that_broke_off_is_told_as_such():
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_curves_are_the_recorded_ones(name):
-    """Axial and shear of every arm are the two parts of its internal force; the condition numbers are those of the record."""
+    """Axial and shear are the parts of each internal force; condition numbers are as recorded."""
     data = result(name).data
     axes = internal_force_figure(result(name)).axes
     arms = len(data.arm)

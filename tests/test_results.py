@@ -1,4 +1,4 @@
-"""Results: the dataset has what its table declares, and the internal force has the parts that its definition says."""
+"""Results: the dataset has what its table declares; axial, shear and moment follow their definitions."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_the_dataset_has_the_variables_of_the_table(result):
 
 @pytest.mark.parametrize(("prefix", "suffix"), [("", ""), ("desired_", ""), ("", "_error")])
 def test_axial_shear_and_moment_are_the_parts_of_the_internal_wrench(result, prefix, suffix):
-    """Axial along the line from an arm's tip to the middle of the other tips; undetermined rows count as zero."""
+    """Axial direction: from an arm's tip to the middle of the other tips; undetermined rows count zero."""
     data = result.data
     wrench = data[f"{prefix}internal_wrench"].values
     if suffix:

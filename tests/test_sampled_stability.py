@@ -29,7 +29,7 @@ def with_damping(factor, changes=()):
 def closed_form(cell, X, damping_gains, period):
     """T lambda_max(A^-1 B) in the task rows, for arms with as many joints as the cell has task rows.
 
-    A = M_0 + sum_i J_i^-T M_i J_i^-1 is the inertia and B = sum_i J_i^-T K_d_i J_i^-1 the damping felt by the payload.
+    A = M_0 + sum_i J_i^-T M_i J_i^-1 is the inertia, B = sum_i J_i^-T K_d_i J_i^-1 the damping.
     """
     rows, world_inertia = cell.task_rows, np.zeros((6, 6))
     world_inertia[:3, :3] = cell.payload.mass * np.eye(3)
