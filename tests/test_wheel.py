@@ -224,7 +224,8 @@ def test_the_installed_package_works_without_the_repository(installed, tmp_path)
     assert str(REPOSITORY) not in path
     assert hides_tests
     assert command("--version") == f"coop-pin {coop_pin.__version__}\n"
-    assert [name for name in scenario_names() if name not in command("list")] == []
+    listed = command("list")
+    assert [name for name in scenario_names() if name not in listed] == []
     out = command("run adept-paper --duration 1 --events [] --report --out run")
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics
