@@ -193,7 +193,7 @@ def test_a_users_function_that_does_not_exist_is_named():
         FunctionMotion(target="no_such_module:f").at(0.0)
     with pytest.raises(errors.NameNotFoundError, match="did you mean 'users_pose'"):
         FunctionMotion(target=f"{__name__}:user_pose").at(0.0)
-    with pytest.raises(errors.NameNotFoundError, match="cannot be called"):
+    with pytest.raises(errors.NameNotFoundError, match="not a function"):
         FunctionMotion(target=f"{__name__}:START").at(0.0)
 
 
