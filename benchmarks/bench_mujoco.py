@@ -1,10 +1,10 @@
-"""The paper's experiment beside the same closed loop on MuJoCo: cost, closure error, internal-force error.
+"""Comparison with MuJoCo on the paper's experiment: cost, closure error, internal-force error.
 
     python benchmarks/bench_mujoco.py [--rounds 15] [--duration 20] [--solref 2 3 4]
 
-Both run the same law object on the same kinematics at 80 Hz, with the same events. Coulomb friction is left
-out on both sides (in MuJoCo it is a constraint, another model than ours). Errors are against coop_pin at 64
-steps a tick. Printed, never asserted.
+Both run the same controller object on the same kinematics at 80 Hz, with the same events. Coulomb friction is
+zero in both: MuJoCo models it as a constraint, coop_pin as a smooth function of speed. Errors are relative
+to coop_pin at 64 steps in a tick. Printed, never asserted.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def recorded(result: cp.RunResult) -> Recorded:
 
 
 def errors(run: Recorded, reference: Recorded) -> list[float]:
-    """Return the largest gap (m, rad) and the largest differences of pose (m, rad) and internal wrench (N, N m)."""
+    """Return the largest closure errors and differences of pose and internal wrench, linear part first."""
     wrench = run.internal_wrench - reference.internal_wrench
     return [
         run.gap_m.max(),
@@ -56,9 +56,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run, compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument(
-        "--duration", type=float, default=20.0, help="s; the events are left out of shorter runs"
-    )
+    parser.add_argument("--duration", type=float, default=20.0, help="s; shorter runs have no events")
     parser.add_argument(
         "--solref",
         type=float,
@@ -81,9 +79,8 @@ def main(arguments: list[str] | None = None) -> None:
     seconds = interleaved(runs, options.rounds, 1)
     unit = seconds[f"MuJoCo, 2.5 ms, solref {options.solref[0]:g} dt"]
     print(f"{options.duration:g} s of adept-paper, whole runs; largest errors over the run")
-    print(
-        f"{'':26s}{'gap m':>10s}{'gap rad':>10s}{'pose m':>10s}{'pose rad':>10s}{'int. N':>10s}{'int. N m':>10s}   cost (MuJoCo = 1)"
-    )
+    titles = ("gap m", "gap rad", "pose m", "pose rad", "int. N", "int. N m")
+    print(" " * 26 + "".join(f"{title:>10s}" for title in titles) + "   cost (MuJoCo = 1)")
     for name in runs:
         print(
             f"{name:26s}" + "".join(f"{error:10.1e}" for error in measured[name]) + ratio(seconds[name], unit)

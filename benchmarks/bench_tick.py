@@ -2,7 +2,7 @@
 
     python benchmarks/bench_tick.py [--blocks 40] [--calls 100] [--duration 20]
 
-Times on a shared machine mean little; the ratios of one interleaved run do. Printed, never asserted.
+Ratios of one interleaved run are reproducible on a shared machine; times are not. Printed, never asserted.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
 
 def whole_run(scenario: cp.Scenario, seconds: dict[str, np.ndarray]) -> str:
     """Return the shares of a whole run's processor time: parts as measured alone, the rest by difference."""
-    cp.run(scenario.replace(duration=0.1, events=()))  # imports and caches are no part of a run
+    cp.run(scenario.replace(duration=0.1, events=()))  # warm-up: imports and caches
     marks: list[float] = []
     start = time.process_time()
     cp.simulate(scenario, build_controller(scenario), progress=lambda *_: marks.append(time.process_time()))

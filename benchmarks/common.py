@@ -1,4 +1,4 @@
-"""Processor time in interleaved blocks: on a busy machine only ratios of neighbours in time mean something."""
+"""Processor time in interleaved blocks, whose ratios are reproducible on a busy machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ Task = Callable[[], object]
 
 
 def interleaved(tasks: Mapping[str, Task], blocks: int, calls: int) -> dict[str, np.ndarray]:
-    """Return seconds per call of every task in every block, shape (blocks,): A B C A B C ..., after one round that warms up."""
+    """Return seconds per call of every task in every block, shape (blocks,).
+
+    The tasks alternate (A B C A B C ...), after one warm-up round.
+    """
     rounds = {name: np.zeros(blocks + 1) for name in tasks}
     for block in range(blocks + 1):
         for name, task in tasks.items():
@@ -31,5 +34,5 @@ def ratio(seconds: np.ndarray, unit: np.ndarray) -> str:
 
 
 def shortened(scenario: cp.Scenario, duration: float) -> cp.Scenario:
-    """Return the scenario with another duration; without its events where they would not fit."""
+    """Return the scenario with another duration; without its events if the duration changes."""
     return scenario if duration == scenario.duration else scenario.replace(duration=duration, events=())

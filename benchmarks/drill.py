@@ -211,8 +211,8 @@ class Drill:
     def _flip_bits(self) -> set[str]:
         session = self._here() if self.random.random() < 0.5 else None
         files = sorted((self.folder / "runs").glob("??/*.json"))
-        hurt = self.random.sample(files, min(len(files), self.random.randint(1, 5)))
-        for path in [*hurt, self.folder / "plan.json"]:
+        damaged = self.random.sample(files, min(len(files), self.random.randint(1, 5)))
+        for path in [*damaged, self.folder / "plan.json"]:
             if path.exists():
                 content = bytearray(path.read_bytes())
                 content[self.random.randrange(len(content))] ^= 1 << self.random.randrange(8)
@@ -221,7 +221,7 @@ class Drill:
             session.progress(1)  # see _interrupt
             session.end(signal.SIGINT, INTERRUPTED)
         self._interrupt()
-        return {path.stem for path in hurt}
+        return {path.stem for path in damaged}
 
     def _foreign(self) -> None:
         for name in ("notes.txt", f".{64 * 'a'}.{32 * 'b'}.json", f"{64 * 'c'}.json", "ab"):

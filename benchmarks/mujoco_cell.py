@@ -1,9 +1,9 @@
-"""The planar cell on MuJoCo: MJCF from the same numbers, the same law, the same clock and events.
+"""Planar cell on MuJoCo, with the numbers, controller, clock and events of a scenario of coop_pin.
 
 Tuned for closed chains: RK4, payload merged into the first arm's tree, one weld, solimp 0.9999, solref a few
 steps. Torques act through motors on fixed tendons whose coefficients are the rows of the drive matrix T;
-viscous friction is those tendons' damping, so both act in drive coordinates. Coulomb friction is left out
-(MuJoCo's own is a constraint, another model than ours).
+viscous friction is the damping of these tendons, so both act in drive coordinates. Coulomb friction is zero
+(MuJoCo models it as a constraint).
 """
 
 from __future__ import annotations
@@ -24,7 +24,15 @@ SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 
 
 class Recorded(NamedTuple):
-    """What a run leaves behind: payload position, angle, internal wrench of the second arm (x, y, moment), weld gap."""
+    """Recorded quantities of a run, one row for each tick.
+
+    Attributes:
+        position: of the payload, m.
+        angle: of the payload about z, rad.
+        internal_wrench: of the second arm (x, y, about z), N and N m.
+        gap_m: closure error, m.
+        gap_rad: closure error, rad.
+    """
 
     position: np.ndarray
     angle: np.ndarray
@@ -38,7 +46,7 @@ def numbers(values) -> str:
 
 
 def arm_xml(name: str, arm: Arm, held: str) -> str:
-    """Return the chain of bodies of an arm, from the joint frames and inertias that Pinocchio reads from the URDF."""
+    """Return the bodies of an arm, from the joint frames and inertias of its Pinocchio model."""
     model = ArmModel(arm).model
     inner = held
     for joint in range(model.njoints - 1, 0, -1):
@@ -46,7 +54,8 @@ def arm_xml(name: str, arm: Arm, held: str) -> str:
         assert np.allclose(place.rotation, np.eye(3)), "the planar arms' joint frames are parallel"
         assert model.joints[joint].shortname() == "JointModelRZ"
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia
-        inner = f"""<body name="{name}{joint}" pos="{numbers(place.translation)}"><joint name="{name}{joint}" axis="0 0 1"/>
+        inner = f"""<body name="{name}{joint}" pos="{numbers(place.translation)}">
+            <joint name="{name}{joint}" axis="0 0 1"/>
             <inertial pos="{numbers(inertia.lever)}" mass="{inertia.mass}"
                 fullinertia="{numbers((xx, yy, zz, xy, xz, yz))}"/>{inner}</body>"""
     return inner
@@ -78,15 +87,18 @@ def mjcf(scenario: cp.Scenario, step: float, solref_steps: float) -> str:
         <site name="grasp" pos="{numbers(cell.grasps[second].matrix[:3, 3])}"/></body>"""
     tip = f'<site name="tip" pos="{numbers(tip_translation(right))}"/>'
     (tendons_1, motors_1), (tendons_2, motors_2) = drives_xml(first, left), drives_xml(second, right)
-    return f"""<mujoco><option integrator="RK4" timestep="{step!r}" gravity="{numbers(cell.gravity)}" tolerance="1e-15">
+    return f"""<mujoco>
+        <option integrator="RK4" timestep="{step!r}" gravity="{numbers(cell.gravity)}" tolerance="1e-15">
         <flag contact="disable" limit="disable" frictionloss="disable" clampctrl="disable"/></option>
         <worldbody>{arm_xml(first, left, bar)}{arm_xml(second, right, tip)}</worldbody>
         <tendon>{tendons_1}{tendons_2}</tendon><actuator>{motors_1}{motors_2}</actuator>
-        <equality><weld site1="grasp" site2="tip" solref="{solref_steps * step!r} 1" solimp="{SOLIMP}"/></equality></mujoco>"""
+        <equality>
+        <weld site1="grasp" site2="tip" solref="{solref_steps * step!r} 1" solimp="{SOLIMP}"/></equality>
+        </mujoco>"""
 
 
 class MujocoRun:
-    """One run of a scenario on MuJoCo: coop_pin's loop for clock, references, sensing and law; MuJoCo's plant."""
+    """Run of a scenario on MuJoCo's plant, with coop_pin's clock, references, sensing and controller."""
 
     def __init__(self, scenario: cp.Scenario, controller: CellController, solref_steps: float = 2.0) -> None:
         self.loop, self.controller = Simulation(scenario, controller), controller
@@ -103,7 +115,7 @@ class MujocoRun:
         self.payload, self.bar = scenario.cell.payload, self.model.body("payload").id
 
     def run(self) -> Recorded:
-        """Run, reading poses and forces off at every tick."""
+        """Run and record poses and forces at every tick."""
         loop, model, data, state, samples = self.loop, self.model, self.data, None, []
         applied = None
         for tick in range(loop.timeline.ticks + 1):
@@ -124,7 +136,7 @@ class MujocoRun:
         return self._recorded(*(np.array(column) for column in zip(*samples, strict=True)))
 
     def _sample(self, J: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return what _recorded takes, under the forces of the present instant."""
+        """Return the arguments of _recorded at the present state and forces."""
         model, data, bar, acceleration = self.model, self.data, self.bar, np.zeros(6)
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
@@ -143,7 +155,10 @@ class MujocoRun:
         return J, balance, *(live.copy() for live in seen)
 
     def _recorded(self, J, balance, joint_forces, bar, bar_frame, sites, site_frames) -> Recorded:
-        """Work the samples up. The weld is all that constrains the second arm: qfrc = (J T)^T F_2; and F_1 + F_2 = -balance."""
+        """Return the recorded quantities from the samples.
+
+        Only the weld constrains the second arm: qfrc = (J T)^T F_2; and F_1 + F_2 = -balance.
+        """
         cell = self.loop.scenario.cell
         J_joints = J @ list(cell.arms.values())[1].drive_matrix(3)
         F_2 = np.linalg.solve(np.swapaxes(J_joints, 1, 2), joint_forces[..., None])[..., 0]
@@ -158,7 +173,7 @@ class MujocoRun:
         )
 
     def _happen(self, t: float) -> None:
-        """Change the payload and push it; the events of this benchmark lie on ticks."""
+        """Apply payload changes and pushes; the events of this benchmark coincide with ticks."""
         timeline = self.loop.timeline
         if not timeline.happens_at(t):
             return

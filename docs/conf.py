@@ -81,6 +81,7 @@ nitpick_ignore_regex = [
         "py:.*",
         r"(?!coop_pin).*",
     ),  # numpy, Pinocchio and type aliases are documented on other sites, which an offline page cannot load
+    ("py:.*", r"coop_pin\.\w+\._\w+"),  # private base classes
     ("py:.*", r"coop_pin\.\w+\.\w+\..*"),  # parts of packages that are returned but not public
 ]
 

@@ -1,9 +1,9 @@
 """N coupled four-bar linkages: closed loops without arms, through singular poses, against the closed form.
 
-N + 1 upright rods stand on ground pivots one metre apart, their tips linked by N level rods; all are uniform,
-1 m and 1 kg. The loops stay parallelograms, so that one angle theta tells everything: theta'' = -k cos theta
-with k = g ((N+1)/2 + N) / ((N+1)/3 + N). Wherever all rods lie flat (theta = 0 or pi) the closures lose rank:
-a benchmark of the IFToMM for multibody solvers.
+N + 1 upright rods on ground pivots one metre apart are linked at their tips by N level rods; all are uniform,
+1 m and 1 kg. The loops remain parallelograms with one degree of freedom theta: theta'' = -k cos theta with
+k = g ((N+1)/2 + N) / ((N+1)/3 + N). When all rods are horizontal (theta = 0 or pi) the closures lose rank.
+This is a benchmark of the IFToMM for multibody solvers.
 """
 
 import numpy as np
@@ -45,13 +45,13 @@ def start(chain, loops, angle=np.pi / 2, rate=-1.0):
 
 
 def first_tip(chain, motion):
-    """Where the first upright rod ends, m, shape (n, 2)."""
+    """Position of the end of the first upright rod, m, shape (n, 2)."""
     tip = np.array((1.0, 0.0, 0.0, 1.0))
     return np.array([(chain.frame_pose(q, "upright0") @ tip)[:2] for q in motion.q])
 
 
 def closed_form(loops, time):
-    """The same from the closed form, theta(0) = pi/2 and theta'(0) = -1."""
+    """The same position from the closed form, theta(0) = pi/2 and theta'(0) = -1."""
     k = GRAVITY * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)
     state = (np.pi / 2, -1.0)
     theta = solve_ivp(

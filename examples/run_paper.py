@@ -1,4 +1,4 @@
-"""The paper's experiment from Python: load, change a gain, run, print numbers, save. Usage: run_paper.py [FOLDER]"""
+"""The paper's experiment from Python: load, change a gain, run, print, save. Usage: run_paper.py [FOLDER]"""
 
 import sys
 from pathlib import Path

@@ -14,13 +14,15 @@
 # %% [markdown]
 # # Two arms, one bar: the paper's experiment
 #
-# Gueaieb, Al-Sharhan and Bolic (*Automatica* 43, 2007) let several arms carry one object with a law that needs **no dynamic model**:
-# each arm knows its own joint angles, its own kinematics and where the object should be. Here you will
+# Gueaieb, Al-Sharhan and Bolic (*Automatica* 43, 2007) present a control law with which several arms carry
+# one object. It needs **no dynamic model**: each arm uses its own joint angles, its own kinematics and the
+# desired pose of the object. This notebook
 #
-# 1. read the experiment: two Adept arms, a bar of 11.2 kg, 80 Hz,
-# 2. run it: 20 s, the bar loses half its mass and is pushed at t = 10 s,
-# 3. see the motion in 3-D with the forces drawn, and the paper's figures,
-# 4. see what the paper does not show: what the sign term costs in **internal force**, with which the arms work against each other.
+# 1. loads the experiment: two Adept arms, a bar of 11.2 kg, a control rate of 80 Hz,
+# 2. runs it: 20 s; at t = 10 s the bar loses half its mass and is pushed,
+# 3. shows the motion in 3-D with the forces drawn, and the paper's figures,
+# 4. shows what the paper does not: the sign term increases the **internal force**, with which the arms
+#    press against each other without moving the bar.
 #
 # The notebook runs in about ten seconds.
 
@@ -37,8 +39,8 @@ from coop_pin.viz import notebook_view
 
 # %% [markdown]
 # ## The scenario
-# A scenario says everything that determines a run. `print(scenario.to_toml())` shows all of it;
-# a TOML file with these fields can be run as well.
+# A scenario contains everything that determines a run. `print(scenario.to_toml())` prints all of it; a TOML
+# file with these fields runs from the command line.
 
 # %%
 scenario = cp.Scenario.load("adept-paper")
@@ -48,8 +50,9 @@ print("events:  ", *scenario.events, sep="\n  ")
 
 # %% [markdown]
 # ## The cell
-# Arms have names. `drive` says what the motors turn: joint 2 of an Adept arm is driven from the base through a column, so its motor turns
-# the *absolute* angle of link 2. The law, the friction and all torques live at the motors.
+# Arms have names. `drive` is the transmission matrix: joint 2 of an Adept arm is driven from the base
+# through a column, so its motor turns the *absolute* angle of link 2. Control law, friction and torques are
+# in drive coordinates.
 
 # %%
 for name, arm in scenario.cell.arms.items():
@@ -66,28 +69,27 @@ print(f"desired internal force on the left arm {scenario.squeeze_wrenches[0, :3]
 result = cp.run(scenario)
 
 # %% [markdown]
-# A result judges itself. Settling means: within 5 mm and 5 mrad, and staying there. The rms values are taken from 4 s to the first event.
-# The last lines judge the simulation, not the controller: how far the grasps opened, and how well energy matches the work done.
+# `result.metrics()` computes the metrics of a run. Settling time: the errors stay within 5 mm and 5 mrad
+# from then on. Means and rms values are taken from 4 s to the first event (`window_start_s` to
+# `window_end_s`). Closure error and energy balance check the simulation, not the controller: how far the
+# grasps opened, and how well the energy matches the work done.
 
 # %%
-metrics = result.metrics()
-window = metrics.pop("window_s")
-pd.Series(
-    {name: f"{value:.4g}" for name, value in metrics.items()},
-    name=f"{scenario.name}, rms from {window[0]:g} to {window[1]:g} s",
-).to_frame()
+metrics = {name: f"{value:.4g}" for name, value in result.metrics().items()}
+pd.Series(metrics, name=scenario.name).to_frame()
 
 # %% [markdown]
 # ## In 3-D
-# Drag to turn, press play. The arrows at the grasps are the forces on the arms by the bar: the load that each carries, and the internal
-# force, which moves nothing and only squeezes.
+# Drag to turn the view; press play. The arrows at the grasps are the forces on the arms by the bar: the
+# load that each arm carries, and the internal force, which squeezes the bar without moving it.
 
 # %%
 notebook_view(result)
 
 # %% [markdown]
 # ## The paper's figures
-# In the manner of its Figs. 2 and 3. The paper states no gains and no size of the push, so they agree in kind, not in number.
+# Like its Figs. 2 and 3. The paper states neither the gains nor the magnitude of the push, so the figures
+# agree qualitatively only.
 
 # %%
 figures.tracking_figure(result)
@@ -96,9 +98,10 @@ figures.tracking_figure(result)
 figures.torque_figure(result)
 
 # %% [markdown]
-# ## The honest part
-# Each arm adds up the *sign* of its own error (the gain alpha). Two arms that hold one rigid bar never agree on that sum, and what they
-# disagree about becomes internal force. A little alpha tracks better than none; more only costs internal force.
+# ## Tracking against internal force
+# Each arm integrates the *sign* of its own sliding variable (gain alpha). The integrals of two arms that
+# hold one rigid bar differ, and the difference becomes internal force. A small alpha tracks better than
+# none; a larger one only increases the internal force.
 
 # %% tags=["parameters"]
 seconds = 10.0  # of each run below; the rms values start at 4 s
@@ -123,7 +126,10 @@ plt.tight_layout()
 # %% [markdown]
 # ## Try
 # - `cp.run("adept-paper", {"controller.switching": {"kind": "tanh", "width": 0.02}})`: a smooth sign.
-# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]})`: an arm whose kinematics is off by 0.1 mm.
-# - `cp.run("adept-paper", {"controller.force_path.kind": "late", "controller.gains.force_gain": 0.9})`: feedback of the internal force.
-# - `result.data` is an xarray `Dataset`: `result.data["internal_wrench"].sel(axis="x").plot.line(x="time")`.
+# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]})`: an arm with a kinematic
+#   error of 0.1 mm.
+# - `cp.run("adept-paper", {"controller.force_path.kind": "late", "controller.gains.force_gain": 0.9})`:
+#   feedback of the internal force.
+# - `result.data` is an xarray `Dataset`:
+#   `result.data["internal_wrench"].sel(axis="x").plot.line(x="time")`.
 # - your own controller: `examples/own_controller.py`.

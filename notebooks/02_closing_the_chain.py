@@ -14,12 +14,14 @@
 # %% [markdown]
 # # Closing the chain, and what an internal force is
 #
-# Two arms that hold one bar are a closed chain: the bar's pose through the left arm *is* its pose through the right one. You will see
+# Two arms that hold one bar form a closed chain: the pose of the bar from the left arm's kinematics equals
+# that from the right arm's. This notebook shows
 #
-# 1. how the chain is closed, and in how many ways,
-# 2. which numbers rigid bodies determine, and which nobody can know,
-# 3. the wrench on each arm split into **load**, which moves the bar, and **internal force**, which moves nothing,
-# 4. that a squeeze by the torques is felt at once and to the last digit,
+# 1. inverse kinematics: how the chain is closed, and its branches,
+# 2. which components of the wrenches rigid bodies determine, and which they do not,
+# 3. the wrench on each arm split into **load**, which moves the bar, and **internal force**, which does
+#    not,
+# 4. that torques which squeeze the bar change the internal force instantly and exactly,
 # 5. the squeeze in 3-D.
 #
 # The notebook runs in a few seconds.
@@ -37,8 +39,9 @@ from coop_pin.viz import notebook_view
 np.set_printoptions(precision=3, suppress=True)
 
 # %% [markdown]
-# ## Close it
-# A scenario states where the *payload* starts. Joint angles follow: each arm is closed onto its grasp, near its `posture`.
+# ## Close the chain
+# A scenario states the initial pose of the *payload*. The joint angles follow by inverse kinematics: each
+# arm reaches its grasp at the solution nearest to its `posture`.
 
 # %%
 scenario = cp.Scenario.load("adept-paper")
@@ -50,27 +53,27 @@ for name, gap in zip(cell.arms, plant.closure_errors(q), strict=True):
     print(f"{name:6} tip is {gap.distance:.1e} m and {gap.angle:.1e} rad from its grasp")
 
 # %% [markdown]
-# There is more than one way to hold the bar there. The posture chooses.
+# Each arm has two inverse-kinematics branches there; the posture selects one.
 
 # %%
 for name, arm in cell.arms.items():
-    model = cp.ArmModel(arm, cell.grasps[name].matrix)
-    for branch in cp.ik_branches(name, model, scenario.start.matrix, arm.posture):
+    model = cp.ArmModel.from_cell(cell, name)
+    for branch in cp.ik_branches(model, scenario.start.matrix, posture=arm.posture):
         print(f"{name:6} {branch}")
 
 # %% [markdown]
-# ## Count
-# Six joints and one weld of six rows. In the plane only three of the rows are independent: the arms cannot lift or tilt the bar anyway.
-# So 6 - 3 = 3 freedoms are left, those of a bar in the plane.
+# ## Degrees of freedom
+# Six joints and one weld of six rows. In the plane only three of the rows are independent, because the arms
+# can neither lift nor tilt the bar. So 6 - 3 = 3 degrees of freedom are left, those of a bar in the plane.
 
 # %%
 rest = np.zeros_like(q)
-dynamics = plant.chain.forward_dynamics(q, rest, rest)
-print(f"{len(q)} joints, 6 closure rows, rank {dynamics.rank}: {len(q) - dynamics.rank} freedoms")
+dynamics = plant.mechanism.forward_dynamics(q, rest, rest)
+print(f"{len(q)} joints, 6 closure rows, rank {dynamics.rank}: {len(q) - dynamics.rank} degrees of freedom")
 
 # %% [markdown]
-# The three dependent rows have a price: which arm carries how much of the bar's *weight* cannot be known from rigid bodies. coop_pin
-# says NaN there; a number would be invented.
+# Because three rows are dependent, rigid-body dynamics does not determine how much of the bar's *weight*
+# each arm carries. coop_pin returns NaN for these rows instead of an arbitrary number.
 
 # %%
 short = cp.run(scenario, {"duration": 0.5, "events": []})
@@ -78,9 +81,9 @@ determined = short.data["wrench_is_determined"]
 print(dict(zip(determined["axis"].values.tolist(), determined.values.tolist(), strict=True)))
 
 # %% [markdown]
-# ## Split
-# Accelerate the bar with some torques, and read the wrench F on each arm by the bar (about the bar's centre; x, y and the turn about z).
-# With shares c = 1/2: load c ΣF, internal force f = F - c ΣF.
+# ## Load and internal wrench
+# Apply some torques and compute the wrench F on each arm by the bar (about the bar's centre; rows x, y and
+# the rotation about z). With load shares c = 1/2: load c ΣF, internal force f = F - c ΣF.
 
 # %%
 rows, shares = cell.task_rows, cell.shares
@@ -93,12 +96,12 @@ def wrenches(torque):
 
 F = wrenches(torque)
 parts = {"F on the arm": F, "load": load_wrenches(F, shares), "internal": internal_wrenches(F, shares)}
-columns = pd.MultiIndex.from_product([parts, ["x, N", "y, N", "turn, N m"]])
+columns = pd.MultiIndex.from_product([parts, ["x, N", "y, N", "about z, N m"]])
 pd.DataFrame(np.hstack(list(parts.values())), index=list(cell.arms), columns=columns).round(3)
 
 # %% [markdown]
-# The internal parts sum to zero. Shares are bookkeeping: give the left arm 80 % of the load, and another part is called internal,
-# with the same motion.
+# The internal parts sum to zero. The load shares only define the split: with 80 % of the load assigned to
+# the left arm, another part of the wrench is internal, and the motion is the same.
 
 # %%
 for split in ((0.5, 0.5), (0.8, 0.2)):
@@ -106,16 +109,16 @@ for split in ((0.5, 0.5), (0.8, 0.2)):
 
 # %% [markdown]
 # ## Squeeze
-# Add torques $J_i^\top w_i$ with $\sum_i w_i = 0$. Nothing moves differently, and the internal wrench changes by exactly $-w_i$. It has no
-# dynamics of its own: it is there at once.
+# Add torques $J_i^\top w_i$ with $\sum_i w_i = 0$. The motion does not change, and the internal wrench
+# changes by exactly $-w_i$. It has no dynamics of its own: it changes in the same instant.
 
 # %%
 w = {"left": np.array([10.0, 0.0, 0.0]), "right": np.array([-10.0, 0.0, 0.0])}
 squeezed = torque.copy()
-for name, place in zip(cell.arms, plant.tree.arms, strict=True):
-    model = cp.ArmModel(cell.arms[name], cell.grasps[name].matrix)
-    squeezed[place.v_slice] += rows.select(model.payload_jacobian(q[place.q_slice])).T @ w[name]
-before, after = (plant.chain.forward_dynamics(q, rest, tau).acceleration for tau in (torque, squeezed))
+for place in plant.model.arms:
+    model = cp.ArmModel.from_cell(cell, place.name)
+    squeezed[place.v_slice] += rows.select(model.payload_jacobian(q[place.q_slice])).T @ w[place.name]
+before, after = (plant.mechanism.forward_dynamics(q, rest, tau).acceleration for tau in (torque, squeezed))
 print(f"accelerations differ by {np.abs(after - before).max():.1e} rad/s²")
 print(
     "internal force on the left arm:",
@@ -126,8 +129,7 @@ print(
 
 # %% [markdown]
 # ## In a run
-# The law squeezes by 10 N along the bar, in the axes of the bar, while it moves. Axial is along the line between the tips (negative:
-# squeeze), shear across it.
+# The desired squeeze is a ramp to 30 N along the bar, in the axes of the bar, while the bar moves.
 
 # %%
 ramp = {
@@ -149,13 +151,16 @@ for part, values in (("internal", internal), ("desired", desired)):
     axes.plot(
         result.data["time"], np.linalg.norm(values, axis=1), "-" if part == "internal" else "--", label=part
     )
-axes.set(xlabel="time (s)", ylabel="size of the force (N)", title="internal force on the left arm")
+axes.set(xlabel="time (s)", ylabel="magnitude (N)", title="internal force on the left arm")
 axes.legend()
 plt.show()
 
 # %% [markdown]
 # ## Try
-# - `"controller.gains.sign_gain": 0.5` in the last run: the integrals of the two arms disagree, and the disagreement is internal force.
-# - `"plant.payload": "free"`: the bar floats and both arms close on it. The same wrenches, computed another way.
-# - `cp.Scenario.load("three-ur5-plate")`: three arms in space; how many freedoms, and how many internal components?
-# - shares (1, 0): the left arm carries everything. Is the bar squeezed less?
+# - `"controller.gains.sign_gain": 0.5` in the last run: the integrals of the two arms differ, and the
+#   difference is internal force.
+# - `"plant.payload": "free"`: the bar is a floating body with a closure to each arm. The wrenches are the
+#   same.
+# - `cp.Scenario.load("three-ur5-plate")`: three arms in space. How many degrees of freedom, and how many
+#   internal components?
+# - shares (1, 0): the left arm carries the whole load. Is the bar squeezed less?

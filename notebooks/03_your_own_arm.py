@@ -14,12 +14,12 @@
 # %% [markdown]
 # # Your own arms
 #
-# From two URDF files and a box to a run that you can look at. You will see
+# From two URDF files and a box to a run in 3-D. This notebook shows
 #
 # 1. arms, payload and grasps in ten lines,
-# 2. a check before anything runs: reach, singular poses, limits,
-# 3. the box carried under gravity by a law that knows no mass,
-# 4. the motion in 3-D, and the numbers.
+# 2. a check before the run: reachability, singular poses, joint limits,
+# 3. the box carried under gravity by a control law without a dynamic model,
+# 4. the motion in 3-D, and the metrics.
 #
 # The notebook runs in about ten seconds. Put your own URDF in place of `"ur5"`.
 
@@ -36,8 +36,9 @@ from coop_pin.viz import notebook_view
 
 # %% [markdown]
 # ## Arms
-# A path or a name of example-robot-data; the frame that grips; where the arm stands; and a posture, which chooses the elbow.
-# If your file has defects, this is where you are told, with the link or joint and the line.
+# An arm is a URDF file or a name of example-robot-data, the frame that grips, the pose of the base, and a
+# posture, which selects the branch (elbow). Defects of the file are reported here, with the link or joint
+# and the line.
 
 # %%
 elbow = (0.1, -1.2, 1.6, -1.0, -1.4, 0.2)
@@ -50,8 +51,8 @@ arms = {
 
 # %% [markdown]
 # ## Payload and grasps
-# The payload's frame P is at its centre of mass. A grasp is the pose of a tip in P: where it sits and how it is turned.
-# A UR5's `tool0` looks out of the flange along z, so the left tip is turned to look along +x, into the box.
+# The payload frame P is at the centre of mass. A grasp is the pose of a tip in P. The z axis of a UR5's
+# `tool0` points out of the flange, so the left tip is turned until z points along +x, into the box.
 
 # %%
 box = cp.Payload.box(mass=3.0, size=(0.3, 0.1, 0.1))
@@ -62,9 +63,9 @@ grasps = {
 cell = cp.Cell(arms=arms, payload=box, grasps=grasps)
 
 # %% [markdown]
-# ## What it shall do
-# Lift the box by 10 cm, carry it 10 cm to the side and turn it, squeezed by 15 N. The payload-space law knows none of the masses: its
-# integral finds the weight.
+# ## The motion
+# Lift the box by 10 cm, carry it 10 cm to the side and turn it, while squeezing it with 15 N. The
+# payload-space law uses no mass: its integral term compensates the weight.
 
 # %% tags=["parameters"]
 seconds = 6.0  # of the run
@@ -86,27 +87,27 @@ scenario = cp.Scenario(
 )
 
 # %% [markdown]
-# ## Check first
-# Kinematics alone, along the whole motion: a second instead of a failed run.
+# ## Check before the run
+# Reachability, distance to singularities and joint limits along the whole motion, from kinematics alone.
 
 # %%
 check = cp.reachability(scenario)
-print(check.text())
+print(check.summary())
 
 # %% [markdown]
 # ## Run
 
 # %%
 result = cp.run(scenario)
-metrics = {name: f"{value:.4g}" for name, value in result.metrics().items() if name != "window_s"}
+metrics = {name: f"{value:.4g}" for name, value in result.metrics().items()}
 pd.Series(metrics, name="value").to_frame()
 
 # %%
-print(result.limit_violations() or "no joint and no drive went beyond its limits")
+print(result.limit_violations() or "all joints and drives stayed within their limits")
 
 # %% [markdown]
-# ## Look
-# Drag to turn; press play.
+# ## In 3-D
+# Drag to turn the view; press play.
 
 # %%
 notebook_view(result)
@@ -115,8 +116,9 @@ notebook_view(result)
 figures.tracking_figure(result)
 
 # %% [markdown]
-# The box follows within a tenth of a millimetre. The squeeze is less faithful: the arms' own weight goes through the box, and no law
-# without a model or a force sensor can tell it from a squeeze. Feedback of the internal wrench divides it.
+# The box follows within a tenth of a millimetre. The squeeze is less accurate: the weight of the arms loads
+# the box, and without a model or a force sensor no law can distinguish it from a squeeze. Feedback of the
+# internal wrench divides this error by 1 + K_f.
 
 # %%
 measured = cp.run(
@@ -128,8 +130,8 @@ for name, run in (("no force feedback", result), ("K_f = 9", measured)):
     print(f"{name:18} axial {force.axial_mean:6.1f} N (desired -15), shear {force.shear_rms:5.2f} N rms")
 
 # %% [markdown]
-# ## Keep it
-# The scenario is one file, which the command line runs as well: `coop-pin run out/two-ur5.toml --report`.
+# ## Save the scenario
+# The scenario is one file, which also runs from the command line: `coop-pin run out/two-ur5.toml --report`.
 
 # %%
 file = Path("out", "two-ur5.toml")
@@ -140,6 +142,8 @@ assert cp.Scenario.load(file) == scenario
 # %% [markdown]
 # ## Try
 # - another payload: `cp.Payload.mesh("part.stl", density=2700, scale=0.001)`.
-# - `cp.run(scenario, {"motion.goal.xyz": [0.45, 0.9, 0.5]})`: out of reach; read the message. `cp.reachability` tells it earlier.
-# - `"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]`: an arm whose kinematics is off by 0.1 mm.
-# - an arm with seven joints: `cp.Arm.from_urdf("panda", tip="panda_hand_tcp", locked={"panda_finger_joint1": 0.03})`.
+# - `cp.run(scenario, {"motion.goal.xyz": [0.45, 0.9, 0.5]})`: the goal is out of reach; read the error
+#   message. `cp.reachability` reports it before the run.
+# - `"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]`: an arm with a kinematic error of 0.1 mm.
+# - a seven-joint arm:
+#   `cp.Arm.from_urdf("panda", tip="panda_hand_tcp", locked={"panda_finger_joint1": 0.03})`.

@@ -16,14 +16,15 @@
 # %% [markdown]
 # # Sweeps: from one run to a stability map
 #
-# One run answers one question. You will see
+# A sweep runs a scenario for many values of its parameters. This notebook shows
 #
 # 1. a sweep over one gain,
-# 2. a map over two parameters in fifteen lines, with the runs that diverge as part of the answer,
-# 3. the measured boundary on top of the one that theory gives,
-# 4. one run of the map opened and played.
+# 2. a map over two parameters in fifteen lines, including runs that diverge,
+# 3. the measured stability boundary beside the theoretical one,
+# 4. one run of the map, opened and replayed.
 #
-# The notebook runs in about twenty seconds on two processors, and in none the second time: finished runs are kept.
+# The notebook runs in about twenty seconds on two processors. The second time it computes nothing, because
+# finished runs are kept.
 
 # %%
 # %matplotlib inline
@@ -35,11 +36,11 @@ from coop_pin.control import force_gain_bound
 from coop_pin.viz import notebook_view
 
 # %% tags=["parameters"]
-gains, poles, force_gains = 6, 5, 12  # how many values of each; fewer are faster
+gains, poles, force_gains = 6, 5, 12  # number of values of each
 
 # %% [markdown]
 # ## One gain
-# Fields have dotted names. Everything recorded is an xarray with the fields as axes.
+# Fields have dotted names. The metrics of all runs are an xarray Dataset with the fields as dimensions.
 
 # %%
 quick = {"duration": 6.0, "events": []}
@@ -55,9 +56,10 @@ for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), stric
 
 # %% [markdown]
 # ## A map
-# How much feedback of the internal force does the loop bear? The force passes a low-pass with pole $p$, and the law feeds it back
-# with $K_f$. In a rigid chain this loop is pure gain with a delay, so it should break at $K_f = (1 + p) / (1 - p)$. The scenario
-# would refuse such gains; `beyond_bound` insists.
+# Up to which gain is feedback of the internal force stable? The measured force passes a low-pass filter
+# with pole $p$, and the law feeds it back with the gain $K_f$. In a rigid chain this loop is a pure gain
+# with a delay of one tick, so it should become unstable at $K_f = (1 + p) / (1 - p)$. A scenario with such
+# gains is refused unless `beyond_bound` is true.
 
 # %%
 field, pole = "controller.gains.force_gain", "controller.force_path.pole"
@@ -69,12 +71,12 @@ p = np.linspace(0.0, 0.88, 60)
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
 axes.pcolormesh(chart.data[field], chart.data[pole], stable, cmap="Blues", vmin=-0.2, vmax=1.8)
 axes.plot([force_gain_bound(value) for value in p], p, "k", label="(1 + p) / (1 - p)")
-axes.set(xscale="log", xlabel="force gain $K_f$", ylabel="pole p", title="dark: the run came to its end")
+axes.set(xscale="log", xlabel="force gain $K_f$", ylabel="pole p", title="dark: the run was completed")
 axes.legend(loc="lower right")
 plt.show()
 
 # %% [markdown]
-# Runs that diverge do not stop a sweep: each is recorded with what it said.
+# Runs that diverge do not stop a sweep: each is recorded with its error message.
 
 # %%
 print(chart.counts())
@@ -82,7 +84,7 @@ print(chart.failures[0].parameters)
 print(chart.failures[0].message)
 
 # %% [markdown]
-# The last stable and the first unstable gain, beside the theory:
+# The last stable and the first unstable gain, and the theoretical bound:
 
 # %%
 boundary = chart.stability_boundary(field)
@@ -91,17 +93,18 @@ table["theory"] = [force_gain_bound(p) for p in table.index]
 table.round(2)
 
 # %% [markdown]
-# ## One run of many
-# Any point can be opened as a full result: here the calmest, with the smallest torque of all.
+# ## One run of the map
+# Every run can be opened as a full result: here the one with the smallest peak torque.
 
 # %%
-calmest = chart.best("torque_peak_Nm")[0]
-print(calmest.parameters, f"{calmest.metrics['torque_peak_Nm']:.1f} N m")
-notebook_view(chart.open(calmest.number))
+best = chart.best("torque_peak_Nm")[0]
+print(best.parameters, f"{best.metrics['torque_peak_Nm']:.1f} N m")
+notebook_view(chart.open(best.number))
 
 # %% [markdown]
 # ## Try
-# - run the cell with the map again: nothing is computed. Change `duration`, and everything is.
-# - two laws side by side: `cases={"law": {"printed": {}, "repaired": {"controller": {"kind": "payload-space", "gains": {...}}}}}`.
-# - `sample={"fields": {...}, "count": 64, "method": "saltelli"}` and `result.sobol_indices(metric)`: which gain matters most?
+# - run the cell with the map again: nothing is computed. Change `duration`, and every run is computed.
+# - two laws: `cases={"law": {"printed": {}, "payload-space": {"controller": cp.PayloadSpace(gains=...)}}}`.
+# - `sample={"fields": {...}, "count": 64, "method": "saltelli"}` and `result.sobol_indices(metric)`:
+#   sensitivity of a metric to each gain.
 # - on a cluster: `scheduler="tcp://...:8786"`.

@@ -12,17 +12,18 @@
 # ---
 
 # %% [markdown]
-# # Gains under the hand
+# # Live tuning: a panel with sliders
 #
-# Two arms carry a bar while you change the gains of their law, the mass of the bar and the desired squeeze, and push the bar. You see
-# at once what that does to tracking and to the **internal force**, with which the arms work against each other.
+# Two arms carry a bar while you change the gains of the control law, the mass of the bar and the desired
+# squeeze, and push the bar. The panel shows the effect on tracking and on the **internal force**, with
+# which the arms press against each other.
 #
-# 1. Let the next cells run; a 3-D view with strip charts appears, with buttons and sliders below it.
-# 2. Press **Start**. Move a slider: it acts on the running loop at its next tick, 12.5 ms later at most.
+# 1. Run the next cells; a 3-D view with strip charts appears, with buttons and sliders below it.
+# 2. Press **Start**. Move a slider: it takes effect at the next tick, at most 12.5 ms later.
 # 3. Press **Push**.
 #
-# Behind a JupyterHub or another proxy your browser cannot reach the view of this machine; you get a still picture there, which says so,
-# and the replay at the end works everywhere.
+# Behind a JupyterHub or another proxy the browser cannot reach the live view; the panel then shows a still
+# image with a note, and the replay at the end works everywhere.
 
 # %%
 # %matplotlib inline
@@ -36,7 +37,8 @@ from coop_pin.viz import Panel, notebook_view
 
 # %% [markdown]
 # ## The run
-# The paper's experiment without its events: those are in your hands now. `duration` is how long you can play before **Reset**.
+# The paper's experiment without its events, which the panel replaces. After `duration` the run ends;
+# **Reset** starts it again.
 
 # %%
 scenario = cp.Scenario.load("adept-paper").replace(duration=120.0, events=())
@@ -45,8 +47,8 @@ panel
 
 # %% [markdown]
 # ## The same from code
-# Everything that the buttons and sliders do can be written down. The next cell plays by itself for three seconds: the sign gain goes to
-# zero, and a push of 150 N moves the bar.
+# The buttons and sliders call methods of `panel.run`. The next cell runs the simulation for three seconds,
+# sets the sign gain to zero and pushes the bar with 150 N.
 
 # %%
 run = panel.run
@@ -59,9 +61,9 @@ run.pause()
 print(f"paused at t = {run.time:g} s")
 
 # %% [markdown]
-# ## What happened
-# `panel.result()` is an ordinary result of everything since the last reset. Pushes and changes of mass are among its events; its
-# summary says when gains or the squeeze were changed.
+# ## The result
+# `panel.result()` is a `RunResult` of everything since the last reset. Pushes and changes of mass are among
+# its events; its summary lists the times at which gains or the squeeze were changed.
 
 # %%
 result = panel.result()
@@ -80,18 +82,22 @@ figures.torque_figure(result)
 figures.error_figure(result)
 
 # %% [markdown]
-# ## Once more, with a slider for time
+# ## Replay
 
 # %%
 notebook_view(result)
 
 # %% [markdown]
 # ## Try
-# - **sign gain** to 0: the internal force comes to rest at what you asked for, and the steady tracking error grows from 0.04 to 0.3 mm.
-#   To 1: a push moves the bar less, but the internal force is off by 19 N instead of 2 N. Each arm pushes for itself.
-# - **squeeze** to 30 N: the arrows of the internal force grow, the motion stays the same.
-# - **payload** to half its mass while the bar moves: nothing in the law knows the mass, and hardly anything changes.
-# - **pose gain** to 10: 0.3 s after a push the bar is back within 5 mm, not 0.7 s; the internal force is off by 6 N instead of 2 N.
-# - **damping gain** to a third: a push of 150 N moves the bar by 52 mm instead of 18 mm. To three times: too much for a law that is
-#   sampled 80 times a second; after a push the arms fight each other with thousands of newtons. Lower it again and **Reset**.
-# - `panel.close()` ends the view's process; it ends with the notebook's kernel in any case.
+# - **sign gain** to 0: the internal force settles at the desired value, and the steady tracking error grows
+#   from 0.04 to 0.3 mm. To 1: a push moves the bar less, but the internal-force error is 19 N instead of 2
+#   N.
+# - **squeeze** to 30 N: the internal force grows, and the motion stays the same.
+# - **payload** to half its mass while the bar moves: the law does not use the mass, and the motion hardly
+#   changes.
+# - **pose gain** to 10: after a push the bar is back within 5 mm in 0.3 s instead of 0.7 s; the
+#   internal-force error is 6 N instead of 2 N.
+# - **damping gain** to a third: a push of 150 N moves the bar by 52 mm instead of 18 mm. To three times its
+#   value: unstable at 80 Hz; after a push the internal force reaches thousands of newtons. Lower it and
+#   **Reset**.
+# - `panel.close()` ends the process of the view, which otherwise ends with the notebook's kernel.

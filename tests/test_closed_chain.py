@@ -44,7 +44,7 @@ def held_in_plane(case, q, v):
 
 @pytest.mark.parametrize("gap", [0.0, 0.03])
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_constraint_dynamics_and_rank_cut_agree_on_and_off_the_closures(case, gap):
+def test_constraint_dynamics_and_the_kkt_solver_agree_on_and_off_the_closures(case, gap):
     plant, q_closed = chain_of(case)
     chain, rows = plant.mechanism, list(plant.cell.task_rows.indices)
     oracle = kkt_of(chain)

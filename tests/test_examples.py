@@ -54,8 +54,8 @@ def static_factor_and_bound(out, _folder):
 
 
 def tracking_and_squeeze(out, _folder):
-    law, spring = out.splitlines()
-    assert law.startswith("paper's law")
+    _, law, spring = out.splitlines()
+    assert law.startswith("printed law")
     position, force = (float(spring.split(before)[1].split()[0]) for before in ("position", "force"))
     assert 0.0 < position < 0.5
     assert 0.0 < force < 0.5

@@ -1,10 +1,10 @@
-"""Writes into docs/verification.md what the tests named there find, so that no number of its last column is typed by hand.
+"""Generate the last column of the tables in docs/verification.md from the tests named there.
 
     python tools/measure.py
 
-Every test named on the page runs; of all its ``assert_allclose`` the largest difference between what is and
-what should be is kept, in the unit that is compared, and the largest share of what the test allows. Rows
-whose tests compare no numbers get a dash.
+Every test named on the page runs. The column shows the largest difference between actual and expected value
+of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance. Rows whose tests
+compare no numbers have a dash.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ NOTHING = "–"
 
 
 class Found(NamedTuple):
-    """How far numbers were from what they should be.
+    """Difference between actual and expected values.
 
     Attributes:
         difference: the largest difference, in the unit that was compared.
-        share: the largest share of the allowed difference.
+        share: the largest share of the tolerance.
     """
 
     difference: float
@@ -39,18 +39,18 @@ class Found(NamedTuple):
 
 
 class Recorder:
-    """A pytest plugin that keeps what ``numpy.testing.assert_allclose`` sees, by the name of the test."""
+    """Pytest plugin that records the differences of ``numpy.testing.assert_allclose`` by name of the test."""
 
     def __init__(self) -> None:
         self.found: dict[str, list[Found]] = defaultdict(list)
         self._test = ""
 
     def pytest_runtest_call(self, item: Any) -> None:
-        """Remember whose comparisons follow."""
+        """Note the name of the test that runs."""
         self._test = item.originalname
 
     def watch(self) -> None:
-        """Stand in for assert_allclose; test files must be imported after this."""
+        """Replace assert_allclose by a recording one; test files must be imported after this."""
         compare = np.testing.assert_allclose
 
         @functools.wraps(compare)
@@ -62,7 +62,10 @@ class Recorder:
 
 
 def difference(actual: Any, desired: Any, rtol: float, atol: float) -> Found:
-    """Return the largest difference of two arrays and the largest share of |a - d| <= atol + rtol |d|; NaN counts as equal to NaN."""
+    """Return the largest difference of two arrays, and its largest share of atol + rtol |d|.
+
+    NaN counts as equal to NaN.
+    """
     a, d = np.broadcast_arrays(np.asarray(actual, dtype=float), np.asarray(desired, dtype=float))
     off, allowed = np.abs(a - d), atol + rtol * np.abs(d)
     shares = np.divide(off, allowed, out=np.zeros_like(off), where=off > 0.0)
@@ -70,11 +73,11 @@ def difference(actual: Any, desired: Any, rtol: float, atol: float) -> Found:
 
 
 def fill(page: str, found: Mapping[str, Found]) -> str:
-    """Return the page with the last column of each table whose heading is "found" written anew.
+    """Return the page with the last column of each table updated whose heading is "found".
 
     Args:
         page: the page's text.
-        found: the largest of each test.
+        found: the largest differences by name of the test.
     """
     lines, inside = [], False
     for line in page.splitlines():
@@ -90,7 +93,7 @@ def fill(page: str, found: Mapping[str, Found]) -> str:
 
 
 def cell(tests: list[str], found: Mapping[str, Found]) -> str:
-    """Return what a row's tests found: the largest difference, and its share of what is allowed."""
+    """Return the cell of a row: the largest difference of its tests, and the share of the tolerance."""
     numbers = [found[test] for test in tests if test in found]
     if not numbers:
         return NOTHING
@@ -99,7 +102,7 @@ def cell(tests: list[str], found: Mapping[str, Found]) -> str:
 
 
 def measure(names: set[str]) -> dict[str, Found]:
-    """Run tests and return the largest that each found; a test that compares no numbers is left out.
+    """Run tests and return the largest difference of each; a test that compares no numbers is omitted.
 
     Args:
         names: the functions' names.

@@ -65,7 +65,7 @@ _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_ma
 
 
 def metrics_table(result: RunResult) -> list[MetricRow]:
-    """Return the metrics of a run as rows of a table: of the control first, then of the computation.
+    """Return the metrics of a result as rows of a table: of the control first, then of the computation.
 
     The window of means and rms values is not among them.
     """

@@ -15,7 +15,7 @@ from coop_pin.sweeps.sampling import Sample
 
 
 def linspace(first: float, last: float, count: int) -> list[float]:
-    """Return count evenly spaced values, both ends included.
+    """Return count evenly spaced values from first to last, both included.
 
     Raises:
         FieldError: the count is not a whole number of at least 1.
@@ -24,7 +24,9 @@ def linspace(first: float, last: float, count: int) -> list[float]:
 
 
 def logspace(first: float, last: float, count: int) -> list[float]:
-    """Return count values in equal ratios, both ends included; the ends are the values, not their exponents.
+    """Return count values in equal ratios from first to last, both included.
+
+    first and last are values, not exponents.
 
     Raises:
         FieldError: the count is not a whole number of at least 1, or an end is not positive.
