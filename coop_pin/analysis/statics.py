@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -52,10 +51,11 @@ class DriveTorque(NamedTuple):
 
     def __str__(self) -> str:
         limit = f" of {self.limit:.4g}" if np.isfinite(self.limit) else ""
+        weight, load, squeeze = (round(part, 9) + 0.0 for part in (self.weight, self.load, self.squeeze))
         return (
             f"{self.arm}/{self.joint} needs {self.torque:.3g}{limit} {self.unit} to stand still"
-            f" at t = {self.time:.4g} s: arm's weight {self.weight:.3g}, load share {self.load:.3g},"
-            f" squeeze {self.squeeze:.3g}"
+            f" at t = {self.time:.4g} s: arm's weight {weight:.3g}, load share {load:.3g},"
+            f" squeeze {squeeze:.3g}"
         )
 
 
@@ -212,8 +212,5 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
 
 def _mass(scenario: Scenario, time: float) -> float:
     """Return the payload's mass after the changes up to a time, kg."""
-    changes: Sequence[PayloadChange] = sorted(
-        (event for event in scenario.events if isinstance(event, PayloadChange) and event.time <= time),
-        key=lambda change: change.time,
-    )
-    return changes[-1].mass if changes else scenario.cell.payload.mass
+    past = [event for event in scenario.events if isinstance(event, PayloadChange) and event.time <= time]
+    return max(past, key=lambda change: change.time).mass if past else scenario.cell.payload.mass
