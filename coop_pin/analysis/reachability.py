@@ -131,7 +131,7 @@ class Reachability:
 
     def summary(self) -> str:
         """Return the findings as text, some lines for each arm."""
-        verdict = "every arm can follow" if self.ok else "not every arm can follow"
+        verdict = f"the motion is {'' if self.ok else 'not '}kinematically feasible"
         lines = [
             f"{self.scenario}: {verdict} ({self.poses} poses of the reference, 0 to {self.duration:g} s)"
         ]

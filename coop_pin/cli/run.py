@@ -92,11 +92,13 @@ def _warn_of_start(scenario: Any, controller: Any) -> None:
     from coop_pin.simulation import Simulation
 
     simulation = Simulation(scenario, controller)
+    findings: list[str] = []
     with contextlib.suppress(Exception):  # what fails here fails in the run, which tells it with its time
-        for drive in start_torques(simulation).overloaded:
-            warnings.warn(str(drive), ScenarioWarning, stacklevel=2)
+        findings += map(str, start_torques(simulation).overloaded)
         if scenario.controller.kind != "user" and not (held := start_stability(simulation)).ok:
-            warnings.warn(held.summary().removeprefix("! "), ScenarioWarning, stacklevel=2)
+            findings.append(held.summary().removeprefix("! "))
+    for finding in findings:
+        warnings.warn(finding, ScenarioWarning, stacklevel=2)
 
 
 def _metrics_table(result: Any, real_time_factor: float) -> str:
