@@ -5,14 +5,11 @@ from __future__ import annotations
 import contextlib
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import tyro
 
 from coop_pin.errors import FieldError
-
-if TYPE_CHECKING:
-    from coop_pin.description import Scenario
 
 TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress]
 """Fields of a scenario as typed on the command line: the words for each."""
@@ -20,13 +17,13 @@ TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppre
 _FLAGS = {"beyond_bound", "project_start"}
 
 
-def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]]) -> Scenario:
-    """Return a scenario of the catalogue or of a TOML file with the typed fields.
+def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]]) -> Any:
+    """Return a Scenario of the catalogue or of a TOML file with the typed fields.
 
     Raises:
         NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
     """
-    from coop_pin.description import Scenario
+    from coop_pin.description import Scenario  # slow to load
 
     scenario = Scenario.load(name_or_file)
     return scenario.override(changes(fields, scenario.cell.arms))
