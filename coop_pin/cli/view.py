@@ -88,7 +88,7 @@ class View:
 
         result = RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
         if self.image is not None:
-            save_image(result, self.image, self.time)
+            save_image(result, self.image, time=self.time)
             print(self.image.resolve(), flush=True)
         if self.video is not None:
             save_video(result, self.video)
