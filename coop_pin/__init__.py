@@ -68,6 +68,7 @@ _PUBLIC = {
     "Snapshot": "coop_pin.results",
     "Span": "coop_pin.sweeps",
     "Stabilisation": "coop_pin.description",
+    "StaticTorques": "coop_pin.analysis",
     "SweepPlan": "coop_pin.sweeps",
     "SweepResult": "coop_pin.sweeps",
     "SwingMotion": "coop_pin.reference",
@@ -91,6 +92,7 @@ _PUBLIC = {
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
     "solve_ik": "coop_pin.chain",
+    "static_torques": "coop_pin.analysis",
     "sweep": "coop_pin.sweeps",
     "tune": "coop_pin.sweeps",
 }

@@ -466,5 +466,9 @@ class UrdfWarning(UserWarning):
     """Suspicious numbers in a robot description file, or a visual geometry of it that cannot be read."""
 
 
+class ScenarioWarning(UserWarning):
+    """A scenario that runs but will not work: drives too weak to hold the cell, gains unstable if sampled."""
+
+
 class ViewWarning(UserWarning):
     """A 3-D view that cannot open or has stopped; the simulation continues without it."""

@@ -33,6 +33,7 @@ from coop_pin.results import Observer, RunResult
 from coop_pin.schema.user_code import load_class
 from coop_pin.simulation import simulate
 from coop_pin.simulation.simulate import Progress
+from coop_pin.spatial.task_rows import joint_shortage
 
 
 def build_controller(scenario: Scenario) -> CellController:
@@ -76,13 +77,17 @@ def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
 
 def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:
     """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
-    if joints < rows or (isinstance(law, SlidingMode) and joints != rows):
-        wanted = "exactly as many" if isinstance(law, SlidingMode) else "at least as many"
-        raise FieldError(
-            f"is {law.kind!r}, which needs {wanted} joints as task rows; arm {arm!r} has {joints} joints and "
-            f"the cell {rows} rows. For more joints choose 'sliding-mode-redundant' or 'payload-space'",
-            "controller.kind",
-        )
+    if joints < rows:
+        needs, counts = "at least", joint_shortage(joints, rows)
+    elif isinstance(law, SlidingMode) and joints > rows:
+        remedy = "choose 'sliding-mode-redundant' or 'payload-space'"
+        needs, counts = "exactly", f"{joints} joints, {rows} task rows: {remedy}"
+    else:
+        return
+    raise FieldError(
+        f"is {law.kind!r}, which needs {needs} as many joints as task rows; arm {arm!r} has {counts}",
+        "controller.kind",
+    )
 
 
 def _matrix(gain: float | tuple[Any, ...], size: int, path: str) -> Array:

@@ -17,6 +17,7 @@ import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
+from coop_pin.cli.run import Run
 from coop_pin.run_folder import RunFolder, Timing
 
 NUMBERS = ["--no-replay", "--no-figures"]
@@ -237,7 +238,7 @@ def test_own_words_are_told_apart_from_fields_in_any_order():
         "-h",
     ]
     own = ["run", "a.toml", "--out", "d", "--no-figures", "--quiet", "-h"]
-    assert split_fields(words) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
+    assert split_fields(words, Run) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
 
 
 @pytest.mark.parametrize(

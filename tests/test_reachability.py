@@ -175,7 +175,7 @@ def test_a_start_out_of_reach_is_reported_not_raised():
     arm = report.arms[0]
     assert not report.ok
     assert isinstance(arm.start_error, UnreachablePoseError)
-    assert arm.start_error.gap_m == pytest.approx(0.1, rel=1e-3)
+    assert arm.start_error.distance == pytest.approx(0.1, rel=1e-3)
     assert (arm.unreachable, arm.nearest_singularity, arm.fastest_joint, len(arm.times)) == (
         None,
         None,

@@ -4,19 +4,34 @@ import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio 
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
-from coop_pin.analysis.sampled_stability import SampledStability, sampled_stability
+from coop_pin.analysis.sampled_stability import SampledStability, sampled_stability, start_stability
+from coop_pin.analysis.statics import (
+    ArmStatics,
+    DriveTorque,
+    StaticTorques,
+    start_torques,
+    static_torques,
+    statics_along,
+)
 
 __all__ = [
     "ArmReach",
+    "ArmStatics",
     "CellSummary",
+    "DriveTorque",
     "FastestJoint",
     "JointLimitMargin",
     "NearlySingular",
     "Reachability",
     "SampledStability",
+    "StaticTorques",
     "Unreachable",
     "cell_summary",
     "maximum_reach",
     "reachability",
     "sampled_stability",
+    "start_stability",
+    "start_torques",
+    "static_torques",
+    "statics_along",
 ]

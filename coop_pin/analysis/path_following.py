@@ -188,8 +188,13 @@ class PathFollowing:
             reached, missed = (part, missed) if is_reached else (reached, part)
         return self._time_between(first - 1, reached)
 
-    def nearest_singularity(self) -> NearlySingular:
-        """Return the pose of the smallest singular value; it is zero if the determinant changes its sign."""
+    def nearest_singularity(self) -> NearlySingular | None:
+        """Return the pose of the smallest singular value; it is zero if the determinant changes its sign.
+
+        None for an arm with fewer joints than task rows.
+        """
+        if self._jacobians.shape[2] < self._jacobians.shape[1]:
+            return None
         if self._jacobians.shape[1] == self._jacobians.shape[2]:
             signs = np.sign(np.linalg.det(self._jacobians))
             changed = np.flatnonzero((signs[1:] != signs[:-1]) & self._reached[1:] & self._reached[:-1])

@@ -22,6 +22,7 @@ from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
+from coop_pin.spatial.task_rows import joint_shortage
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +37,10 @@ class ArmReach:
         sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
             (n,).
         condition: its condition number, shape (n,).
+        joint_shortage: counts and remedy if it has fewer joints than the cell has task rows; otherwise "".
         start_error: the arm cannot hold the start; then the arrays are empty and nothing else is known.
         unreachable: the arm cannot follow; None if it can.
-        nearest_singularity: pose closest to a singular one.
+        nearest_singularity: pose closest to a singular one; None with too few joints.
         limit_violation: the first joint that exceeds its position limits; None if there is none.
         smallest_margin: the joint with the smallest margin to a position limit; None without limits.
         fastest_joint: the joint closest to its velocity limit; None without limits.
@@ -49,6 +51,7 @@ class ArmReach:
     q: Array
     sigma_min: Array
     condition: Array
+    joint_shortage: str = ""
     start_error: UnreachablePoseError | None = None
     unreachable: Unreachable | None = None
     nearest_singularity: NearlySingular | None = None
@@ -63,6 +66,8 @@ class ArmReach:
 
     def problems(self) -> Iterator[str]:
         """Yield one sentence for each reason why the arm cannot follow."""
+        if self.joint_shortage:
+            yield f"has {self.joint_shortage}"
         if self.start_error is not None:
             yield f"cannot hold the payload at the start: {self.start_error}"
         if (gap := self.unreachable) is not None:
@@ -126,7 +131,7 @@ class Reachability:
 
     def summary(self) -> str:
         """Return the findings as text, some lines for each arm."""
-        verdict = "every arm can follow" if self.ok else "not every arm can follow"
+        verdict = f"the motion is {'' if self.ok else 'not '}kinematically feasible"
         lines = [
             f"{self.scenario}: {verdict} ({self.poses} poses of the reference, 0 to {self.duration:g} s)"
         ]
@@ -161,12 +166,14 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
 
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
-    model = ArmModel.from_cell(scenario.cell, name)
+    model, rows = ArmModel.from_cell(scenario.cell, name), scenario.cell.task_rows.size
+    shortage = joint_shortage(model.nv, rows) if model.nv < rows else ""
     try:
         q = solve_ik(model, path.poses[0], posture=scenario.cell.arms[name].posture)
     except UnreachablePoseError as error:
         empty = frozen(np.zeros(0))
-        return ArmReach(name, empty, frozen(np.zeros((0, model.nq))), empty, empty, start_error=error)
+        no_q = frozen(np.zeros((0, model.nq)))
+        return ArmReach(name, empty, no_q, empty, empty, joint_shortage=shortage, start_error=error)
     following = PathFollowing(scenario, model, path, q)
     return ArmReach(
         name,
@@ -174,6 +181,7 @@ def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
         following.q,
         following.sigma_min,
         following.condition,
+        joint_shortage=shortage,
         unreachable=following.unreachable(),
         nearest_singularity=following.nearest_singularity(),
         limit_violation=following.limit_violation(),

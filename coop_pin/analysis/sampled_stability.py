@@ -68,7 +68,11 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
         UnreachablePoseError: an arm cannot hold the payload at the start.
         SingularJacobianError: an arm is singular there.
     """
-    simulation = Simulation(scenario, build_controller(scenario))
+    return start_stability(Simulation(scenario, build_controller(scenario)))
+
+
+def start_stability(simulation: Simulation) -> SampledStability:
+    """Return the sampled stability of a simulation that has not begun; raises as sampled_stability."""
     plant, chain = simulation.plant, simulation.plant.chain.mechanism
     torque = _torque_of(simulation)
     rest = np.zeros(len(plant.v))
@@ -80,11 +84,11 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
     D = np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
     eigenvalues, modes = np.linalg.eig(D)
-    T = scenario.clock.period
-    values = np.array([_stability_value(T * entry) for entry in eigenvalues])
+    clock = simulation.scenario.clock
+    values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
     return SampledStability(
-        float(values[worst]), scenario.clock.rate_hz, _fastest_joints(simulation, np.abs(modes[:, worst]))
+        float(values[worst]), clock.rate_hz, _fastest_joints(simulation, np.abs(modes[:, worst]))
     )
 
 

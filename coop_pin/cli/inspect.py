@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, OK
+from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
+from coop_pin.errors import NameNotFoundError
 
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 
 
 @dataclasses.dataclass(frozen=True)
 class List:
-    """List the scenarios that come with coop_pin."""
+    """List the scenarios that come with coop_pin, or the robots that an arm can name.
+
+    Attributes:
+        robots: list the robots of coop_pin and of example-robot-data, with their files.
+    """
+
+    robots: bool = False
 
     def execute(self) -> int:
-        """Print one line for each scenario."""
+        """Print one line for each scenario or robot."""
         from coop_pin.description import Scenario, scenario_names
+        from coop_pin.description.urdf import robot_files
 
+        if self.robots:
+            for name, file in sorted(robot_files().items()):
+                print(f"{name:<28} {file}")
+            return OK
         for scenario in map(Scenario.load, scenario_names()):
             size = f"{len(scenario.cell.arms)} arms  {scenario.duration:g} s"
             print(f"{scenario.name:<20} {size}  {scenario.summary}")
@@ -47,52 +62,78 @@ class Fields:
 
 @dataclasses.dataclass(frozen=True)
 class Show:
-    """Show the cell of a scenario as a tree: joints, masses, reach, closure rows and their rank.
+    """Show the cell of a scenario as a tree, or the links, joints, limits and possible tips of a robot.
+
+    Every field of a scenario can be changed as in 'coop-pin run'.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
+        what: a scenario (a name listed by 'coop-pin list', or a TOML file), or a robot (a name listed by
+            'coop-pin list --robots', or a URDF or xacro file).
+        fields: fields of the scenario, as typed.
     """
 
-    scenario: _ScenarioName
+    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
-        """Print the tree."""
-        from coop_pin.analysis.cell_summary import cell_summary
-        from coop_pin.description import Scenario
+        """Print the tree, or the robot.
 
-        scenario = Scenario.load(self.scenario)
-        print(cell_summary(scenario.cell, scenario.start.matrix).summary())
+        Raises:
+            NameNotFoundError: there is no such scenario or robot.
+            FieldError: a field is given for a robot.
+        """
+        from coop_pin.analysis.cell_summary import cell_summary
+        from coop_pin.description import scenario_names
+        from coop_pin.description.urdf import find_urdf, load_checked, robot_files
+        from coop_pin.description.urdf.robot import Robot
+
+        path, robots, scenarios = Path(self.what), robot_files(), scenario_names()
+        if self.what in scenarios or path.suffix == ".toml":
+            scenario = load_scenario(self.what, self.fields)
+            print(cell_summary(scenario.cell, scenario.start.matrix).summary())
+            return OK
+        if not path.is_file() and path.suffix not in (".urdf", ".xacro") and self.what not in robots:
+            known = [*scenarios, *robots]
+            raise NameNotFoundError("scenario or robot", self.what, known, "the catalogue or the file system")
+        refuse_fields(self.fields, self.what)
+        file = find_urdf(self.what)
+        print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
         return OK
 
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """Check reachability, distance to singularities and joint limits along the desired motion.
+    """Check reachability, distance to singularities, limits and static torques along the desired motion.
 
-    Nothing is simulated. For the built-in controllers, also check at the initial pose that the damping gains
-    are stable at the control rate.
+    Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
+    For the built-in controllers, also check at the initial pose that the damping gains are stable at the
+    control rate. Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
+        fields: fields of the scenario, as typed.
     """
 
     scenario: _ScenarioName
     poses: int = 401
+    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin.analysis import reachability, sampled_stability
-        from coop_pin.description import Scenario
+        from coop_pin.analysis import reachability, sampled_stability, statics_along
 
-        scenario = Scenario.load(self.scenario)
+        scenario = load_scenario(self.scenario, self.fields)
         found = reachability(scenario, poses=self.poses)
         print(found.summary())
+        torques = statics_along(scenario, found)
+        print(textwrap.indent(torques.summary(), "  "))
+        ok = found.ok and torques.ok
         if not found.ok or scenario.controller.kind == "user":
-            return OK if found.ok else FAILED
+            return OK if ok else FAILED
         held = sampled_stability(scenario)
         print(f"  {held.summary()}")
-        return OK if held.ok else FAILED
+        return OK if ok and held.ok else FAILED
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,11 +5,38 @@ from __future__ import annotations
 import contextlib
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any, TypeAlias
+
+import tyro
 
 from coop_pin.errors import FieldError
 
+TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress]
+"""Fields of a scenario as typed on the command line: the words for each."""
+
 _FLAGS = {"beyond_bound", "project_start"}
+
+
+def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]]) -> Any:
+    """Return a Scenario of the catalogue or of a TOML file with the typed fields.
+
+    Raises:
+        NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
+    """
+    from coop_pin.description import Scenario  # slow to load
+
+    scenario = Scenario.load(name_or_file)
+    return scenario.override(changes(fields, scenario.cell.arms))
+
+
+def refuse_fields(fields: Mapping[str, Sequence[str]], what: str) -> None:
+    """Refuse fields of a scenario for something else, such as a run.
+
+    Raises:
+        FieldError: there are any.
+    """
+    for field in fields:
+        raise FieldError(f"is an option for scenarios only; {what} is not a scenario", f"--{field}")
 
 
 def changes(fields: Mapping[str, Sequence[str]], arms: Collection[str]) -> dict[str, Any]:

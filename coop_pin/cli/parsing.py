@@ -1,10 +1,10 @@
-"""Parser of the command line: the commands, and which words of ``run`` are fields of the scenario."""
+"""Parser of the command line: the commands, and which words are fields of the scenario."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -27,6 +27,9 @@ Command = (
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
 )
+_WITH_FIELDS: dict[str, Any] = {"run": Run, "view": View, "show": Show, "check": Check, "tune": Tune}
+"""Commands that take the fields of a scenario as options."""
+
 _DESCRIPTION = "Two or more robot arms that hold one object: simulate scenarios, view runs, compute metrics."
 
 
@@ -36,23 +39,27 @@ def parse(words: Sequence[str]) -> Command:
     Raises:
         SystemExit: help was asked for (0), or the words are no command (2).
     """
-    own, fields = split_fields(words) if words[:1] == ["run"] else (list(words), {})
-    command: Command = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
-    return dataclasses.replace(command, fields=fields) if isinstance(command, Run) else command
+    kind = _WITH_FIELDS.get(words[0]) if words else None
+    own, fields = split_fields(words, kind) if kind else (list(words), {})
+    command: Any = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
+    return dataclasses.replace(command, fields=fields) if fields else command
 
 
-def split_fields(words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Split the words of ``run`` into its own options and fields of the scenario.
+def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[str, list[str]]]:
+    """Split the words of a command into its own options and fields of the scenario.
 
     Fields are written ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
 
+    Args:
+        words: the command's name and what follows it.
+        command: its class.
+
     Returns:
-        The options of ``run``, and the values of each field as typed.
+        The command's own words, and the values of each field as typed.
     """
-    options = {
-        "--help",
-        *(form for option in dataclasses.fields(Run) for form in (f"--{option.name}", f"--no-{option.name}")),
-    }
+    names = [option.name for option in dataclasses.fields(command)]
+    forms = {form for name in names for form in (name, name.replace("_", "-"))}
+    options = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
     own: list[str] = []
     fields: dict[str, list[str]] = {}
     open_field: list[str] | None = None

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import sys
-from collections.abc import Mapping, Sequence
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
-from coop_pin.cli.overrides import changes
-from coop_pin.errors import CoopPinError, RunInterruptedError
+from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.errors import CoopPinError, RunInterruptedError, ScenarioWarning
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,9 +40,7 @@ class Run:
     replay: bool = True
     figures: bool = True
     report: bool = False
-    fields: Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress] = dataclasses.field(
-        default_factory=dict
-    )
+    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Run the scenario, write its folder, print its metrics, and return the exit code.
@@ -51,19 +50,20 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
-        from coop_pin.description import Scenario
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
-        from coop_pin.run_scenario import run
+        from coop_pin.run_scenario import build_controller
+        from coop_pin.simulation import simulate
 
-        scenario = Scenario.load(self.scenario)
-        scenario = scenario.override(changes(self.fields, scenario.cell.arms))
+        scenario = load_scenario(self.scenario, self.fields)
         folder = RunFolder(self.out or Path("out") / scenario.name)
         folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
+        controller = build_controller(scenario)
+        _warn_of_start(scenario, controller)
         watch = Stopwatch()
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
-                result = run(scenario, progress=bar.advance_to)
+                result = simulate(scenario, controller, progress=bar.advance_to)
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
@@ -80,6 +80,25 @@ class Run:
             print(_metrics_table(result, timing.real_time_factor))
             print(f"written to {folder.path}")
         return OK
+
+
+def _warn_of_start(scenario: Any, controller: Any) -> None:
+    """Warn of drives too weak to hold the cell at the start, and of gains that are unstable when sampled.
+
+    Raises:
+        CoopPinError: the run cannot start.
+    """
+    from coop_pin.analysis import start_stability, start_torques
+    from coop_pin.simulation import Simulation
+
+    simulation = Simulation(scenario, controller)
+    findings: list[str] = []
+    with contextlib.suppress(Exception):  # what fails here fails in the run, which tells it with its time
+        findings += map(str, start_torques(simulation).overloaded)
+        if scenario.controller.kind != "user" and not (held := start_stability(simulation)).ok:
+            findings.append(held.summary().removeprefix("! "))
+    for finding in findings:
+        warnings.warn(finding, ScenarioWarning, stacklevel=2)
 
 
 def _metrics_table(result: Any, real_time_factor: float) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import field_path
+from coop_pin.cli.overrides import TypedFields, changes, field_path, load_scenario
 from coop_pin.errors import FieldError
 
 
@@ -18,8 +18,9 @@ from coop_pin.errors import FieldError
 class Tune:
     """Search fields of a scenario for the smallest value of a metric.
 
-    Every run is kept: the same command resumes an interrupted search. For example, two gains that keep the
-    internal force small among those that settle in time:
+    Every field of the scenario can be changed as in 'coop-pin run'. Every run is kept: the same command
+    resumes an interrupted search. For example, two gains that keep the internal force small among those that
+    settle in time:
 
     coop-pin tune adept-paper --minimize internal_axial_rms_error_N --subject-to 'settling_time_s<2.5'
     --vary controller.gains.sign_gain 0 1 --vary controller.gains.pose_gain 1 5
@@ -42,6 +43,7 @@ class Tune:
         scheduler: address of a dask scheduler to use instead of local processes, for example
             tcp://127.0.0.1:8786.
         quiet: no progress bar and no summary.
+        fields: fields of the scenario, as typed.
     """
 
     scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
@@ -60,24 +62,27 @@ class Tune:
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     quiet: bool = False
+    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Search, print the best run, and return the exit code.
 
         Raises:
-            FieldError: a field is given twice.
+            FieldError: a field has two ranges, or a range and a value.
             CoopPinError: whatever ``tune`` raises.
         """
-        from coop_pin.description import Scenario
         from coop_pin.sweeps import tune
 
-        scenario = Scenario.load(self.scenario)
+        scenario = load_scenario(self.scenario, self.fields)
+        fixed = changes(self.fields, scenario.cell.arms)
         folder = self.out or Path("out") / f"tune-{Path(self.scenario).stem}"
         ranges: dict[str, tuple[float, float]] = {}
         for field, low, high in self.vary:
             path = field_path(field, scenario.cell.arms)
             if path in ranges:
                 raise FieldError("has two ranges; give it one", path)
+            if path in fixed:
+                raise FieldError("has a range and a value; give it one of them", path)
             ranges[path] = (low, high)
         found = tune(
             scenario,
@@ -96,7 +101,8 @@ class Tune:
         if not self.quiet:
             print(found.summary())
             best = found.best.parameters.items()
-            words = [word for field, value in best for word in (f"--{field}", repr(value))]
+            words = [word for field, given in self.fields.items() for word in (f"--{field}", *given)]
+            words += [word for field, value in best for word in (f"--{field}", repr(value))]
             print("run it: " + shlex.join(["coop-pin", "run", self.scenario, *words]))
             print("all runs: " + shlex.join(["coop-pin", "sweep-show", str(folder)]))
             print(f"written to {folder}")

@@ -14,6 +14,7 @@ from typing import Annotated
 import tyro
 
 from coop_pin.cli.exit_codes import OK
+from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError
 
 
@@ -23,7 +24,8 @@ class View:
 
     For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
     For a scenario, this opens a live view of the cell in its initial state on an address of this machine
-    only, until Ctrl-C; with --run the scenario is simulated.
+    only, until Ctrl-C; with --run the scenario is simulated. Every field of the scenario can be changed as in
+    'coop-pin run'.
 
     With --image or --video nothing opens: the replay is rendered into a file. That takes the extra 'video'
     and Chromium or Chrome, but no display.
@@ -37,6 +39,7 @@ class View:
         image: PNG file to write, of a run.
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
+        fields: fields of the scenario, as typed.
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
@@ -47,12 +50,13 @@ class View:
     image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     time: float | None = None
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the address and open it, or write the files and print their paths.
 
         Raises:
-            FieldError: a time is given, but no image.
+            FieldError: a time is given, but no image; a field is given for a run.
             UnreachablePoseError: the initial pose of a scenario is out of an arm's reach.
             PortTakenError: the chosen port is in use.
             FileReadError: the result is missing or damaged.
@@ -65,10 +69,13 @@ class View:
         path = Path(self.what)
         if self.time is not None and self.image is None:
             raise FieldError("is the time that an image shows; add --image FILE", "--time")
-        if self.image is not None or self.video is not None:
-            self._write_images(path)
-        elif self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()):
+        pictures = self.image is not None or self.video is not None
+        if not pictures and (self.what in scenario_names() or (path.suffix == ".toml" and path.is_file())):
             self._view_until_interrupted()
+            return OK
+        refuse_fields(self.fields, self.what)
+        if pictures:
+            self._write_images(path)
         else:
             replay = _replay(path).resolve()
             self._show(str(replay), replay.as_uri())
@@ -89,11 +96,10 @@ class View:
 
     def _view_until_interrupted(self) -> None:
         """Serve a live view of the scenario's cell until Ctrl-C, which ends it normally."""
-        from coop_pin.description import Scenario
         from coop_pin.run_scenario import run
         from coop_pin.viz import open_view
 
-        scenario = Scenario.load(self.what)
+        scenario = load_scenario(self.what, self.fields)
         view = open_view(scenario, port=self.port)
         try:
             self._show(view.url, view.url)

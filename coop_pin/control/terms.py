@@ -10,8 +10,8 @@ from scipy.linalg.lapack import dgesv
 
 from coop_pin.arrays import Array, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.errors import SingularJacobianError
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.errors import ArgumentError, SingularJacobianError
+from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""
@@ -55,6 +55,7 @@ def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
         damping: in the unit of J's singular values; with it J J^+ is not the identity.
 
     Raises:
+        ArgumentError: J has fewer columns (joints) than rows.
         SingularJacobianError: J J^T + damping^2 I has a condition number beyond 1e12 (of J: 1e6).
     """
     gram = J.dot(J.T)
@@ -66,6 +67,8 @@ def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
         else float("inf")
     )
     if not condition < CONDITION_LIMIT:
+        if J.shape[1] < J.shape[0]:
+            raise ArgumentError(f"the payload Jacobian has {joint_shortage(J.shape[1], J.shape[0])}")
         raise SingularJacobianError(condition, time, CONDITION_LIMIT)
     return J.T.dot(gram_inverse)
 

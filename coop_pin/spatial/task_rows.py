@@ -126,3 +126,11 @@ _ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRow
 def task_rows(name: RowsName) -> TaskRows:
     """Return the task rows of a name."""
     return _ROWS[name]
+
+
+def joint_shortage(joints: int, rows: int) -> str:
+    """Return the joint and row counts of an arm with fewer joints than task rows, and what to do."""
+    fewer = (
+        "set cell.rows to 'positional' or 'planar' (3 rows), or " if joints >= len(PlanarRows.indices) else ""
+    )
+    return f"{joints} joints, {rows} task rows: {fewer}choose an arm with at least {rows} moving joints"

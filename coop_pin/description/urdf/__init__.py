@@ -29,7 +29,7 @@ says.
 """
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
-from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf
+from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf, robot_files
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 
 __all__ = [
@@ -41,5 +41,6 @@ __all__ = [
     "check_urdf",
     "find_urdf",
     "load_checked",
+    "robot_files",
     "text_checked",
 ]

@@ -96,6 +96,11 @@ def bundled_urdf_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "urdf"
 
 
+def robot_files() -> dict[str, Path]:
+    """Return the file of every bundled robot and every robot of example-robot-data, by name."""
+    return dict(example_urdfs()) | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+
+
 def find_urdf(
     name_or_path: str | Path,
     *,
@@ -116,7 +121,7 @@ def find_urdf(
         UrdfError: there is none; the message lists the places searched and the closest names.
     """
     given = Path.cwd() / name_or_path
-    robots = example_urdfs() | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    robots = robot_files()
     path = given if _is(Path.is_file, given) else robots.get(str(name_or_path))
     if path is None:
         raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))

@@ -69,6 +69,32 @@ class Robot:
         locked = self.locked(joints)
         return tuple(joint for joint in self.joints if joint not in locked)
 
+    def summary(self) -> str:
+        """Return links, joints with their limits, and candidate tips as text."""
+        links, edges = list(self._tree.links), _depth_first(self._tree)
+        moving = [edge for edge in edges if not edge.is_fixed]
+        return "\n".join(
+            (
+                f"{len(links)} links: {', '.join(links)}",
+                f"{len(moving)} moving joints:",
+                *(f"  {edge.joint.name}: {_joint_text(edge)}" for edge in moving),
+                "candidate tips:",
+                *(f"  {tip}: {self._joints_above(tip)} joints from the root" for tip in self._tips()),
+            )
+        )
+
+    def _tips(self) -> list[str]:
+        """Return the links at which the tree ends, and those below a joint at which it branches."""
+        branching = [link for link in self._tree.above if len(self._tree.below.get(link, ())) > 1]
+        return [*self.leaves, *branching]
+
+    def _joints_above(self, link: str) -> int:
+        count = 0
+        while link in self._tree.above:
+            edge = self._tree.above[link]
+            count, link = count + (not edge.is_fixed), edge.parent
+        return count
+
     def pose(self, frame: str, angles: Mapping[str, float]) -> Array:
         """Return the pose of a link, or of the child link of a joint, in the root link, shape (4, 4).
 
@@ -113,6 +139,21 @@ def _mimic(node: Node) -> Mimic:
     return Mimic(
         node.attributes["joint"], 1.0 if multiplier is None else multiplier, number(node, "offset") or 0.0
     )
+
+
+def _joint_text(edge: Edge) -> str:
+    """Return type, links and limits of a moving joint; Pinocchio reads a missing limit as zero."""
+    kind, limit = edge.joint.attributes["type"], edge.joint.child("limit")
+    unit, effort_unit = ("m", "N") if kind == "prismatic" else ("rad", "N m")
+    lower, upper, velocity, effort = (
+        number(limit, name) or 0.0 for name in ("lower", "upper", "velocity", "effort")
+    )
+    span = "without limits" if kind == "continuous" else f"{lower:.4g} .. {upper:.4g} {unit}"
+    speed = f"speed up to {velocity:.4g} {unit}/s" if velocity else "any speed"
+    torque = f"torque up to {effort:.4g} {effort_unit}" if effort else "any torque"
+    mimic = edge.joint.child("mimic")
+    leader = "" if mimic is None else f", mimics {mimic.attributes['joint']}"
+    return f"{kind}, {edge.parent} to {edge.child}, {span}, {speed}, {torque}{leader}"
 
 
 def _origin(owner: Node) -> Array:
