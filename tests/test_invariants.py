@@ -426,7 +426,7 @@ def swings(folder, tilt, rows):
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize(("rows", "turn"), [("planar", (0, 0, 0)), ("full", (0.6, -0.4, 1.2))])
 def test_a_payload_on_two_swings_is_one_pendulum(rows, turn, payload, tmp_path):
-    """theta'' = -(g / l) (m_load + m_ropes / 2) / (m_load + m_ropes / 3) cos theta; the payload does not turn."""
+    """theta'' = -(g / l) (m_load + m_ropes / 2) / (m_load + m_ropes / 3) cos theta; no turn."""
     tilt = make_pose((0.5, 0.2, 0.0 if rows == "planar" else 0.7), turn)
     chain = CellChain(swings(tmp_path, tilt, rows), PlantOptions(payload=payload))
     angle = -1.0
