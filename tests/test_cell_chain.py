@@ -6,11 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
+from close import close
+from linkages import bar, joint, robot
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
 from coop_pin.chain.cell_chain import determinate_rows
-from coop_pin.description import PlantOptions, Stabilisation
+from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose, Stabilisation
 from coop_pin.errors import NameNotFoundError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, rotate_vector6
@@ -416,3 +418,35 @@ def test_a_pose_out_of_reach_and_a_wrong_tip_have_their_own_errors(name):
     arms["right"] = arms["right"].replace(tip="tipp")
     with pytest.raises(NameNotFoundError):
         CellChain(plant.cell.replace(arms=arms), PlantOptions(stabilisation=Stabilisation(frequency=1.0)))
+
+
+@pytest.mark.parametrize("payload", ["welded", "free"])
+def test_of_two_doors_on_one_hinge_only_the_moment_about_it_is_determined(payload, tmp_path):
+    """Arms with fewer joints than rows, in space; the axis goes through P, far from the world's origin."""
+    tip = joint("tip", "door", (0.5, 0, 0.1), kind="fixed") + '<link name="tip"/>'
+    path = tmp_path / "door.urdf"
+    path.write_text(robot(bar("door", "ground", (0, 0, 0)), tip))
+    arms, grasps = {}, {}
+    for name, height, angle in (("upper", 0.4, 0.0), ("lower", -0.3, 2.0)):
+        arms[name] = Arm(
+            urdf=str(path),
+            tip="tip",
+            base=Pose(xyz=(0.5, -0.3, 0.8 + height)),
+            posture=(angle,),
+            friction="none",
+        )
+        grasps[name] = Pose(
+            xyz=(0.5 * np.cos(angle), 0.5 * np.sin(angle), height + 0.1), rpy=(0.0, 0.0, angle)
+        )
+    cell = Cell(arms=arms, payload=Payload.box(2.0, (0.1, 0.2, 0.3)), grasps=grasps)
+    plant = CellChain(cell, PlantOptions(payload=payload))
+    X_WP = np.eye(4)
+    X_WP[:3, 3] = (0.5, -0.3, 0.8)
+    q = plant.model.configuration([np.array([0.0]), np.array([2.0])], X_WP)
+    close(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-12)
+    assert determinate_rows(plant, q).tolist() == [False, False, False, False, False, True]
+    tau = gathered(plant, [np.array([3.0]), np.array([-1.0])])
+    moments = plant.interaction_wrenches(q, np.zeros(plant.mechanism.model.nv), tau)[:, 5]
+    own = 1.0 / 3.0  # of each door about the hinge
+    turn = 2.0 / (2.0 * own + cell.payload.inertia[2])
+    close(moments, [own * turn - 3.0, own * turn + 1.0], atol=1e-9)

@@ -4,6 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
+from close import close
+from linkages import four_bar
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
@@ -11,6 +13,7 @@ from coop_pin.chain.integrators import RungeKutta, configuration_space
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import ConstraintSolveError, OutOfRangeError, ShapeError
 from coop_pin.model import ArmModel
+from coop_pin.model.pinocchio_model import symmetric
 
 RANKS = {("planar", "welded"): 3, ("planar", "free"): 9, ("spatial", "welded"): 6, ("spatial", "free"): 12}
 CASES = list(RANKS)
@@ -366,3 +369,41 @@ def test_closures_that_contradict_each_other_are_refused():
             random_velocity(plant.mechanism, plant.configuration(start), 0),
             np.zeros(chain.model.nv),
         )
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, monkeypatch):
+    plant, q = chain_of(case)
+    chain, still = plant.mechanism, np.zeros(plant.mechanism.model.nv)
+    good = chain.forward_dynamics(q, still, still)
+    J = chain.closures.state(q, still).jacobian
+    off = np.linalg.pinv(J)[:, 0]  # moves a residual row by one
+    off = off / np.abs(J @ off).max()
+    allowed = 1e-6 * (1.0 + np.abs(good.acceleration).max())
+
+    def solved_but_for(residual):
+        monkeypatch.setattr(chain.solver, "acceleration", lambda *_: good.acceleration + residual * off)
+        return chain.forward_dynamics(q, still, still).residual
+
+    close(solved_but_for(0.5 * allowed), 0.5 * allowed, atol=0.01 * allowed)
+    with pytest.raises(ConstraintSolveError) as refused:
+        solved_but_for(2.0 * allowed)
+    close(refused.value.residual, 2.0 * allowed, atol=0.02 * allowed)
+    close(refused.value.allowed, allowed, atol=1e-3 * allowed)
+
+
+def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(monkeypatch):
+    """By 10 s |L^T a| for the truncated singular value s: the norm of a in the mass metric, a^T M a."""
+    chain = four_bar.four_bars(1)
+    q, v = four_bar.start(chain, 1, angle=1e-6)
+    a = np.array([3.0, -2.0, 5.0])
+    monkeypatch.setattr(chain.solver, "acceleration", lambda *_: a)
+    with pytest.raises(ConstraintSolveError) as refused:
+        chain.forward_dynamics(q, v, np.zeros(3))
+    M = symmetric(pin.crba(chain.model, chain.model.createData(), q))
+    J = chain.closures.state(q, v).jacobian
+    weighted = J @ np.linalg.inv(np.linalg.cholesky(M)).T
+    values = np.linalg.svd(weighted, compute_uv=False)
+    truncated = values[values < 1e-5 * values[0]].max()
+    assert truncated > 1e-8
+    close(refused.value.allowed, 6e-6 + 10.0 * truncated * np.sqrt(a @ M @ a), atol=1e-9)

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start
+from close import close
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure
@@ -252,3 +253,15 @@ def test_rows_may_be_any_sequence_of_six_booleans(tree, rows):
 def test_a_wrong_frame_is_named_with_a_suggestion(tree):
     with pytest.raises(NameNotFoundError, match=r"left/grsp.*'left/grasp'"):
         ClosedChain(tree[0], [Closure("left/grsp", "payload/left")])
+
+
+def test_the_world_is_the_universe_also_where_the_first_frame_moves():
+    model = pin.Model()
+    hinge = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array((0.3, 0.0, 0.0))), "hinge")
+    model.addJointFrame(hinge)
+    model.appendBodyToJoint(hinge, pin.Inertia.Random(), pin.SE3.Identity())
+    model.addFrame(
+        pin.Frame("tip", hinge, pin.SE3(np.eye(3), np.array((0.1, 0.0, 0.0))), pin.FrameType.OP_FRAME)
+    )
+    ((distance, angle),) = ClosureSet(model, [Closure("world", "tip")]).closure_errors(np.array([0.0]))
+    close((distance, angle), (0.4, 0.0), atol=1e-15)

@@ -5,17 +5,19 @@ import math
 import numpy as np
 import pytest
 from cells import SPATIAL_START, planar_scenario, spatial_scenario
+from close import close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import reachability
+from coop_pin.analysis.path_following import payload_path
 from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, UserController
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, JointLimitError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.reference import CircleMotion, FunctionMotion, HoldMotion, LineMotion, TurnMotion
 from coop_pin.reference.quintic import quintic
-from coop_pin.spatial import pose_error
+from coop_pin.spatial import make_pose, pose_error
 
 L_1, L_2 = 0.425, 0.375
 ANY_CONTROLLER = UserController(target="nowhere:Nothing")
@@ -339,3 +341,13 @@ def test_continuous_joints_turn_on_and_on_without_limits():
 def test_fewer_than_two_poses_are_refused():
     with pytest.raises(ArgumentError, match="poses is 1"):
         reachability(planar_scenario(), poses=1)
+
+
+def test_the_path_leads_straight_from_the_start_to_the_first_pose_of_the_reference():
+    motion = LineMotion(start=Pose(xyz=(1.0, 0.2, 0.0)), goal=Pose(xyz=(3.0, 0.2, 0.0)), duration=2.0)
+    path = payload_path(planar_arm(motion, Pose(xyz=(0.0, 0.2, 0.0), rpy=(0, 0, 0.4)), duration=2.0), 3)
+    close(path.poses[:, 0, 3], [*np.arange(20) / 20.0, 1.0, 2.0, 3.0], atol=1e-2)  # the geodesic is a screw
+    close(path.poses[:, 1, 0], np.sin([*np.linspace(0.4, 0.0, 21)[:20], 0.0, 0.0, 0.0]), atol=1e-12)
+    close(path.poses[0], make_pose((0.0, 0.2, 0.0), (0, 0, 0.4)), atol=1e-12)
+    close(path.times, [0.0] * 20 + [0.0, 1.0, 2.0], atol=1e-12)
+    close(path.twists[:, 0], [0.0] * 20 + [0.0, 15.0 / 8.0, 0.0], atol=1e-12)

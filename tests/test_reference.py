@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from close import close
 from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
@@ -747,3 +748,10 @@ def test_inverse_of_a_moving_pose_turns_with_minus_the_twist() -> None:
     point = X[:3, 3] + np.array((0.2, -0.1, 0.4))
     displaced = moved[:3, :3] @ point + moved[:3, 3] - point
     assert_allclose(displaced / (2 * step), V[:3] + np.cross(V[3:], point - X[:3, 3]), atol=1e-4)
+
+
+def test_a_ramp_of_the_squeeze_begins_at_once_unless_told_otherwise() -> None:
+    ramp = RampSqueeze(goal=table(BAR), duration=2.0)
+    close(ramp.at(0.0, ARMS), NONE, atol=0.0)
+    close(ramp.at(1.0, ARMS), 0.5 * BAR, atol=1e-14)
+    close(ramp.at(2.0, ARMS), BAR, atol=0.0)

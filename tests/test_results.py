@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from close import close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -54,3 +55,26 @@ def test_a_file_that_lacks_a_variable_is_refused_with_its_name(result, tmp_path)
     cp.RunResult(result.scenario, result.data.drop_vars("internal_axial")).save(tmp_path / "result.nc")
     with pytest.raises(FileReadError, match="internal_axial"):
         cp.RunResult.load(tmp_path / "result.nc")
+
+
+def test_continuous_joints_are_counted_from_the_posture_on():
+    """A posture of a full turn more is the same pose, and the recorded angles have that turn too."""
+    scenario = cp.Scenario.load("kinova-pair", {"duration": 0.01, "events": []})
+    arms, turned = scenario.cell.arms, {}
+    for name, arm in arms.items():
+        turned[name] = 2.0 * np.pi * cp.ArmModel(arm).limits.joints.continuous
+        assert turned[name].any()
+    wound = scenario.cell.replace(
+        arms={k: arm.replace(posture=tuple(np.array(arm.posture) + turned[k])) for k, arm in arms.items()}
+    )
+    first, second = cp.run(scenario).data, cp.run(scenario.replace(cell=wound)).data
+    for index, turns in enumerate(turned.values()):
+        close(
+            second.joint_position[:, index] - first.joint_position[:, index],
+            np.broadcast_to(turns, first.joint_position[:, index].shape),
+            atol=1e-9,
+        )
+        assert (
+            np.abs(first.joint_position[0, index] - np.array(list(arms.values())[index].posture)).max()
+            < np.pi
+        )

@@ -1,13 +1,15 @@
 """Sampled stability: against the closed form of square arms, and against runs on both sides of the limit."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from close import close
 from numpy.testing import assert_allclose
 from scipy.linalg import eigvalsh
 
 import coop_pin as cp
 from coop_pin.analysis import SampledStability, sampled_stability
-from coop_pin.chain import solve_ik
+from coop_pin.chain import CellChain, solve_ik
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.errors import CoopPinError
@@ -129,3 +131,49 @@ def test_check_fails_where_the_rate_cannot_bear_the_gains(tmp_path, capsys):
     assert "T*lambda" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "slow.toml"), "--poses", "21"]) == 1
     assert "unstable" in capsys.readouterr().out
+
+
+def alone(changes=()):
+    """The left arm of the paper's cell with the payload: no closure is left, so D = M^-1 T^T K_d T."""
+    scenario = paper(changes)
+    cell = scenario.cell
+    only = {"arms": {"left": cell.arms["left"]}, "grasps": {"left": cell.grasps["left"]}}
+    return scenario.replace(cell=cell.replace(**only, load_shares=None), squeeze={})
+
+
+@pytest.mark.parametrize("damping", [(60.0, 60.0, 10.0), (10.0, 200.0, 1.0), (300.0, 1.0, 1.0)])
+def test_of_a_single_arm_it_is_the_fastest_mode_and_its_joints(damping):
+    scenario = alone({"controller.gains.damping_gain": damping})
+    chain = CellChain(scenario.cell)
+    q, T = chain.configuration(scenario.start.matrix), chain.model.arms[0].drive
+    model = chain.mechanism.model
+    D = np.linalg.solve(pin.crba(model, model.createData(), q) @ np.eye(3), T.T @ np.diag(damping) @ T)
+    values, modes = np.linalg.eig(D)
+    worst = np.argmax(values)
+    found = sampled_stability(scenario)
+    close(found.value, scenario.clock.period * values[worst], atol=1e-6 * found.value)
+    share = np.abs(modes[:, worst]) / np.abs(modes[:, worst]).max()
+    names = [chain.model.arms[0].angles.names[joint] for joint in np.argsort(-share) if share[joint] >= 0.3]
+    assert list(found.joints) == names
+
+
+class Following(ArmController):
+    """A damper whose gain is where the reference is."""
+
+    def __init__(self, scenario, arm):
+        pass
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        return ArmCommand(-reference.pose[0, 3] * measurement.v, None)
+
+
+def test_it_is_that_of_the_start():
+    law = {"kind": "user", "target": Following}
+    scenario = alone().replace(controller=law)
+    still = scenario.replace(
+        motion={"kind": "hold", "pose": cp.Pose.from_matrix(scenario.motion.at(0.0).X_WP_d)}
+    )
+    close(sampled_stability(scenario).value, sampled_stability(still).value, atol=1e-12)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from close import close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -112,6 +113,18 @@ def test_first_tick_leaves_the_sign_integral_at_zero(name):
     m, r = inputs(rows, 4.2, 5)
     state = law.init(m, r)
     assert np.array_equal(law.step(m, r, state).state.sign_integral, np.zeros(rows.size))
+
+
+@pytest.mark.parametrize("name", ["planar", "full"])
+def test_the_sign_integral_of_a_saturated_joint_stands_still_and_the_others_go_on(name):
+    rows = task_rows(name)
+    law = controller(rows)
+    state = law.init(*inputs(rows, 0.0, 0))._replace(sign_integral=np.linspace(-1.0, 1.0, rows.size))
+    m, r = inputs(rows, PERIOD, 1)
+    _, s_q = torque_by_hand(law, m, r, state.start_surface, state.sign_integral, 0.0)
+    cut = np.arange(rows.size) % 2 == 0
+    moved = law.step(m._replace(saturated=cut), r, state).state.sign_integral - state.sign_integral
+    close(moved, np.where(cut, 0.0, PERIOD * np.sign(s_q)), atol=1e-15)
 
 
 def test_switching_functions():

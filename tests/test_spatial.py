@@ -186,3 +186,9 @@ def test_bad_values_are_refused_by_argument_name():
     with pytest.raises(OutOfRangeError, match="rpy") as finite:
         make_pose(rpy=(0.0, np.nan, 0.0))
     assert (finite.value.name, finite.value.index) == ("rpy", (1,))
+
+
+def test_a_pose_without_an_orientation_is_a_translation():
+    X = make_pose((1.0, 2.0, 3.0))
+    assert np.array_equal(X[:3, :3], np.eye(3))
+    assert X[:3, 3].tolist() == [1.0, 2.0, 3.0]

@@ -13,6 +13,8 @@ import coop_pin as cp
 from coop_pin.errors import FieldError, FileReadError, SweepInterruptedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
+from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.table import dataset, point_key, write_csv
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
 SHORT = {"duration": 0.1, "events": []}
@@ -217,6 +219,7 @@ def test_tables_have_a_line_for_each_run_and_times_stand_apart(tmp_path):
     assert not any("wall" in name for name in lines[0])
     with (tmp_path / "times.csv").open(newline="") as file:
         assert all(float(line["wall_s"]) > 0.0 for line in csv.DictReader(file))
+    assert b"\r" not in (tmp_path / "times.csv").read_bytes() + (tmp_path / "table.csv").read_bytes()
     again = SweepResult.load(tmp_path)
     assert again.plan == result.plan
     assert again.data.identical(result.data)
@@ -265,3 +268,17 @@ def test_without_dask_one_process_works_and_several_say_what_to_install(tmp_path
         timeout=120,
     )
     assert "pip install 'coop-pin[sweep]'" in done.stdout
+
+
+def test_a_run_that_is_missing_has_an_empty_line_in_the_tables(tmp_path):
+    plan, store = small(tmp_path).plan, SweepStore(tmp_path)
+    key = point_key(plan, 1)
+    store.record_path(key).unlink()
+    write_csv(tmp_path / "again.csv", plan, store, ["torque_peak_Nm"])
+    with (tmp_path / "again.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["status"] for line in lines] == ["ok", "missing", "ok"]
+    empty = dict.fromkeys(("failure", "message", "torque_peak_Nm"), "")
+    assert lines[1] == {"point": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
+    data = dataset(plan, store)
+    assert np.isnan(data["torque_peak_Nm"]).values.tolist() == [False, True, False]

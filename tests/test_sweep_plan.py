@@ -1,5 +1,6 @@
 """Sweep plans: points are counted, ordered and found without being stored; dimensions, samples and keys."""
 
+import importlib
 import itertools
 import sys
 
@@ -12,7 +13,7 @@ import coop_pin as cp
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError
 from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
-from coop_pin.sweeps.run_key import run_key
+from coop_pin.sweeps.run_key import run_key, unresolved_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SHORT = {"duration": 0.25, "events": []}
@@ -268,3 +269,12 @@ def test_an_estimate_counts_runs_and_divides_by_workers():
     assert one.total_s == 10 * one.run_s
     assert two.total_s == 5 * two.run_s
     assert "10 runs" in one.summary()
+
+
+def test_another_version_of_coop_pin_makes_another_key(monkeypatch):
+    base = cp.Scenario.load("adept-paper")
+    before = run_key(base), unresolved_key(base, {"duration": -1.0})
+    monkeypatch.setattr(importlib.import_module("coop_pin.sweeps.run_key"), "__version__", "0.0.0")
+    after = run_key(base), unresolved_key(base, {"duration": -1.0})
+    assert before[0] != after[0]
+    assert before[1] != after[1]

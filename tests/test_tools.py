@@ -1,5 +1,6 @@
 """The tools: what they install, run and write, with stand-ins for what takes long."""
 
+import ast
 import importlib.util
 import os
 import re
@@ -179,3 +180,44 @@ def test_what_the_page_says_is_what_is_found(measure):
         (row,) = [line for line in page.splitlines() if f"`{name}`" in line]
         written = float(row.split("|")[-2].split()[0])
         assert 0.1 < max(now.difference, 1e-15) / max(written, 1e-15) < 10.0, name
+
+
+# ---------------------------------------------------------------- tools/mutate.py
+
+
+@pytest.fixture(scope="module")
+def mutate():
+    spec = importlib.util.spec_from_file_location("mutate", REPOSITORY / "tools" / "mutate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("line", "becomes"),
+    [
+        ("y = a + b", {"y = a - b", "y = a", "y = b"}),
+        ("y = a - b", {"y = a + b", "y = a"}),
+        ("y = J @ v", {"y = J * v", "y = J", "y = v"}),
+        ("y = -a", {"y = a"}),
+        ("y = x[:3]", {"y = x[:4]"}),
+        ("y = 0.5", {"y = 1.0"}),
+        ("y = True", {"y = False"}),
+        ("y = a < b", {"y = a <= b"}),
+        ("y = a and (not b)", {"y = a or not b", "y = a", "y = not b", "y = a and b"}),
+        ("y = a if b else c", {"y = a if not b else c"}),
+        ("y: 'int | None' = zip(a, b, strict=True)", set()),
+        ("raise ValueError(1 + 2)", set()),
+    ],
+)
+def test_a_line_has_these_mutants(mutate, line, becomes):
+    found = list(mutate.mutants("one.py", line))
+    assert {ast.unparse(ast.parse(mutant.source)) for mutant in found} == becomes
+    assert all(mutant.line == 1 for mutant in found)
+
+
+def test_every_file_of_the_mutated_packages_has_its_tests(mutate):
+    found = mutate.all_mutants()
+    assert len(found) > 1000
+    assert all((REPOSITORY / test).is_file() for mutant in found for test in mutate.tests_of(mutant.file))
+    assert {mutant.file.partition("/")[0] for mutant in found} == {"control", "chain", "results", "spatial"}

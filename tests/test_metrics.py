@@ -1,0 +1,388 @@
+"""Metrics of runs against numbers written by hand, on datasets of a few samples made by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+from close import close
+
+import coop_pin as cp
+from coop_pin.description import PayloadChange
+from coop_pin.results import metrics
+from coop_pin.results.dataset import allocate, dataset
+from coop_pin.results.metrics import LimitViolation, Window
+from coop_pin.spatial import make_pose
+
+SCENARIO = SCENARIOS["planar"]()
+PLATE = cp.Scenario.load("three-ur5-plate")
+EXACT = 1e-14
+NO_LIMIT = math.nan
+
+
+def event(time):
+    return PayloadChange(time=time, mass=1.0)
+
+
+def made(time, *, scenario=SCENARIO, events=(), limits=None, joints=None, **samples):
+    """A result whose samples are at rest at the origin, but for those stated."""
+    count, arms = len(time), len(scenario.cell.arms)
+    at_rest = allocate(count, {"q": 1, "v": 1, "arm": arms, "joint": 2})
+    values = {name: np.zeros_like(value) for name, value in at_rest.items()}
+    values["payload_pose"][:] = values["desired_pose"][:] = np.eye(4)
+    values["tip_position"][:] = np.arange(arms)[:, None] * np.array((2.0, 0.0, 0.0))
+    values["time"] = np.array(time, dtype=float)
+    for name, value in samples.items():
+        values[name][:] = value
+    joints = [["one", "two"]] * arms if joints is None else joints
+    limits = np.full((4, arms, 2), NO_LIMIT) if limits is None else limits
+    scenario = scenario.replace(duration=float(time[-1]), events=events)
+    return cp.RunResult(scenario, dataset(scenario, values, joints, limits))
+
+
+def poses(positions, turns=None, axis=(1.0, 0.0, 0.0)):
+    turns = np.zeros(len(positions)) if turns is None else turns
+    return np.array([make_pose(p, turn * np.array(axis)) for p, turn in zip(positions, turns, strict=True)])
+
+
+def along_z(heights, turns=None):
+    return poses([(0.0, 0.0, height) for height in heights], turns)
+
+
+# ------------------------------------------------------------ windows
+
+
+@pytest.mark.parametrize(
+    ("window", "inside"),
+    [
+        ((1.0, 3.0), [False, True, True, False, False]),
+        ((1.0, 4.0), [False, True, True, True, True]),
+        ((4.0, 4.0), [False, False, False, False, True]),
+        ((2.5, 9.0), [False, False, False, True, True]),
+        ((5.0, 9.0), [False] * 5),
+        ((1.0 + 1e-10, 3.0 + 1e-10), [False, True, True, False, False]),
+        ((1.0, 4.0 - 1e-10), [False, True, True, True, True]),
+        ((1.0, 3.9), [False, True, True, True, False]),
+    ],
+)
+def test_a_window_has_its_start_and_not_its_end_unless_the_run_ends_there(window, inside):
+    data = made([0.0, 1.0, 2.0, 3.0, 4.0]).data
+    assert metrics.samples_of(data, Window(*window)).tolist() == inside
+
+
+def test_windows_of_a_run():
+    with_events = made([0.0, 20.0], events=(event(12.0), event(10.0)))
+    assert with_events.first_event == 10.0
+    assert with_events.steady_window == (4.0, 10.0)
+    without = made([0.0, 20.0])
+    assert without.first_event == without.end == 20.0
+    assert without.steady_window == (4.0, 20.0)
+
+
+# ------------------------------------------------------------ tracking
+
+
+def test_the_pose_error_is_actual_minus_desired_in_world_axes():
+    result = made(
+        [0.0, 1.0],
+        payload_pose=poses([(1.0, 2.0, 3.0), (0.0, 0.0, 0.0)], [0.7, 0.0]),
+        desired_pose=poses([(0.9, 2.2, 3.0), (0.0, 0.0, 0.0)], [0.4, 0.2]),
+    )
+    expected = [[0.1, -0.2, 0.0, 0.3, 0.0, 0.0], [0.0, 0.0, 0.0, -0.2, 0.0, 0.0]]
+    close(result.data.pose_error, expected, atol=EXACT)
+    close(result.data.payload_position, [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
+    close(result.data.desired_position, [[0.9, 2.2, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
+    half = [[math.sin(0.35), 0.0, 0.0, math.cos(0.35)], [0.0, 0.0, 0.0, 1.0]]
+    close(result.data.payload_quaternion, half, atol=EXACT)
+    half = [[math.sin(0.2), 0.0, 0.0, math.cos(0.2)], [math.sin(0.1), 0.0, 0.0, math.cos(0.1)]]
+    close(result.data.desired_quaternion, half, atol=EXACT)
+
+
+OUT, IN = 5.1e-3, 4.9e-3
+TIMES = [0.0, 0.5, 1.0, 2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("heights", "turns", "settled"),
+    [
+        ([OUT, IN, OUT, IN, IN, IN], [0] * 6, 2.0),
+        ([0] * 6, [OUT, IN, -OUT, IN, IN, IN], 2.0),
+        ([IN, OUT, 0, 0, 0, 0], [0, 0, OUT, OUT, IN, IN], 3.0),
+        ([IN] * 6, [IN] * 6, 0.0),
+        ([0, 0, 0, 0, 0, OUT], [0] * 6, math.inf),
+        ([0] * 6, [0, 0, 0, 0, 0, OUT], math.inf),
+        ([0, 0, 0, 0, OUT, IN], [0] * 6, 4.0),
+        ([5e-3] * 6, [0] * 6, 0.0),
+        ([math.nextafter(5e-3, 1.0)] * 6, [0] * 6, math.inf),
+    ],
+)
+def test_settling_is_of_position_and_of_orientation(heights, turns, settled):
+    assert made(TIMES, payload_pose=along_z(heights, turns)).settling_time() == settled
+
+
+def test_the_band_is_of_the_distance_and_of_the_angle_and_not_of_single_axes():
+    corner = np.full(3, 3.0e-3)  # 5.2 mm
+    assert made([0.0, 1.0], payload_pose=poses([corner, (0, 0, 0)])).settling_time() == 1.0
+    turned = np.array([make_pose((0, 0, 0), corner), np.eye(4)])
+    assert made([0.0, 1.0], payload_pose=turned).settling_time() == 1.0
+
+
+def test_settling_ends_at_the_first_event_and_resettling_starts_there():
+    heights = [OUT, IN, OUT, IN, OUT, IN]
+    result = made(TIMES, payload_pose=along_z(heights), events=(event(2.0),))
+    assert result.settling_time() == math.inf  # no sample is in the band between 1.0 and the event at 2.0
+    assert result.resettling_time() == 2.0
+    result = made(TIMES, payload_pose=along_z(heights), events=(event(3.0),))
+    assert (result.settling_time(), result.resettling_time()) == (2.0, 1.0)
+
+
+def test_resettling_is_nan_without_an_event_and_where_nothing_left_the_band():
+    left_before = along_z([OUT, 0, 0, 0, 0, 0])
+    assert math.isnan(made(TIMES, payload_pose=along_z([OUT] * 6)).resettling_time())
+    assert math.isnan(made(TIMES, payload_pose=left_before, events=(event(2.0),)).resettling_time())
+    never = made(TIMES, payload_pose=along_z([0, 0, 0, 0, 0, OUT]), events=(event(2.0),))
+    assert never.resettling_time() == math.inf
+
+
+def test_the_peak_after_an_event_is_of_the_position_from_the_event_to_the_last_sample():
+    pose = poses([(9.0, 0, 0), (0, 0, 0), (0.3, 0, 0.4), (0.1, 0, 0)], [2.0, 2.0, 2.0, 2.0])
+    times = [0.0, 1.0, 2.0, 3.0]
+    assert math.isnan(made(times, payload_pose=pose).event_peak_position_error())
+    close(made(times, payload_pose=pose, events=(event(1.0),)).event_peak_position_error(), 0.5, atol=EXACT)
+    close(made(times, payload_pose=pose, events=(event(2.0),)).event_peak_position_error(), 0.5, atol=EXACT)
+    close(made(times, payload_pose=pose, events=(event(2.5),)).event_peak_position_error(), 0.1, atol=EXACT)
+
+
+STEADY = [0.0, 3.99, 4.0, 5.0, 6.0, 7.0]
+
+
+def test_rms_errors_are_over_the_steady_window():
+    positions = [(8, 8, 8), (8, 8, 8), (0.3, 0, 0.4), (0, 0.7, 0), (0, 0, 0), (0.2, 0, 0)]
+    turns = [1.0, 1.0, -0.1, 0.2, 0.0, 0.5]
+    pose = poses(positions, turns)
+    whole = made(STEADY, payload_pose=pose)
+    close(whole.position_rms(), math.sqrt((0.25 + 0.49 + 0.0 + 0.04) / 4), atol=EXACT)
+    close(whole.orientation_rms(), math.sqrt((0.01 + 0.04 + 0.0 + 0.25) / 4), atol=EXACT)
+    cut = made(STEADY, payload_pose=pose, events=(event(6.5),))
+    close(cut.position_rms(), math.sqrt((0.25 + 0.49) / 3), atol=EXACT)
+    close(cut.orientation_rms(), math.sqrt((0.01 + 0.04) / 3), atol=EXACT)
+
+
+# ------------------------------------------------------------ internal force
+
+
+def squeezed(left, desired, **samples):
+    """Wrenches on two arms at (0, 0, 0) and (2, 0, 0): equal and opposite, desired ones in payload axes."""
+    both = [np.stack((np.array(rows), -np.array(rows)), axis=1) for rows in (left, desired)]
+    return made(STEADY, interaction_wrench=both[0], desired_squeeze=both[1], **samples)
+
+
+def test_internal_force_over_the_steady_window():
+    left = [[99.0] * 6] * 2 + [
+        [-10, 3, 4, 1, 2, 2],
+        [-12, 0, 1, 0, 0, 5],
+        [-8, 0, 0, 0, 0, 0],
+        [-2, 0, 0, 0, 0, 0],
+    ]
+    wanted = [[0.0] * 6] * 2 + [
+        [-8, 3, 0, 1, 0, 2],
+        [-8, 0, 0, 0, 0, 1],
+        [-8, 0, 0, 0, 0, 0],
+        [-4, 0, 0, 0, 0, 0],
+    ]
+    found = squeezed(left, wanted).internal_force()
+    close(found.axial_mean, (-10 - 12 - 8 - 2) / 4, atol=EXACT)
+    close(found.axial_rms_error, math.sqrt((4 + 16 + 0 + 4) / 4), atol=EXACT)
+    close(found.shear_rms, math.sqrt((16 + 1 + 0 + 0) / 4), atol=EXACT)
+    close(found.moment_rms_error, math.sqrt((4 + 16 + 0 + 0) / 4), atol=EXACT)
+    close(found.force_rms_error, math.sqrt((24 + 17) / 4), atol=EXACT)
+    before = squeezed(left, wanted, events=(event(6.0),)).internal_force()
+    close(before.axial_mean, -11.0, atol=EXACT)
+    close(before.moment_rms_error, math.sqrt(20 / 2), atol=EXACT)
+    over = metrics.internal_force(squeezed(left, wanted).data, Window(6.0, 7.0))
+    close(over.axial_mean, -5.0, atol=EXACT)
+
+
+def test_parts_of_the_actual_and_of_the_desired_internal_wrench():
+    data = squeezed([[-10, 3, 4, 1, 2, 2]] * 6, [[-8, 0, 6, 0, 3, 4]] * 6).data
+    for name, value in {
+        "internal_axial": -10.0,
+        "internal_shear": 5.0,
+        "internal_moment": 3.0,
+        "desired_internal_axial": -8.0,
+        "desired_internal_shear": 6.0,
+        "desired_internal_moment": 5.0,
+        "internal_axial_error": -2.0,
+        "internal_shear_error": math.hypot(3, 2),
+        "internal_moment_error": math.sqrt(1 + 1 + 4),
+    }.items():
+        close(data[name], np.full((6, 2), value), atol=EXACT)
+
+
+def test_rows_that_rigid_bodies_do_not_determine_count_as_zero():
+    nan = math.nan
+    data = squeezed([[-10, 3, nan, nan, nan, 2]] * 6, [[-8, 0, 0, 0, 0, 0]] * 6).data
+    close(data.internal_axial, np.full((6, 2), -10.0), atol=EXACT)
+    close(data.internal_shear, np.full((6, 2), 3.0), atol=EXACT)
+    close(data.internal_moment, np.full((6, 2), 2.0), atol=EXACT)
+    assert data.wrench_is_determined.values.tolist() == [True, True, False, False, False, True]
+
+
+def test_the_internal_wrench_is_what_the_load_shares_leave():
+    scenario = SCENARIO.replace(cell=SCENARIO.cell.replace(load_shares={"left": 0.25, "right": 0.75}))
+    wrench = np.zeros((2, 2, 6))
+    wrench[:, 0], wrench[:, 1] = (4, 1, 0, 0, 0, 8), (8, 3, 0, 0, 0, 0)
+    data = made([0.0, 1.0], scenario=scenario, interaction_wrench=wrench).data
+    left = np.array((4 - 3, 1 - 1, 0, 0, 0, 8 - 2))
+    close(data.internal_wrench, np.broadcast_to((left, -left), (2, 2, 6)), atol=EXACT)
+
+
+def test_the_desired_wrench_turns_with_the_payload():
+    turned = poses([(5.0, 0, 0)] * 2, [math.pi / 2, 0.0], axis=(0.0, 0.0, 1.0))
+    data = made([0.0, 1.0], payload_pose=turned, desired_squeeze=(1, 2, 3, 4, 5, 6)).data
+    close(data.desired_internal_wrench[0], [(-2, 1, 3, -5, 4, 6)] * 2, atol=1e-13)
+    close(data.desired_internal_wrench[1], [(1, 2, 3, 4, 5, 6)] * 2, atol=EXACT)
+
+
+def test_the_axial_direction_of_three_arms_is_towards_the_middle_of_the_other_two():
+    tips = np.array([(0, 0, 0), (6, 0, 0), (0, 8, 0)], dtype=float)
+    wrench = np.zeros((2, 3, 6))
+    wrench[:, 0], wrench[:, 1], wrench[:, 2] = (10, 0, 1, 0, 0, 0), (-10, 5, 0, 0, 0, 0), (0, -5, -1, 0, 0, 0)
+    data = made([4.0, 5.0], scenario=PLATE, tip_position=tips, interaction_wrench=wrench).data
+    directions = [
+        (0.6, 0.8, 0.0),
+        (-6 / math.sqrt(52), 4 / math.sqrt(52), 0.0),
+        (3 / math.sqrt(73), -8 / math.sqrt(73), 0.0),
+    ]
+    close(data.axial_direction, [directions] * 2, atol=EXACT)
+    axial = [6.0, 80 / math.sqrt(52), 40 / math.sqrt(73)]
+    close(data.internal_axial, [axial] * 2, atol=1e-13)
+    shear = [math.sqrt(101 - 36), math.sqrt(125 - 6400 / 52), math.sqrt(26 - 1600 / 73)]
+    close(data.internal_shear, [shear] * 2, atol=1e-13)
+    close(metrics.internal_force(data, Window(4.0, 5.0)).axial_mean, sum(axial) / 3, atol=1e-13)
+
+
+def test_a_tip_in_the_middle_of_the_others_has_no_axial_direction():
+    tips = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], dtype=float)
+    data = made([0.0, 1.0], scenario=PLATE, tip_position=tips).data
+    nan = math.nan
+    close(data.axial_direction, [[(1, 0, 0), (nan, nan, nan), (-1, 0, 0)]] * 2, atol=EXACT)
+
+
+def test_a_single_arm_has_no_internal_force():
+    cell = SCENARIO.cell
+    alone = SCENARIO.replace(
+        cell=cell.replace(
+            arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None
+        ),
+        squeeze={},
+    )
+    found = made(STEADY, scenario=alone, interaction_wrench=(1, 2, 3, 4, 5, 6))
+    assert np.isnan(found.data.axial_direction).all()
+    assert np.isnan(found.internal_force()[:3]).all()
+    assert not found.data.internal_wrench.any()
+
+
+# ------------------------------------------------------------ closure error, energy, torques, limits
+
+
+def test_closure_error_torque_peak_and_energy_balance_are_over_the_whole_run():
+    distance, angle = np.zeros((3, 2)), np.zeros((3, 2))
+    distance[0, 1], distance[2, 0], angle[2, 1] = 3e-3, 2e-3, 7e-3
+    torque = np.array([[(1, math.nan), (-2, 3)], [(-9, math.nan), (4, 5)], [(0, math.nan), (8, 0)]])
+    result = made(
+        [0.0, 1.0, 2.0],
+        closure_distance=distance,
+        closure_angle=angle,
+        torque=torque,
+        kinetic_energy=[1, 4, 2],
+        potential_energy=[10, 12, 9],
+        work_actuation=[0, 8, 8],
+        work_friction=[0, -2, -4],
+        work_external=[0, 1, 1],
+        work_payload_change=[0, 0, -6],
+    )
+    assert result.closure_error_max() == (3e-3, 7e-3)
+    assert result.torque_peak() == 9.0
+    close(metrics.energy_balance(result.data), [0.0, -2.0, 1.0], atol=EXACT)
+    close(result.energy_balance_max(), 2.0, atol=EXACT)
+
+
+def test_limits_that_were_exceeded():
+    limits = np.full((4, 2, 2), NO_LIMIT)
+    limits[0, 0, 0], limits[1, 0, 0] = -1.0, 2.0
+    limits[2, 0, 0], limits[3, 0, 0] = 3.0, 10.0
+    limits[2, 1, 0] = 3.0
+    position, velocity, commanded = np.zeros((4, 2, 2)), np.zeros((4, 2, 2)), np.zeros((4, 2, 2))
+    position[:, 0, 0] = [0.0, 2.1, -1.5, 2.2]
+    velocity[:, 0, 0] = [0.0, -3.0, -3.5, 3.2]
+    velocity[:, 1, 0] = [0.0, 3.0, 3.0 + 1e-10, -3.0]
+    commanded[:, 0, 0] = [0.0, 0.0, 0.0, 10.5]
+    for values in (position, velocity, commanded):
+        values[:, :, 1] = 1e9  # no limit, and in the left arm no joint
+    result = made(
+        [0.0, 1.0, 2.0, 3.0],
+        limits=limits,
+        joints=[["one"], ["one", "two"]],
+        joint_position=position,
+        joint_velocity=velocity,
+        commanded_torque=commanded,
+    )
+    assert result.limit_violations() == (
+        LimitViolation("left", "one", "position", -1.5, -1.0, 1.0),
+        LimitViolation("left", "one", "velocity", -3.5, -3.0, 2.0),
+        LimitViolation("left", "one", "torque", 10.5, 10.0, 3.0),
+    )
+
+
+# ------------------------------------------------------------ all together
+
+
+def test_every_metric_stands_under_its_own_name():
+    position = [(0.1, 0, 0), (0, 0, 0), (0.3, 0, 0), (0, 0, 0), (0, 0.4, 0), (0, 0, 0)]
+    result = made(
+        [0.0, 1.0, 4.0, 5.0, 6.0, 7.0],
+        events=(event(6.0),),
+        payload_pose=poses(position, [0.0, 0.0, 0.0, 0.5, 0.0, 0.0]),
+        interaction_wrench=[[(-4, 3, 0, 0, 0, 2), (4, -3, 0, 0, 0, -2)]],
+        closure_distance=1e-9,
+        closure_angle=2e-9,
+        kinetic_energy=[0, 0, 0, 0, 0, 6],
+        torque=-11.0,
+    )
+    found = result.metrics()
+    expected = {
+        "settling_time_s": math.inf,
+        "resettling_time_s": 1.0,
+        "event_peak_position_error_m": 0.4,
+        "position_rms_m": math.sqrt(0.09 / 2),
+        "orientation_rms_rad": math.sqrt(0.25 / 2),
+        "internal_axial_mean_N": -4.0,
+        "internal_axial_rms_error_N": 4.0,
+        "internal_shear_rms_N": 3.0,
+        "internal_moment_rms_error_Nm": 2.0,
+        "closure_error_max_m": 1e-9,
+        "closure_error_max_rad": 2e-9,
+        "energy_balance_max_J": 6.0,
+        "torque_peak_Nm": 11.0,
+        "window_start_s": 4.0,
+        "window_end_s": 6.0,
+    }
+    assert list(found) == list(expected)
+    assert found.pop("settling_time_s") == expected.pop("settling_time_s")
+    close(list(found.values()), list(expected.values()), atol=1e-13)
+
+
+def test_a_run_shorter_than_the_window_has_no_steady_metrics():
+    found = made([0.0, 1.0, 2.0], payload_pose=along_z([0.1] * 3)).metrics()
+    steady = [name for name, value in found.items() if math.isnan(value)]
+    assert steady == [
+        "resettling_time_s",
+        "event_peak_position_error_m",
+        "position_rms_m",
+        "orientation_rms_rad",
+        "internal_axial_mean_N",
+        "internal_axial_rms_error_N",
+        "internal_shear_rms_N",
+        "internal_moment_rms_error_Nm",
+    ]
