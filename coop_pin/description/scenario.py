@@ -20,7 +20,7 @@ from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import Description, Positive, Vector, check_arm_names
+from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
 from coop_pin.schema.pose import Pose
 
 _FOLDER = Path(__file__).parent / "scenarios"
@@ -39,7 +39,8 @@ class Scenario(Description):
     """Everything that determines a run.
 
     Attributes:
-        name: short name.
+        name: 1 to 100 characters without slashes, colons and control characters, and no dot in front; ``coop-pin run``
+            writes into out/ and this name.
         summary: description in one line.
         duration: simulated time, s.
         beyond_bound: accept gains outside the bounds of the theory or of the sampling.
@@ -58,8 +59,8 @@ class Scenario(Description):
         plant: formulation and integration of the plant.
     """
 
-    name: str
-    summary: str = ""
+    name: Name
+    summary: Text = ""
     duration: Positive = 20.0
     beyond_bound: bool = False
     cell: Cell
