@@ -290,4 +290,5 @@ def test_a_file_that_is_gone_a_folder_and_a_huge_file_are_typed_errors(tmp_path)
     huge = tmp_path / "huge.urdf"
     with huge.open("wb") as file:
         file.truncate(100 * MAX_BYTES)
-    assert [finding.code for finding in check_file(find_urdf(huge)).findings] == ["size"]
+    with pytest.raises(UrdfError, match=str(100 * MAX_BYTES)):
+        check_file(find_urdf(huge))

@@ -111,7 +111,10 @@ def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[f
 def _number(value: Any, path: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise FieldError(f"is {value!r}; it must be a number", path)
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise FieldError("is an integer beyond the range of a float; write 1e30", path) from None
     if not math.isfinite(number):
         raise FieldError(f"is {number}; it must be a finite number", path)
     return number

@@ -1,21 +1,20 @@
-"""Check of URDF text before Pinocchio reads it, and expansion of xacro files."""
+"""Check of URDF text before Pinocchio reads it."""
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
-from xml.sax.saxutils import escape
 
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
 from coop_pin.description.urdf.lint import element_findings, mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
+from coop_pin.description.urdf.xacro import expanded
 from coop_pin.description.urdf.xml import MAX_BYTES, read_document
-from coop_pin.errors import MissingExtraError, UrdfError, UrdfWarning
+from coop_pin.errors import FileReadError, UrdfError, UrdfWarning
+from coop_pin.user_files import read_user_file
 
 
 def check_urdf(text: str | bytes) -> UrdfReport:
@@ -92,44 +91,8 @@ def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[
 
 def _text(urdf: UrdfFile) -> bytes:
     if urdf.path.suffix == ".xacro":
-        return _expanded(urdf)
-    if not urdf.path.is_file():
-        raise UrdfError(f"no file at {urdf.path}")
+        return expanded(urdf)
     try:
-        with urdf.path.open("rb") as file:
-            return file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise UrdfError(f"{urdf.path} cannot be read: {error.strerror}; check its permissions") from error
-
-
-def _expanded(urdf: UrdfFile) -> bytes:
-    """Return the URDF of a xacro file, UTF-8.
-
-    xacro evaluates Python expressions: open only files that you trust. Packages of
-    ``$(find ...)`` are searched in the file's package folders and above the file.
-
-    Raises:
-        MissingExtraError: xacrodoc is not installed.
-        UrdfError: the file cannot be expanded.
-    """
-    try:
-        xacrodoc = importlib.import_module("xacrodoc")
-    except ImportError:
-        raise MissingExtraError("xacrodoc", "xacro", f"to read {urdf.path.name}") from None
-    manifests = [path for folder in urdf.package_dirs for path in sorted(folder.glob("*/package.xml"))]
-    xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({path.parent.name: path.parent for path in manifests})
-    xacrodoc.packages.walk_up_from(urdf.path)
-    try:
-        # As an include, because a file read as text would not find its own relative includes.
-        document: Any = xacrodoc.XacroDoc.from_includes(
-            [escape(str(urdf.path))],
-            name=urdf.path.stem,
-            subargs=dict(urdf.xacro_args),
-            resolve_packages=False,
-        )
-    # xacro's errors have no common base class, and it evaluates the file's own Python expressions.
-    except Exception as error:
-        advice = "check its arguments (xacro_args) and packages (package_dirs)"
-        raise UrdfError(f"{urdf.path} cannot be expanded: {error}; {advice}") from error
-    return bytes(document.dom.toxml(encoding="utf-8"))
+        return read_user_file(urdf.path, limit=MAX_BYTES, kind="a URDF")
+    except FileReadError as error:
+        raise UrdfError(str(error)) from error
