@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from coop_pin.description.urdf.find import UrdfFile
-from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
+from coop_pin.description.urdf.inertia import inertial_findings, massless_findings, moved_links
 from coop_pin.description.urdf.lint import element_findings, mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
@@ -32,7 +32,7 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
             be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
-    return UrdfReport(str(urdf.path), _findings(_text(urdf), urdf.package_dirs))
+    return _report(urdf, _text(urdf), urdf.package_dirs)
 
 
 def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
@@ -51,7 +51,7 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
     data = _text(urdf)
-    _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
+    _require_usable(_report(urdf, data), strict, warn=urdf.origin == "user")
     return data.decode("utf-8")
 
 
@@ -80,13 +80,25 @@ def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[
     if isinstance(robot, UrdfFinding):
         return (robot,)
     tree = read_tree(robot)
+    moved = moved_links(tree)
     found = [*element_findings(robot), *tree.findings, *massless_findings(tree)]
     for node in robot.children:
         if node.tag == "link":
-            found += inertial_findings(node)
+            found += inertial_findings(node, moves=node.name in moved)
     if package_dirs is not None:
         found += mesh_findings(robot, package_dirs)
     return tuple(sorted(found, key=lambda finding: finding.line))
+
+
+def _report(urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None) -> UrdfReport:
+    """Return the findings of a file; bodies of bundled files and example-robot-data may be impossible."""
+    findings = _findings(data, package_dirs)
+    if urdf.origin != "user":
+        findings = tuple(
+            finding._replace(kind="physical") if finding.kind == "impossible" else finding
+            for finding in findings
+        )
+    return UrdfReport(str(urdf.path), findings)
 
 
 def _text(urdf: UrdfFile) -> bytes:
