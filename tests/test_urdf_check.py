@@ -88,6 +88,7 @@ def test_every_code_of_the_docstring_is_in_the_corpus_and_conversely():
         *DOUBTFUL,
         "mesh_missing",
         "mesh_unreadable",
+        "loop",
     }
 
 
@@ -137,6 +138,34 @@ def test_a_corrupt_mesh_is_an_error_of_the_check(content, tmp_path):
 def test_a_negative_size_is_an_error(shape):
     visual = f'<link name="c"><visual><geometry>{shape}</geometry></visual></link>'
     assert "negative" in [finding.code for finding in check_urdf(arm(link_c=visual)).errors()]
+
+
+LOOPS = {
+    "loop_joint": '<loop_joint name="l" type="spherical"><link1 link="b"/><link2 link="c"/></loop_joint>',
+    "constraint": '<constraint name="l"><parent link="b"/><child link="c"/></constraint>',
+    "joint": '<gazebo><joint name="l" type="ball"><parent>b</parent><child>c</child></joint></gazebo>',
+    "joint:hinge": '<gazebo><joint:hinge name="l"><body1>b</body1></joint:hinge></gazebo>',
+}
+
+
+@pytest.mark.parametrize("tag", LOOPS)
+def test_a_loop_is_never_dropped(tag):
+    (finding,) = check_urdf(arm(more=LOOPS[tag])).errors()
+    assert (finding.code, finding.element) == ("loop", f"{tag} 'l'")
+    assert LOOPS[tag].startswith(arm(more=LOOPS[tag]).splitlines()[finding.line - 1].strip()[:6])
+    with pytest.raises(UrdfError, match="loop"):
+        text_checked(arm(more=LOOPS[tag]))
+
+
+def test_gazebo_elements_that_close_no_loop_are_none():
+    for more in (
+        '<gazebo reference="one"><plugin name="p"><joint>one</joint></plugin></gazebo>',
+        '<transmission name="t"><joint name="one"/></transmission>',
+        '<ros2_control name="r"><joint name="one"/></ros2_control>',
+    ):
+        assert check_urdf(arm(more=more)).findings == ()
+    codes = {finding.code for finding in check_file(find_urdf("pr2")).warnings()}
+    assert "loop" in codes
 
 
 def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):

@@ -130,7 +130,9 @@ def test_a_flipped_bit_is_refused_or_changes_nothing(saved, tmp_path):
         lambda data: data.attrs.update(title="another"),
         lambda data: data["torque"].attrs.update(units="kN m"),
         lambda data: data.attrs.pop("coop_pin_sha256"),
-        lambda data: data.attrs.update(coop_pin_scenario=data.attrs["coop_pin_scenario"].replace("duration = 0.1", "duration = 0.2")),
+        lambda data: data.attrs.update(
+            coop_pin_scenario=data.attrs["coop_pin_scenario"].replace("duration = 0.1", "duration = 0.2")
+        ),
     ],
     ids=["value", "title", "unit", "no checksum", "scenario"],
 )

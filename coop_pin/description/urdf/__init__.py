@@ -16,7 +16,7 @@ says.
 - joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``,
   ``mimic_unknown``
 - tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``,
-  ``no_root``, ``two_roots``, ``depth``
+  ``no_root``, ``two_roots``, ``depth``, ``loop`` (doubtful in bundled files and example-robot-data)
 
 **Physical** findings are warnings, and errors if strict: no body has such a mass or inertia. In a user's
 file ``mass_zero`` (with an inertia), ``mass_negative``, ``inertia_not_psd`` and ``inertia_triangle`` of a

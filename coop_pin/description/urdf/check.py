@@ -91,11 +91,15 @@ def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[
 
 
 def _report(urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None) -> UrdfReport:
-    """Return the findings of a file; bodies of bundled files and example-robot-data may be impossible."""
+    """Return the findings of a file; in bundled files and example-robot-data some errors are warnings."""
     findings = _findings(data, package_dirs)
     if urdf.origin != "user":
         findings = tuple(
-            finding._replace(kind="physical") if finding.kind == "impossible" else finding
+            finding._replace(kind="physical")
+            if finding.kind == "impossible"
+            else finding._replace(kind="doubtful")
+            if finding.code == "loop"
+            else finding
             for finding in findings
         )
     return UrdfReport(str(urdf.path), findings)
