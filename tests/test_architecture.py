@@ -33,22 +33,24 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
+# - user_files reads what users name: bounded, regular files only;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
+    "user_files": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
-    "reference": ({"schema"}, {"pydantic", "scipy"}),
+    "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic", "scipy"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference"},
+        {"schema", "control", "reference", "user_files"},
         {"pydantic", "scipy", "tomli_w", "trimesh", "xacrodoc"},
     ),
     "model": ({"description"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description"}, {"xarray", "scipy"}),
+    "results": ({"description", "user_files"}, {"xarray", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
@@ -81,7 +83,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"schema", "description", "results", "run_scenario", "progress_bar"},
+        {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
         {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
@@ -265,7 +267,7 @@ def run_python(code: str) -> str:
 
 def test_control_imports_and_steps_where_importing_pinocchio_raises():
     seen = set(run_python(BLIND_LAW).split())
-    assert seen <= {"control", "schema", "spatial", "arrays", "errors", "reference"}
+    assert seen <= {"control", "schema", "spatial", "arrays", "errors", "reference", "user_files"}
     assert "control" in seen
 
 

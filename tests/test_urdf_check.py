@@ -15,10 +15,10 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from malformed_urdf import BODIES, CORPUS, arm, chain
+from malformed_urdf import BODIES, CORPUS, PARTS, arm, chain
 
 from coop_pin.description import urdf
-from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked
+from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import example_folder
 from coop_pin.description.urdf.tree import MAX_DEPTH
 from coop_pin.description.urdf.xml import MAX_BYTES
@@ -37,7 +37,7 @@ from malformed_urdf import CORPUS
 
 def judge(text):
     report = check_urdf(text)
-    if report.errors():
+    if any(finding.kind == "structural" for finding in report.findings):
         return 10
     try:
         pinocchio.buildModelFromXML(text)
@@ -68,8 +68,10 @@ def endings() -> dict[str, int]:
 def test_a_defect_is_found_with_its_code_element_and_line_and_nothing_else_is(name):
     malformed = CORPUS[name]
     findings = check_urdf(malformed.text).findings
-    kind = "physical" if malformed.physical else "structural"
-    assert (kind, malformed.code, malformed.element, malformed.line) in [finding[:4] for finding in findings]
+    expected = (malformed.code, malformed.element, malformed.line)
+    kinds = {finding.kind for finding in findings if finding[1:4] == expected}
+    assert kinds <= ({"physical", "impossible"} if malformed.physical else {"structural"})
+    assert kinds
     assert {finding.code for finding in findings} == {malformed.code} | malformed.besides
 
 
@@ -82,7 +84,12 @@ def test_every_code_of_the_docstring_is_in_the_corpus_and_conversely():
     listed = inspect.getdoc(urdf).split("**Structural**")[1]
     codes = set(re.findall(r"``(\w+)``", listed))
     assert len(CORPUS) >= 40
-    assert codes == {malformed.code for malformed in CORPUS.values()} | {*DOUBTFUL, "mesh_missing"}
+    assert codes == {malformed.code for malformed in CORPUS.values()} | {
+        *DOUBTFUL,
+        "mesh_missing",
+        "mesh_unreadable",
+        "loop",
+    }
 
 
 DOUBTFUL = {
@@ -100,6 +107,67 @@ def test_another_units_numbers_are_warned_of_even_when_strict(code):
     assert report.errors(strict=True) == ()
 
 
+def _stl(triangles: int, *, claimed: int) -> bytes:
+    return bytes(80) + claimed.to_bytes(4, "little") + bytes(50 * triangles)
+
+
+STL = {
+    "empty": b"",
+    "cut": _stl(1, claimed=1)[:-1],
+    "claims 2^31": _stl(1, claimed=2**31),
+    "none": _stl(0, claimed=0),
+    "noise": b"\x07" * 90,
+}
+
+
+@pytest.mark.parametrize("content", STL.values(), ids=STL)
+def test_a_corrupt_mesh_is_an_error_of_the_check(content, tmp_path):
+    mesh = '<visual><geometry><mesh filename="package://here/part.stl"/></geometry></visual>'
+    file = _file(tmp_path, arm(link_c=f'<link name="c">{mesh}</link>'))
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "part.stl").write_bytes(content)
+    assert [finding.code for finding in check_file(file).errors()] == ["mesh_unreadable"]
+    (tmp_path / "here" / "part.stl").write_bytes(b"solid a\nfacet normal 0 0 1\nendfacet\nendsolid")
+    assert check_file(file).errors() == ()
+
+
+@pytest.mark.parametrize(
+    "shape",
+    ['<sphere radius="-1"/>', '<box size="1 -1 1"/>', '<cylinder radius="1" length="-1"/>'],
+)
+def test_a_negative_size_is_an_error(shape):
+    visual = f'<link name="c"><visual><geometry>{shape}</geometry></visual></link>'
+    assert "negative" in [finding.code for finding in check_urdf(arm(link_c=visual)).errors()]
+
+
+LOOPS = {
+    "loop_joint": '<loop_joint name="l" type="spherical"><link1 link="b"/><link2 link="c"/></loop_joint>',
+    "constraint": '<constraint name="l"><parent link="b"/><child link="c"/></constraint>',
+    "joint": '<gazebo><joint name="l" type="ball"><parent>b</parent><child>c</child></joint></gazebo>',
+    "joint:hinge": '<gazebo><joint:hinge name="l"><body1>b</body1></joint:hinge></gazebo>',
+}
+
+
+@pytest.mark.parametrize("tag", LOOPS)
+def test_a_loop_is_never_dropped(tag):
+    (finding,) = check_urdf(arm(more=LOOPS[tag])).errors()
+    assert (finding.code, finding.element) == ("loop", f"{tag} 'l'")
+    assert LOOPS[tag].startswith(arm(more=LOOPS[tag]).splitlines()[finding.line - 1].strip()[:6])
+    with pytest.raises(UrdfError, match="loop"):
+        text_checked(arm(more=LOOPS[tag]))
+
+
+def test_gazebo_elements_that_close_no_loop_are_none():
+    for more in (
+        '<gazebo reference="one"><plugin name="p"><joint>one</joint></plugin></gazebo>',
+        '<transmission name="t"><joint name="one"/></transmission>',
+        '<ros2_control name="r"><joint name="one"/></ros2_control>',
+    ):
+        assert check_urdf(arm(more=more)).findings == ()
+    codes = {finding.code for finding in check_file(find_urdf("pr2")).warnings()}
+    assert "loop" in codes
+
+
 def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     mesh = '<mesh filename="package://{}/part.stl"/>'
     visuals = "".join(
@@ -107,7 +175,7 @@ def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     )
     file = _file(tmp_path, arm(link_c=f'<link name="c">{visuals}</link>'))
     (tmp_path / "here").mkdir()
-    (tmp_path / "here" / "part.stl").touch()
+    (tmp_path / "here" / "part.stl").write_bytes(_stl(1, claimed=1))
     missing = [finding for finding in check_file(file).findings if finding.kind == "doubtful"]
     assert [(finding.code, finding.element) for finding in missing] == [("mesh_missing", "link 'c'")]
     assert "'package://gone/part.stl'" in missing[0].message
@@ -152,17 +220,17 @@ def test_a_tree_of_the_greatest_depth_passes_and_pinocchio_builds_it():
 
 
 def test_strict_turns_warnings_into_errors():
-    report = check_urdf(BODIES["mass negative"].text)
-    assert [finding.code for finding in report.warnings()] == ["mass_negative"]
+    report = check_urdf(BODIES["inertia missing"].text)
+    assert [finding.code for finding in report.warnings()] == ["inertia_missing"]
     assert report.errors() == report.warnings(strict=True) == ()
     assert report.errors(strict=True) == report.warnings()
 
 
 def test_a_report_reads_as_one_line_for_each_finding_and_a_count():
-    report = check_urdf(arm(mass='<mass value="-2.5"/>', axis_1='<axis xyz="0 0 0"/>'))
+    report = check_urdf(arm(inertia='<inertia ixx="1"/>', axis_1='<axis xyz="0 0 0"/>'))
     error, warning, count = report.summary().splitlines()
     assert re.match(r"error: line 15: joint 'one': .*\[axis_zero\]$", error)
-    assert re.match(r"warning: line 6: link 'b': .*-2\.5 kg.*\[mass_negative\]$", warning)
+    assert re.match(r"warning: line 7: link 'b': .*\[inertia_missing\]$", warning)
     assert count == "the text: 1 error, 1 warning"
     assert report.summary(strict=True).endswith("the text: 2 errors, 0 warnings")
 
@@ -230,7 +298,7 @@ def test_the_arms_of_example_robot_data_have_no_structural_findings_and_load(nam
 
 def test_pinocchio_builds_every_example_that_passes_and_few_do_not():
     files = sorted(example_folder().glob("*/*/*.urdf"))
-    passed = [path for path in files if not check_urdf(path.read_bytes()).errors()]
+    passed = [path for path in files if not check_file(find_urdf(path)).errors()]
     for path in passed:
         pin.buildModelFromXML(path.read_text(encoding="utf-8"))
     # ur3.urdf is an empty stub, alex_psyonic_hands.urdf mimics joints that it does not have.
@@ -266,12 +334,39 @@ def test_an_error_names_every_finding(tmp_path):
         assert words in caught.value.detail
 
 
-def test_impossible_bodies_are_warned_of_in_a_users_file_and_errors_when_strict(tmp_path):
-    file = _file(tmp_path, BODIES["mass negative"].text)
-    with pytest.warns(UrdfWarning, match=r"link 'b': the mass is -2\.5 kg"):
-        assert load_checked(file) == BODIES["mass negative"].text
-    with pytest.raises(UrdfError, match="mass_negative"):
-        load_checked(file, strict=True)
+IMPOSSIBLE = (
+    "mass negative",
+    "mass zero",
+    "inertia negative",
+    "inertia of no body",
+    "inertia of no body, turned",
+)
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_impossible_bodies_that_move_are_errors_in_a_users_file(name, tmp_path):
+    file = _file(tmp_path, BODIES[name].text)
+    with pytest.raises(UrdfError, match=BODIES[name].code):
+        load_checked(file)
+    with pytest.raises(UrdfError, match=BODIES[name].code):
+        text_checked(BODIES[name].text)
+
+
+def test_those_that_do_not_move_and_rounding_noise_are_warned_of(tmp_path):
+    fixed = arm(
+        mass='<mass value="-2.5"/>',
+        **{
+            part: text.replace("revolute", "fixed")
+            for part, text in PARTS.items()
+            if part.startswith("joint_")
+        },
+    )
+    noise = '<inertia ixx="-2e-35" iyy="0" izz="2e-35" ixy="0" ixz="0" iyz="0"/>'
+    for text, code in ((fixed, "mass_negative"), (arm(inertia=noise), "inertia_not_psd")):
+        with pytest.warns(UrdfWarning, match=code):
+            load_checked(_file(tmp_path, text))
+        with pytest.raises(UrdfError, match=code):
+            load_checked(_file(tmp_path, text), strict=True)
 
 
 def test_impossible_bodies_of_known_robots_are_not_warned_of_but_errors_when_strict():
@@ -290,4 +385,5 @@ def test_a_file_that_is_gone_a_folder_and_a_huge_file_are_typed_errors(tmp_path)
     huge = tmp_path / "huge.urdf"
     with huge.open("wb") as file:
         file.truncate(100 * MAX_BYTES)
-    assert [finding.code for finding in check_file(find_urdf(huge)).findings] == ["size"]
+    with pytest.raises(UrdfError, match=str(100 * MAX_BYTES)):
+        check_file(find_urdf(huge))

@@ -72,7 +72,7 @@ def literal(word: str) -> Any:
     """Return a word as a TOML value (0.5, true, [1, 2], {kind = "tanh"}), a number (.5) or plain text."""
     try:
         table = tomllib.loads(f"value = {word}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # no TOML, or beyond the limits of Python
         with contextlib.suppress(ValueError):
             return float(word)
         return word

@@ -43,7 +43,7 @@ class Sweep:
         if self.estimate:
             print(plan.summary(), estimate(plan, workers=self.workers).summary(), sep="\n")
             return OK
-        folder = self.out or Path("out") / self.plan.stem
+        folder = self.out or Path("out") / self.plan.stem.lstrip(".")
         result = sweep(
             plan,
             out=folder,

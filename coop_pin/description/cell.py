@@ -15,7 +15,7 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, NameNotFoundError
-from coop_pin.schema.base import Description, Vector3, check_arm_names
+from coop_pin.schema.base import Description, Vector3, check_arm_names, plain_name
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import as_pose, inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
@@ -77,8 +77,9 @@ class Cell(Description):
     @classmethod
     def _named(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
         for name in arms:
-            if "/" in name or "." in name or name in ("", "payload"):
-                raise FieldError(f"arm name {name!r} must not be empty or 'payload', nor contain '/' or '.'")
+            plain_name(name)
+            if "." in name or name == "payload":
+                raise FieldError(f"arm name {name!r} must not be 'payload', nor contain '.'")
         return arms
 
     @field_validator("grasps", mode="before")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
@@ -17,6 +18,10 @@ from coop_pin.description.urdf.robot import link_body
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.schema.pose import Pose
+from coop_pin.user_files import read_user_file
+
+_MAX_MESH_BYTES = 100_000_000
+"""Two million triangles of a binary STL."""
 
 Maker = TypeVar("Maker", bound=Callable[..., Any])
 
@@ -226,14 +231,16 @@ def read_mesh(path: Path) -> Any:
     """Return the trimesh.Trimesh of a file, its parts joined into one.
 
     Raises:
-        FieldError: the file cannot be read.
+        FieldError: the file cannot be read, or unpacks to more than 100 MB.
     """
     import trimesh  # a tenth of a second, only for payloads that are meshes
 
-    if not path.is_file():
+    if not path.exists():
         raise FieldError(f"there is no mesh at {path}", "mesh_file")
     try:
-        mesh = trimesh.load(path, force="mesh")
+        # As bytes: a mesh that names further files does not get them.
+        content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
+        mesh = trimesh.load(io.BytesIO(content), file_type=path.suffix[1:].lower(), force="mesh")
     except Exception as error:  # the readers of many formats have no common base of their errors
         raise FieldError(f"{path} cannot be read as a mesh: {error}", "mesh_file") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:

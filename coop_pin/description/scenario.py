@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -17,11 +16,12 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError, one_or_all
+from coop_pin.errors import FieldError, NameNotFoundError, UnknownFieldError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import Description, Positive, Vector, check_arm_names
+from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
 from coop_pin.schema.pose import Pose
+from coop_pin.user_files import parse_toml, read_toml
 
 _FOLDER = Path(__file__).parent / "scenarios"
 
@@ -39,7 +39,8 @@ class Scenario(Description):
     """Everything that determines a run.
 
     Attributes:
-        name: short name.
+        name: 1 to 100 characters without slashes, colons and control characters, and no dot in front;
+            ``coop-pin run`` writes into out/ and this name.
         summary: description in one line.
         duration: simulated time, s.
         beyond_bound: accept gains outside the bounds of the theory or of the sampling.
@@ -58,8 +59,8 @@ class Scenario(Description):
         plant: formulation and integration of the plant.
     """
 
-    name: str
-    summary: str = ""
+    name: Name
+    summary: Text = ""
     duration: Positive = 20.0
     beyond_bound: bool = False
     cell: Cell
@@ -147,7 +148,7 @@ class Scenario(Description):
         path = _FOLDER / f"{name_or_path}.toml" if in_catalogue else Path(name_or_path)
         if not path.is_file():
             raise _missing(path)
-        data = _parsed(path.read_bytes(), str(path))
+        data = read_toml(path, kind="a scenario")
         _anchor_files(data, path.parent)
         scenario = cls(**data)
         return scenario.override(overrides) if overrides else scenario
@@ -160,7 +161,7 @@ class Scenario(Description):
             FileReadError: the text is not TOML.
             ScenarioError: the scenario has mistakes.
         """
-        return cls(**_parsed(text.encode("utf-8", "surrogatepass"), "the text"))
+        return cls(**parse_toml(text.encode("utf-8", "surrogatepass"), "the text", kind="a scenario"))
 
     def to_toml(self) -> str:
         """Return the resolved scenario as TOML: every field with its value."""
@@ -172,13 +173,6 @@ class Scenario(Description):
     def save(self, path: str | Path) -> None:
         """Write the resolved scenario to a TOML file."""
         Path(path).write_text(self.to_toml(), encoding="utf-8")
-
-
-def _parsed(data: bytes, source: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileReadError(f"{source} is not a scenario in TOML: {error}") from None
 
 
 def _missing(path: Path) -> NameNotFoundError:

@@ -17,6 +17,7 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
     DESIRED,
+    as_written,
     frame_bulk,
     frame_decades,
     label,
@@ -82,7 +83,7 @@ def _draw_internal(data: xr.Dataset, part: str, panel: Axes) -> None:
     time, actual = data["time"].values, data[f"internal_{part}"].values[:, 0]
     panel.plot(time, actual, **ACTUAL)
     panel.plot(time, data[f"desired_internal_{part}"].values[:, 0], **DESIRED)
-    label(panel, f"internal force on arm {data['arm'].values[0]}, {part}", "N")
+    label(panel, f"internal force on arm {as_written(data['arm'].values[0])}, {part}", "N")
     if part == "axial":
         frame_bulk(panel, actual, "N")
 
@@ -102,7 +103,7 @@ def torque_figure(result: RunResult) -> Figure:
                 panel.set_visible(False)
                 continue
             panel.plot(data["time"].values, torque[:, arm, joint], drawstyle="steps-post", **ACTUAL)
-            label(panel, f"arm {arms[arm]}, joint {data['joint'].values[joint]}", "N m")
+            label(panel, f"arm {as_written(arms[arm])}, joint {data['joint'].values[joint]}", "N m")
     return figure
 
 
@@ -165,7 +166,7 @@ def internal_force_figure(result: RunResult) -> Figure:
                 panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
                 panel.plot(data["time"].values, desired[:, arm], label="desired", **DESIRED)
                 frame_bulk(panel, actual[:, arm], unit)
-                label(panel, f"arm {arms[arm]}, {text}", unit)
+                label(panel, f"arm {as_written(arms[arm])}, {text}", unit)
         legend_above(axes[0, 0])
     return figure
 
@@ -184,7 +185,9 @@ def singularity_figure(result: RunResult) -> Figure:
         panel = axes[0, 0]
         for index, arm in enumerate(data["arm"].values):
             colour = palette.SERIES[index % len(palette.SERIES)]
-            panel.plot(data["time"].values, conditions[:, index], color=colour, label=f"arm {arm}")
+            panel.plot(
+                data["time"].values, conditions[:, index], color=colour, label=f"arm {as_written(arm)}"
+            )
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
         label(panel, "condition number of the payload Jacobian", "")
@@ -246,6 +249,6 @@ def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
     for arm, (name, described) in enumerate(result.scenario.cell.arms.items()):
         base, colour = described.base.xyz, palette.SERIES[(arm + 1) % len(palette.SERIES)]
         panel.plot(tips[:, arm, first], tips[:, arm, second], color=colour, linewidth=0.6)
-        panel.plot(base[first], base[second], "^", color=colour, label=f"base of {name}")
+        panel.plot(base[first], base[second], "^", color=colour, label=f"base of {as_written(name)}")
     panel.set_aspect("equal", adjustable="box")
     label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")

@@ -68,9 +68,9 @@ def run_figure(
     with styled():
         figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6), layout="constrained")
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        figure.suptitle(f"{scenario.name}: {title}")
+        figure.suptitle(f"{as_written(scenario.name)}: {title}")
         if scenario.summary:
-            figure.supxlabel(scenario.summary, fontsize=7.5, color=palette.CAPTION)
+            figure.supxlabel(as_written(scenario.summary), fontsize=7.5, color=palette.CAPTION)
         yield figure, axes
         figure.align_ylabels()
         for panel_axes in axes.flat:
@@ -79,6 +79,11 @@ def run_figure(
             panel_axes.set_xlim(0.0, max(result.end, scenario.clock.period))
         for panel_axes in axes[-1]:
             panel_axes.set_xlabel("time (s)")
+
+
+def as_written(text: object) -> str:
+    """Return a user's text as matplotlib draws it unchanged; between two $ it would expect a formula."""
+    return str(text).replace("$", r"\$")
 
 
 def label(panel: Axes, title: str, unit: str) -> None:

@@ -16,6 +16,7 @@ from coop_pin.arrays import Array
 from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
+    as_written,
     is_log_spaced,
     label,
     scale_to_field,
@@ -75,15 +76,15 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
         for place, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
             chosen = dict(zip(others, place, strict=True))
             line = table.sel(chosen)
-            text = ", ".join(_written(name, value) for name, value in chosen.items())
+            text = as_written(", ".join(_written(name, value) for name, value in chosen.items()))
             panel.plot(x, line["value"], color=colour, marker=marker, markersize=4.0, label=text or None)
             crosses = x[line["failed"].values]
             at_top: dict[str, Any] = {"transform": panel.get_xaxis_transform(), "clip_on": False}
             panel.plot(crosses, np.full(crosses.size, 0.97), "x", color=colour, **at_top)
         scale_to_field(panel, "x", x)
         scale_to_metric(panel, "y", table["value"].values)
-        panel.set_xlabel(field)
-        label(panel, "", table.attrs["metric"])
+        panel.set_xlabel(as_written(field))
+        label(panel, "", as_written(table.attrs["metric"]))
         if table["failed"].any():
             panel.plot([], [], "x", color=palette.EVENT, label="failed")
         if others or table["failed"].any():
@@ -122,9 +123,9 @@ def map_figure(table: xr.Dataset) -> Figure:
         for axis, edges, name in (("x", x, across), ("y", y, up)):
             scale_to_field(panel, axis, table[name].values)
             panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
-        panel.set_xlabel(across)
-        label(panel, "", up)
-        figure.colorbar(mesh, label=table.attrs["metric"])
+        panel.set_xlabel(as_written(across))
+        label(panel, "", as_written(up))
+        figure.colorbar(mesh, label=as_written(table.attrs["metric"]))
         if failed.any():
             failed_patch = Patch(label="failed", **_HATCHED)
             panel.legend(handles=[failed_patch], loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -202,7 +203,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
             panel.annotate(f"{run.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
         scale_to_metric(panel, "x", a[shown])
         scale_to_metric(panel, "y", b[shown])
-        panel.set_xlabel(metric_a)
-        label(panel, "numbers at the front: runs of the sweep", metric_b)
+        panel.set_xlabel(as_written(metric_a))
+        label(panel, "numbers at the front: runs of the sweep", as_written(metric_b))
         panel.legend(loc="best")
     return figure

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from coop_pin.arrays import Array
 from coop_pin.errors import AmbiguousTurnError, FieldError, FileReadError, NotIncreasingError, suggestion
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.schema.pose import Pose
+from coop_pin.user_files import read_user_file
 
 _LARGEST_TURN = math.radians(175.0)
 """Largest turn between neighbours; beyond, its direction is not certain."""
@@ -243,16 +244,18 @@ _RPY = ("roll", "pitch", "yaw")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _ALLOWED = 1e-3
 """Largest deviation of a quaternion in a file from length one."""
+_MAX_BYTES = 50_000_000
+"""Half a million rows."""
 
 
 def _read(path: str) -> tuple[tuple[str, ...], list[int], Array]:
     """Return the columns' names, the line number of each row, and the rows, shape (n, number of columns)."""
     try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            columns = _header(path, next(reader, []))
-            cells = [(reader.line_num, row) for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = read_user_file(path, limit=_MAX_BYTES, kind="a table").decode("utf-8-sig")
+        reader = csv.reader(io.StringIO(text, newline=""))
+        columns = _header(path, next(reader, []))
+        cells = [(reader.line_num, row) for row in reader if row]
+    except (UnicodeDecodeError, csv.Error) as error:
         raise FileReadError(f"cannot be read as a table: {error}", path) from error
     if len(cells) < 2:
         raise FileReadError(f"has {len(cells)} rows of numbers; a motion needs at least 2", path)

@@ -6,7 +6,9 @@ arrays by the table and the dataset is labelled by it; snapshots, metrics and fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -223,3 +225,22 @@ def dataset(
         "quaternion": ["x", "y", "z", "w"],
     }
     return xr.Dataset(variables, coordinates, {"title": scenario.summary or scenario.name})
+
+
+def content_digest(data: xr.Dataset) -> str:
+    """Return the SHA-256 of all names, dimensions, types, values and attributes of a dataset."""
+    digest = hashlib.sha256(_attributes(data.attrs))
+    for name in sorted(map(str, data.variables)):
+        variable = data.variables[name]
+        values = np.ascontiguousarray(variable.values)
+        is_text = values.dtype.kind in "OUT"
+        kind = "text" if is_text else values.dtype.newbyteorder("=").str
+        digest.update(json.dumps([name, variable.dims, values.shape, kind]).encode())
+        digest.update(_attributes(variable.attrs))
+        digest.update(json.dumps(values.astype(str).tolist()).encode() if is_text else values.tobytes())
+    return digest.hexdigest()
+
+
+def _attributes(attributes: Mapping[Hashable, Any]) -> bytes:
+    texts = {str(name): str(np.asarray(value).tolist()) for name, value in attributes.items()}
+    return json.dumps(texts, sort_keys=True).encode()

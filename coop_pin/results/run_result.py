@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 from typing import Self
@@ -14,8 +15,13 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import QUANTITIES
+from coop_pin.results.dataset import QUANTITIES, content_digest
 from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
+from coop_pin.user_files import read_user_file
+
+_MAX_BYTES = 2**32
+"""Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
+_SLACK_BYTES = 2**20
 
 
 class RunResult:
@@ -138,6 +144,7 @@ class RunResult:
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
+        data.attrs["coop_pin_sha256"] = content_digest(data)
         # In memory first: HDF5 that meets a full disk takes the process down.
         content = data.to_netcdf(engine="h5netcdf")
         write_atomically(Path(path), lambda part: part.write_bytes(content))
@@ -153,15 +160,7 @@ class RunResult:
         if not path.is_file():
             hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
             raise FileReadError(f"there is no result file at {path}{hint}")
-        try:
-            data = xr.load_dataset(path, engine="h5netcdf")
-        except (OSError, ValueError, KeyError) as error:
-            raise FileReadError(
-                f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
-            ) from None
-        text = data.attrs.pop("coop_pin_scenario", None)
-        if text is None:
-            raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+        data, text = _verified(path)
         missing = [q.name for q in QUANTITIES if q.stored and q.name not in data]
         if missing:
             raise FileReadError(
@@ -174,3 +173,29 @@ class RunResult:
             raise FileReadError(
                 f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
             ) from None
+
+
+def _verified(path: Path) -> tuple[xr.Dataset, str]:
+    """Return the arrays of a file and the text of its scenario if both are those that were saved."""
+    content = read_user_file(path, limit=_MAX_BYTES, kind="a result")
+    try:
+        with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
+            # Results are not compressed: only a foreign file unpacks to more than it has.
+            size = file.nbytes
+            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
+    # The errors of xarray, h5netcdf and h5py have no common base class.
+    except Exception as error:
+        raise FileReadError(
+            f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
+        ) from None
+    text = data.attrs.get("coop_pin_scenario")
+    if not isinstance(text, str):
+        raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+    digest = data.attrs.pop("coop_pin_sha256", "missing")
+    if digest != content_digest(data):
+        raise FileReadError(
+            f"{path} is damaged, changed or of another version of coop_pin: its checksum is {digest}; run its"
+            " scenario again"
+        )
+    del data.attrs["coop_pin_scenario"]
+    return data, text

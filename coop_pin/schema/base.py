@@ -8,7 +8,7 @@ from numbers import Real
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
 from coop_pin.schema.validation_errors import field_errors
@@ -111,12 +111,43 @@ def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[f
 def _number(value: Any, path: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise FieldError(f"is {value!r}; it must be a number", path)
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise FieldError("is an integer beyond the range of a float; write 1e30", path) from None
     if not math.isfinite(number):
         raise FieldError(f"is {number}; it must be a finite number", path)
     return number
 
 
+_LONGEST_NAME = 100
+
+
+def plain_name(name: str) -> str:
+    """Return a name that can name a folder on any system, a path of fields and a curve."""
+    if not name.strip() or len(name) > _LONGEST_NAME:
+        raise FieldError(f"has {len(name)} characters; a name has 1 to {_LONGEST_NAME}, not only blanks")
+    wrong = sorted({sign for sign in name if sign in "/\\:" or not sign.isprintable()})
+    if wrong or name.startswith("."):
+        signs = ", ".join(map(ascii, wrong)) or "a dot at its start"
+        raise FieldError(
+            f"is {name!a}, with {signs}; a name must not contain / \\ : or control characters, nor start"
+            " with a dot: folders are named after it"
+        )
+    return name
+
+
+def _text_line(text: str) -> str:
+    """Return a text without control characters but tabs and line breaks."""
+    if wrong := sorted({sign for sign in text if not (sign.isprintable() or sign in "\t\n")}):
+        raise FieldError(f"contains {', '.join(map(ascii, wrong))}; remove control characters")
+    return text
+
+
+Name = Annotated[str, AfterValidator(plain_name)]
+"""A name that is safe as the name of a folder."""
+Text = Annotated[str, AfterValidator(_text_line)]
+"""Text to read, without control characters."""
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_sized(3))]

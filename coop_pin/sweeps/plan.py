@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +15,6 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
     FieldError,
-    FileReadError,
     NameNotFoundError,
     ScenarioError,
     UnknownFieldError,
@@ -26,6 +24,7 @@ from coop_pin.schema.base import Description
 from coop_pin.schema.user_code import FunctionName
 from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, Values
 from coop_pin.sweeps.sampling import Sample
+from coop_pin.user_files import read_toml
 
 
 def _scenarios(given: Any) -> Any:
@@ -176,10 +175,7 @@ class SweepPlan(Description):
         path = Path(path)
         if not path.is_file():
             raise NameNotFoundError("sweep file", str(path), [], "the file system")
-        try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise FileReadError(f"{path} is not a TOML file: {error}") from None
+        data = read_toml(path, kind="a plan of a sweep")
         return cls(**data | {"base": _anchored(data.get("base"), path.parent)})
 
     # ------------------------------------------------------------ points

@@ -11,14 +11,17 @@ says.
   ``xacro``
 - names: ``name``, ``reserved_name``, ``duplicate_link``, ``duplicate_joint``, ``duplicate_material``,
   ``no_links``
-- values: ``number``, ``not_finite``, ``count``, ``negative``, ``line_break``, ``missing_attribute``,
-  ``duplicate_element``
+- values: ``number``, ``not_finite``, ``count``, ``negative``, ``mesh_unreadable``, ``line_break``,
+  ``missing_attribute``, ``duplicate_element``
 - joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``,
   ``mimic_unknown``
 - tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``,
-  ``no_root``, ``two_roots``, ``depth``
+  ``no_root``, ``two_roots``, ``depth``, ``loop`` (doubtful in bundled files and example-robot-data)
 
-**Physical** findings are warnings, and errors if strict: no body has such a mass or inertia.
+**Physical** findings are warnings, and errors if strict: no body has such a mass or inertia. In a user's
+file ``mass_zero`` (with an inertia), ``mass_negative``, ``inertia_not_psd`` and ``inertia_triangle`` of a
+link that joints move are **impossible**, always errors: Pinocchio would integrate a motion that no body has.
+A moved link without mass is not, as it may be locked; otherwise its run ends with MassMatrixError.
 
 - ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``,
   ``inertia_not_psd``, ``inertia_triangle``

@@ -1,21 +1,20 @@
-"""Check of URDF text before Pinocchio reads it, and expansion of xacro files."""
+"""Check of URDF text before Pinocchio reads it."""
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
-from xml.sax.saxutils import escape
 
 from coop_pin.description.urdf.find import UrdfFile
-from coop_pin.description.urdf.inertia import inertial_findings, massless_findings
+from coop_pin.description.urdf.inertia import inertial_findings, massless_findings, moved_links
 from coop_pin.description.urdf.lint import element_findings, mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
+from coop_pin.description.urdf.xacro import expanded
 from coop_pin.description.urdf.xml import MAX_BYTES, read_document
-from coop_pin.errors import MissingExtraError, UrdfError, UrdfWarning
+from coop_pin.errors import FileReadError, UrdfError, UrdfWarning
+from coop_pin.user_files import read_user_file
 
 
 def check_urdf(text: str | bytes) -> UrdfReport:
@@ -33,7 +32,7 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
             be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
-    return UrdfReport(str(urdf.path), _findings(_text(urdf), urdf.package_dirs))
+    return _report(urdf, _text(urdf), urdf.package_dirs)
 
 
 def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
@@ -52,7 +51,7 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
     data = _text(urdf)
-    _require_usable(UrdfReport(str(urdf.path), _findings(data)), strict, warn=urdf.origin == "user")
+    _require_usable(_report(urdf, data), strict, warn=urdf.origin == "user")
     return data.decode("utf-8")
 
 
@@ -81,55 +80,35 @@ def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[
     if isinstance(robot, UrdfFinding):
         return (robot,)
     tree = read_tree(robot)
+    moved = moved_links(tree)
     found = [*element_findings(robot), *tree.findings, *massless_findings(tree)]
     for node in robot.children:
         if node.tag == "link":
-            found += inertial_findings(node)
+            found += inertial_findings(node, moves=node.name in moved)
     if package_dirs is not None:
         found += mesh_findings(robot, package_dirs)
     return tuple(sorted(found, key=lambda finding: finding.line))
 
 
+def _report(urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None) -> UrdfReport:
+    """Return the findings of a file; in bundled files and example-robot-data some errors are warnings."""
+    findings = _findings(data, package_dirs)
+    if urdf.origin != "user":
+        findings = tuple(
+            finding._replace(kind="physical")
+            if finding.kind == "impossible"
+            else finding._replace(kind="doubtful")
+            if finding.code == "loop"
+            else finding
+            for finding in findings
+        )
+    return UrdfReport(str(urdf.path), findings)
+
+
 def _text(urdf: UrdfFile) -> bytes:
     if urdf.path.suffix == ".xacro":
-        return _expanded(urdf)
-    if not urdf.path.is_file():
-        raise UrdfError(f"no file at {urdf.path}")
+        return expanded(urdf)
     try:
-        with urdf.path.open("rb") as file:
-            return file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise UrdfError(f"{urdf.path} cannot be read: {error.strerror}; check its permissions") from error
-
-
-def _expanded(urdf: UrdfFile) -> bytes:
-    """Return the URDF of a xacro file, UTF-8.
-
-    xacro evaluates Python expressions: open only files that you trust. Packages of
-    ``$(find ...)`` are searched in the file's package folders and above the file.
-
-    Raises:
-        MissingExtraError: xacrodoc is not installed.
-        UrdfError: the file cannot be expanded.
-    """
-    try:
-        xacrodoc = importlib.import_module("xacrodoc")
-    except ImportError:
-        raise MissingExtraError("xacrodoc", "xacro", f"to read {urdf.path.name}") from None
-    manifests = [path for folder in urdf.package_dirs for path in sorted(folder.glob("*/package.xml"))]
-    xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({path.parent.name: path.parent for path in manifests})
-    xacrodoc.packages.walk_up_from(urdf.path)
-    try:
-        # As an include, because a file read as text would not find its own relative includes.
-        document: Any = xacrodoc.XacroDoc.from_includes(
-            [escape(str(urdf.path))],
-            name=urdf.path.stem,
-            subargs=dict(urdf.xacro_args),
-            resolve_packages=False,
-        )
-    # xacro's errors have no common base class, and it evaluates the file's own Python expressions.
-    except Exception as error:
-        advice = "check its arguments (xacro_args) and packages (package_dirs)"
-        raise UrdfError(f"{urdf.path} cannot be expanded: {error}; {advice}") from error
-    return bytes(document.dom.toxml(encoding="utf-8"))
+        return read_user_file(urdf.path, limit=MAX_BYTES, kind="a URDF")
+    except FileReadError as error:
+        raise UrdfError(str(error)) from error

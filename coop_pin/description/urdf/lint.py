@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
-from coop_pin.description.urdf.xml import EXPAND, Node, is_unexpanded, number, number_findings, numbers
+from coop_pin.description.urdf.xml import EXPAND, LOOP, Node, is_unexpanded, number, number_findings, numbers
+from coop_pin.errors import FileReadError
+from coop_pin.user_files import read_user_file
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
@@ -44,7 +46,17 @@ _REQUIRED = {
     "sphere": ("radius",),
     "cylinder": ("radius", "length"),
 }
-_NOT_NEGATIVE = {"limit": ("effort", "velocity"), "dynamics": ("damping", "friction")}
+_NOT_NEGATIVE = {
+    "limit": ("effort", "velocity"),
+    "dynamics": ("damping", "friction"),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
+_MAX_MESH_BYTES = 100_000_000
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+"""Bytes of a binary STL: its header, which ends with the number of triangles, and each triangle."""
 
 
 def element_findings(robot: Node) -> Iterator[UrdfFinding]:
@@ -53,6 +65,9 @@ def element_findings(robot: Node) -> Iterator[UrdfFinding]:
         yield robot.finding("name", "<robot> has no name; add name=...")
     if robot.child("link") is None:
         yield robot.finding("no_links", "the robot has no links")
+    for loop in (node for node in robot.children if node.tag == LOOP):
+        yield _loop_finding(loop)
+    robot = robot._replace(children=[node for node in robot.children if node.tag != LOOP])
     yield from _name_findings(robot)
     joint_names = {node.name for node in robot.children if node.tag == "joint"}
     for node in robot.children:
@@ -63,8 +78,18 @@ def element_findings(robot: Node) -> Iterator[UrdfFinding]:
             yield from _unit_findings(node)
 
 
+def _loop_finding(loop: Node) -> UrdfFinding:
+    name, tag = loop.name, loop.attributes["element"]
+    element = f"{tag} {quoted(name)}" if name else f"{tag} (unnamed)"
+    message = (
+        f"<{tag}> closes a loop, which Pinocchio leaves open; remove it, and give the loop as a Closure of"
+        " ClosedChain.from_urdf"
+    )
+    return UrdfFinding("structural", "loop", element, loop.line, message)
+
+
 def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFinding]:
-    """Yield the visuals whose mesh file does not exist; drawings omit them.
+    """Yield the visuals whose mesh file does not exist, which drawings omit, or cannot be read.
 
     Args:
         robot: the <robot> element.
@@ -82,9 +107,31 @@ def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFin
             if name.startswith(_PACKAGES):
                 paths = [folder / name.partition("://")[2] for folder in folders]
                 searched = f" in {listed(map(str, folders))}"
-            if not any(path.is_file() for path in paths):
+            found = next((path for path in paths if path.is_file()), None)
+            if found is not None and (problem := _mesh_problem(found)):
+                yield link.finding("mesh_unreadable", f"the mesh {quoted(name)} {problem}", at=mesh)
+            if found is None:
                 message = f"there is no mesh {quoted(name)}{searched}; only drawings need it, and omit it"
                 yield link.finding("mesh_missing", message, at=mesh, kind="doubtful")
+
+
+def _mesh_problem(path: Path) -> str:
+    """Return what is wrong with the size of a mesh file, or of the triangles that a binary STL claims."""
+    try:
+        content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
+    except FileReadError as error:
+        return f"cannot be read: {error}"
+    if not content:
+        return "is empty"
+    if path.suffix.lower() != ".stl" or (
+        content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:2000]
+    ):
+        return ""
+    triangles = int.from_bytes(content[80:_STL_HEADER], "little")
+    room = (len(content) - _STL_HEADER) // _STL_TRIANGLE
+    if 0 < triangles <= room:
+        return ""
+    return f"claims {triangles} triangles and has room for {max(room, 0)}; export it again"
 
 
 def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
@@ -117,8 +164,8 @@ def _content_findings(owner: Node) -> Iterator[UrdfFinding]:
             message = "<dynamics> lacks damping and friction; add one or remove it"
             yield owner.finding("missing_attribute", message, at=node)
         for attribute in _NOT_NEGATIVE.get(node.tag, ()):
-            value = number(node, attribute)
-            if value is not None and value < 0.0:
+            value = min(numbers(node, attribute) or (0.0,))
+            if value < 0.0:
                 message = f"{attribute} of <{node.tag}> is {value:g}; it must not be negative"
                 yield owner.finding("negative", message, at=node)
         if node.broken:

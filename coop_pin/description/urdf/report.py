@@ -12,7 +12,7 @@ SHOWN_CHARACTERS = 60
 SHOWN_FINDINGS = 100
 """Most findings that a report prints; the rest are counted."""
 
-Kind: TypeAlias = Literal["structural", "physical", "doubtful"]
+Kind: TypeAlias = Literal["structural", "impossible", "physical", "doubtful"]
 """Severity class of a finding; see UrdfFinding."""
 
 
@@ -20,8 +20,9 @@ class UrdfFinding(NamedTuple):
     """One defect of a URDF.
 
     Attributes:
-        kind: "structural" (Pinocchio would not read what the file says), "physical" (no body has such a mass
-            or inertia) or "doubtful" (readable, but probably not intended).
+        kind: "structural" (Pinocchio would not read what the file says), "impossible" (a body that joints
+            move has a mass or inertia that no body has), "physical" (so has another body, or its inertia is
+            missing) or "doubtful" (readable, but probably not intended).
         code: short name of the defect; the docstring of the package lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
         line: line of the file, from 1; 0 for the file as a whole.
@@ -52,8 +53,8 @@ class UrdfReport:
     findings: tuple[UrdfFinding, ...]
 
     def errors(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:
-        """Return the findings that make the file unusable: structural ones and, if strict, physical ones."""
-        kinds = ("structural", "physical") if strict else ("structural",)
+        """Return structural and impossible findings, which make a file unusable; if strict, physical ones."""
+        kinds = ("structural", "impossible", "physical") if strict else ("structural", "impossible")
         return tuple(finding for finding in self.findings if finding.kind in kinds)
 
     def warnings(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:

@@ -34,6 +34,12 @@ _XML_ERRORS = {
 _READ = frozenset({"link", "joint", "material"})
 """Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
 
+_LOOPS = frozenset({"loop_joint", "constraint", "closed_loop"})
+"""Children of <robot> by which dialects of URDF close loops; a <joint> inside <gazebo> does so, too."""
+
+LOOP = "loop"
+"""Tag of the node that stands for such an element."""
+
 _BROKEN_VALUE = re.compile(rb"""=\s*(?:"[^"]*?[\t\r\n]|'[^']*?[\t\r\n])""")
 """An attribute value with a tab or line break: XML reads it as a blank, Pinocchio's parser does not."""
 
@@ -105,7 +111,7 @@ class _RefusedError(Exception):
 def read_document(data: bytes) -> Node | UrdfFinding:
     """Return the <robot> element of a URDF, or the finding that says why there is none.
 
-    Of its children only links, joints and materials are kept.
+    Of its children only links, joints and materials are kept, and a node for each element that closes a loop.
     """
     try:
         _require_text(data)
@@ -143,6 +149,7 @@ class _Reader:
         self.robot: Node
         self._data = data
         self._count = 0
+        self._is_gazebo = False
         self._path: list[Node | None] = []
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartDoctypeDeclHandler = self._doctype
@@ -177,6 +184,11 @@ class _Reader:
 
     def _kept(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
         parent = self._path[-1] if self._path else None
+        if len(self._path) == 1:
+            self._is_gazebo = tag == "gazebo"
+        is_joint = self._is_gazebo and len(self._path) == 2 and tag.partition(":")[0] == "joint"
+        if is_joint or (len(self._path) == 1 and tag in _LOOPS):
+            self.robot.children.append(Node(LOOP, attributes | {"element": tag}, line, False, []))
         if self._path and (parent is None or (len(self._path) == 1 and tag not in _READ)):
             return None
         start = self._parser.CurrentByteIndex

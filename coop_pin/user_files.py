@@ -1,0 +1,109 @@
+"""User files: bounded reading of regular files, and of TOML."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import stat
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from coop_pin.errors import FileReadError
+
+_MAX_TOML_BYTES = 2_000_000
+_MAX_NESTING = 50
+_PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
+"""First bytes of gzip, bzip2, xz and zstd."""
+_LONG_KEY = re.compile(rf"(?:[\w\"'-]{{1,99}}[ \t]{{0,9}}\.[ \t]{{0,9}}){{{_MAX_NESTING}}}")
+"""A dotted key of many parts, on which tomllib takes time with their square."""
+_INTEGERS = range(-(2**63), 2**63)
+"""Those of TOML."""
+
+
+def read_user_file(path: str | Path, *, limit: int, kind: str) -> bytes:
+    """Return the content of a regular file; pipes, devices and folders are refused without waiting for them.
+
+    Args:
+        path: the file.
+        limit: largest size, bytes, also of what an archive unpacks to.
+        kind: what it should be, for messages: "a mesh".
+
+    Raises:
+        FileReadError: it is missing, no regular file, too large, unreadable, or packed other than by ZIP.
+    """
+    try:
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise FileReadError(f"is no regular file; give the path of {kind}", str(path))
+            content = b"" if status.st_size > limit else file.read(limit + 1) or b""
+    except OSError as error:
+        raise FileReadError(f"cannot be read as {kind}: {error.strerror or error}", str(path)) from error
+    except ValueError as error:  # NUL in the name, or a lone surrogate
+        raise FileReadError(f"cannot be read as {kind}: {error}", ascii(str(path))) from None
+    if content.startswith(_PACKED):
+        raise FileReadError(f"is a packed file; unpack it to get {kind}", str(path))
+    if (size := max(status.st_size, len(content), _unzipped_size(content))) > limit:
+        raise FileReadError(f"has {size} bytes; {kind} has at most {limit}", str(path))
+    return content
+
+
+def _unzipped_size(content: bytes) -> int:
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        return 0
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return sum(entry.file_size for entry in archive.infolist())
+    except zipfile.BadZipFile:  # whoever reads it will say so
+        return 0
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def read_toml(path: str | Path, *, kind: str) -> dict[str, Any]:
+    """Return the table of a TOML file; raises as read_user_file and parse_toml."""
+    return parse_toml(read_user_file(path, limit=_MAX_TOML_BYTES, kind=kind), str(path), kind=kind)
+
+
+def parse_toml(data: bytes, source: str, *, kind: str) -> dict[str, Any]:
+    """Return the table of a TOML text.
+
+    Args:
+        data: the text, UTF-8.
+        source: its name, for messages.
+        kind: what it should be: "a scenario".
+
+    Raises:
+        FileReadError: it is no TOML, is nested more than 50 deep, or has an integer beyond 64 bits.
+    """
+    try:
+        text = data.decode("utf-8")
+        if _LONG_KEY.search(text):
+            raise FileReadError(f"{source} is not {kind}: a key in it has more than {_MAX_NESTING} parts")
+        table = tomllib.loads(text)
+    except FileReadError:
+        raise
+    except RecursionError:
+        raise FileReadError(f"{source} is not {kind} in TOML: it is nested too deep") from None
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, or an integer of thousands of digits
+        raise FileReadError(f"{source} is not {kind} in TOML: {error}") from None
+    level: list[Any] = [table]
+    for _ in range(_MAX_NESTING):
+        for number in (entry for entry in level if isinstance(entry, int) and entry not in _INTEGERS):
+            raise FileReadError(
+                f"{source} has an integer of {number.bit_length()} bits; TOML has 64 at most, write 1e30"
+            )
+        level = [
+            entry
+            for node in level
+            if isinstance(node, dict | list)
+            for entry in (node.values() if isinstance(node, dict) else node)
+        ]
+    if level:
+        raise FileReadError(f"{source} is not {kind}: its tables and lists are more than {_MAX_NESTING} deep")
+    return table
