@@ -49,10 +49,8 @@ def split_fields(words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]
     Returns:
         The options of ``run``, and the values of each field as typed.
     """
-    options = {
-        "--help",
-        *(form for option in dataclasses.fields(Run) for form in (f"--{option.name}", f"--no-{option.name}")),
-    }
+    names = [option.name.replace("_", "-") for option in dataclasses.fields(Run)]
+    options = {"--help", *(form for name in names for form in (f"--{name}", f"--no-{name}"))}
     own: list[str] = []
     fields: dict[str, list[str]] = {}
     open_field: list[str] | None = None
