@@ -74,6 +74,7 @@ _PUBLIC = {
     "SwingMotion": "coop_pin.reference",
     "Tanh": "coop_pin.control",
     "Trajectory": "coop_pin.chain",
+    "TrustThresholds": "coop_pin.description",
     "TuneResult": "coop_pin.sweeps",
     "TurnMotion": "coop_pin.reference",
     "UserController": "coop_pin.description",

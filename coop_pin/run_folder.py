@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
@@ -69,7 +69,9 @@ class RunFolder:
     def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
         """Write a finished run; metrics and pictures of an earlier run are replaced or removed."""
         self.write_unfinished(result, timing)
-        self._write_json(self.METRICS, result.metrics())
+        reasons = [str(breach) for breach in result.breaches()]
+        metrics = {key: _strict(value) for key, value in result.metrics().items()}
+        self._write_json(self.METRICS, metrics | {"trustworthy": not reasons, "reasons": reasons})
         if replay:
             self.write_replay(result)
         if figures:
@@ -92,11 +94,8 @@ class RunFolder:
         path = self.path / self.REPLAY
         return path if path.is_file() else self.write_replay(RunResult.load(self.path / self.RESULT))
 
-    def _write_json(self, name: str, table: Mapping[str, float]) -> None:
-        text = (
-            json.dumps({key: _strict(value) for key, value in table.items()}, indent=2, allow_nan=False)
-            + "\n"
-        )
+    def _write_json(self, name: str, table: Mapping[str, Any]) -> None:
+        text = json.dumps(table, indent=2, allow_nan=False) + "\n"
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _write_figures(self, result: RunResult) -> None:

@@ -143,6 +143,7 @@ def run(
     progress: Progress | None = None,
     view: Observer | None = None,
     realtime_rate: float | None = None,
+    stop_at_breach: bool = False,
 ) -> RunResult:
     """Return the result of a scenario with the controller that it names.
 
@@ -153,6 +154,7 @@ def run(
         view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
+        stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -163,5 +165,10 @@ def run(
     elif overrides:
         scenario = scenario.override(overrides)
     return simulate(
-        scenario, build_controller(scenario), progress=progress, view=view, realtime_rate=realtime_rate
+        scenario,
+        build_controller(scenario),
+        progress=progress,
+        view=view,
+        realtime_rate=realtime_rate,
+        stop_at_breach=stop_at_breach,
     )

@@ -50,6 +50,7 @@ def test_cell_does_its_work(result):
     assert smallest_singular_value(result) > 0.05
     assert max(result.closure_error_max()) < 1e-8
     assert result.energy_balance_max() < 1e-5
+    assert result.verdict() == "trustworthy"
 
 
 def test_squeeze_is_near_what_is_desired(result):

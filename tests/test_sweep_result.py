@@ -185,3 +185,18 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
         "      b",
         "  1 WorkerDiedError; run 0: dead",
     ]
+
+
+def test_the_summary_counts_runs_that_are_not_trustworthy_or_have_no_steady_metrics(tmp_path):
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4]})
+    metrics = lambda p: {  # noqa: E731
+        "trustworthy": float(p[GAIN] < 0.3),
+        "position_rms_m": np.nan,
+        "window_start_s": 4.0,
+        "window_end_s": 5.0 if p[GAIN] > 0.1 else 3.0,
+    }
+    found = filled(tmp_path, plan, metrics)
+    assert_array_equal(found.values("trustworthy"), [1.0, 1.0, 0.0])
+    text = found.summary()
+    assert "1 NOT TRUSTWORTHY" in text
+    assert "1 without steady metrics" in text

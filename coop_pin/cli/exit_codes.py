@@ -4,4 +4,6 @@ OK = 0
 FAILED = 1
 """A run diverged, a check found errors, a search found no feasible run, or a file cannot be written."""
 BAD_INPUT = 2
+NOT_TRUSTWORTHY = 3
+"""A run finished, but breached a trust threshold of its scenario."""
 INTERRUPTED = 130

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, OK
+from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, ScenarioWarning
 
@@ -24,10 +24,14 @@ class Run:
     Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2
     3 --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
 
+    The exit code is 3 if the run is not trustworthy: it breached a threshold in the scenario's table 'trust'.
+
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         out: output folder; out/ and the scenario's name when omitted.
         quiet: no progress bar and no table.
+        verbose: list every breach of the trust thresholds.
+        stop_at_breach: end the run at its first breach of the trust thresholds.
         replay: write replay.html, the motion in 3-D.
         figures: write the figures.
         report: write report.html, the whole run on one page.
@@ -37,6 +41,8 @@ class Run:
     scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     quiet: bool = False
+    verbose: bool = False
+    stop_at_breach: bool = False
     replay: bool = True
     figures: bool = True
     report: bool = False
@@ -63,12 +69,15 @@ class Run:
         watch = Stopwatch()
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
-                result = simulate(scenario, controller, progress=bar.advance_to)
+                result = simulate(
+                    scenario, controller, progress=bar.advance_to, stop_at_breach=self.stop_at_breach
+                )
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
             folder.write_unfinished(error.result, watch.timing(error.result))
             print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
+            self._warn(error.result.verdict(), error.result.breaches())
             return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
         timing = watch.timing(result)
         folder.write(result, timing, replay=self.replay, figures=self.figures)
@@ -76,10 +85,22 @@ class Run:
             from coop_pin.report import save_report  # slow to load
 
             save_report(result, folder.path / folder.REPORT)
+        breaches = result.breaches()
         if not self.quiet:
-            print(_metrics_table(result, timing.real_time_factor))
-            print(f"written to {folder.path}")
-        return OK
+            written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
+            print(result.summary(), *self._details(breaches), written, sep="\n")
+        elif breaches:
+            self._warn(result.verdict(), breaches)
+        return NOT_TRUSTWORTHY if breaches else OK
+
+    def _warn(self, verdict: str, breaches: Sequence[object]) -> None:
+        print(f"coop-pin: {verdict}", *self._details(breaches), sep="\n", file=sys.stderr)
+
+    def _details(self, breaches: Sequence[object]) -> list[str]:
+        """Return every breach as a line if asked for, otherwise how to ask when there are several."""
+        if self.verbose:
+            return [f"  {breach}" for breach in breaches]
+        return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []
 
 
 def _warn_of_start(scenario: Any, controller: Any) -> None:
@@ -99,31 +120,3 @@ def _warn_of_start(scenario: Any, controller: Any) -> None:
             findings.append(held.summary().removeprefix("! "))
     for finding in findings:
         warnings.warn(finding, ScenarioWarning, stacklevel=2)
-
-
-def _metrics_table(result: Any, real_time_factor: float) -> str:
-    """Return the metrics of a RunResult and the limits that it exceeded, one to a line."""
-    scenario = result.scenario
-    lines = [
-        f"{scenario.name}: {result.end:g} s at {scenario.clock.rate_hz:g} Hz,"
-        f" {real_time_factor:.1f} times real time"
-    ]
-    lines += [f"  {name:<30} {_metric_text(value)}" for name, value in result.metrics().items()]
-    start, end = result.steady_window
-    if start >= end:
-        lines.append(f"  no rms values: the run ends, or an event occurs, before {start:g} s")
-    elif math.isinf(result.settling_time()):
-        advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
-        lines.append(f"  did not settle; {advice}")
-    for violation in result.limit_violations():
-        worst = f"{violation.worst:.4g} (limit {violation.limit:.4g})"
-        quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
-        lines.append(f"  limit exceeded: {quantity}, {worst}, first at t = {violation.first_time:.4g} s")
-    return "\n".join(lines)
-
-
-def _metric_text(value: float) -> str:
-    """Return a metric as text; a word stands for what is no number."""
-    if math.isnan(value):
-        return "does not apply"
-    return "never" if math.isinf(value) else f"{value:.4g}"

@@ -19,6 +19,7 @@ from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
+    "TrustThresholds",
     "UserController",
     "WrenchPulse",
     "grasps_from_configuration",

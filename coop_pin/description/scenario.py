@@ -16,6 +16,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, UnknownFieldError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
@@ -57,6 +58,7 @@ class Scenario(Description):
         events: changes of the payload and wrenches on it during the run.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
+        trust: thresholds beyond which the run is not trustworthy.
     """
 
     name: Name
@@ -73,6 +75,7 @@ class Scenario(Description):
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
+    trust: TrustThresholds = TrustThresholds()
 
     @model_validator(mode="before")
     @classmethod

@@ -26,6 +26,7 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
+from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.viz.replay import replay_html
 
 
@@ -36,11 +37,13 @@ class MetricRow(NamedTuple):
         name: of the metric.
         text: what it is.
         value: with its unit, or why there is none.
+        window: that it is taken over.
     """
 
     name: str
     text: str
     value: str
+    window: str
 
 
 _ROWS = {
@@ -60,6 +63,12 @@ _ROWS = {
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 
+_ROWS |= {
+    f"after_event_{name}": (f"{text}, after the last event", unit, scale)
+    for name, (text, unit, scale) in _ROWS.items()
+    if name in STEADY_METRICS
+}
+
 _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
 """Metrics of the accuracy of the computation, not of the control."""
 
@@ -67,11 +76,11 @@ _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_ma
 def metrics_table(result: RunResult) -> list[MetricRow]:
     """Return the metrics of a result as rows of a table: of the control first, then of the computation.
 
-    The window of means and rms values is not among them.
+    The verdict and the ends of the windows are not among them.
     """
     metrics = result.metrics()
     return [
-        MetricRow(name, text, _number(metrics[name] * scale, unit))
+        MetricRow(name, text, _number(metrics[name] * scale, unit), str(result.window_of(name)))
         for name, (text, unit, scale) in _ROWS.items()
     ]
 
@@ -151,9 +160,9 @@ def report_html(result: RunResult) -> str:
         style=_page_file("report.css"),
         version=html.escape(__version__),
         broken_off=_broken_off(result),
+        verdict=_verdict(result),
         facts=_facts(result),
         metrics=_metrics(metrics_table(result)),
-        window=_window(result),
         replay=html.escape(replay_html(result)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
         tracking=_image(
@@ -189,6 +198,14 @@ def _broken_off(result: RunResult) -> str:
     return f'<p class="warning">This run broke off at t = {end:g} s of {duration:g} s.</p>'
 
 
+def _verdict(result: RunResult) -> str:
+    breaches = result.breaches()
+    if not breaches:
+        return '<p class="verdict">This run is trustworthy: it keeps the thresholds of its scenario.</p>'
+    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
+    return f'<p class="warning">{html.escape(result.verdict())}</p><ol class="breaches">{reasons}</ol>'
+
+
 def _facts(result: RunResult) -> str:
     return "\n".join(
         f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
@@ -200,14 +217,10 @@ def _metrics(rows: list[MetricRow]) -> str:
     return "\n".join(
         f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
         f'<td class="number">{html.escape(row.value)}</td>'
+        f'<td class="number">{html.escape(row.window)}</td>'
         f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
         for row in rows
     )
-
-
-def _window(result: RunResult) -> str:
-    start, end = result.steady_window
-    return f"{start:g} s to {end:g} s" if end > start else "a window this run did not reach"
 
 
 def _limits(result: RunResult) -> str:

@@ -3,8 +3,10 @@
 from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
+from coop_pin.results.trust import Breach
 
 __all__ = [
+    "Breach",
     "InternalForceMetrics",
     "LimitViolation",
     "Observer",

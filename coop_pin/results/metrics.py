@@ -12,10 +12,23 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.errors import ArgumentError, OutOfRangeError
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
-STEADY_FROM_S = 4.0
+SETTLING_S = 4.0
+"""Time that a run has to settle after its start and after its last event before it is called steady, s."""
+NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
+
+STEADY_METRICS = (
+    "position_rms_m",
+    "orientation_rms_rad",
+    "internal_axial_mean_N",
+    "internal_axial_rms_error_N",
+    "internal_shear_rms_N",
+    "internal_moment_rms_error_Nm",
+)
+"""Metrics over the steady window; ``after_event_`` and their names are those after the last event."""
 
 _SLACK = 1e-9
 """Differences below it, in time or beyond a limit, are rounding."""
@@ -31,6 +44,33 @@ class Window(NamedTuple):
 
     start: float
     end: float
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it ends before it starts, or has no length."""
+        return self.start >= self.end
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        return "empty window" if self.is_empty else f"{self.start:g} to {self.end:g} s"
+
+
+def checked_window(window: tuple[float, float], end: float) -> Window:
+    """Return a window that a caller asks for.
+
+    Raises:
+        ArgumentError: it is not a pair of numbers.
+        OutOfRangeError: it is empty, or not within the run, which ends at ``end``.
+    """
+    try:
+        start, stop = map(float, window)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"window is {window!r}; it must be a pair of times in s, start and end") from None
+    if not 0.0 <= start < end:
+        raise OutOfRangeError("start of the window", start, f"from 0 to the end of the run, {end:g} s")
+    if not start < stop <= end + _SLACK:
+        raise OutOfRangeError("end of the window", stop, f"after its start {start:g} s, at most {end:g} s")
+    return Window(start, stop)
 
 
 def samples_of(data: xr.Dataset, window: Window) -> Mask:
@@ -172,3 +212,10 @@ def _limited(
         ("velocity", data["joint_velocity"].values[:, a, j], -speed, speed),
         ("torque", data["commanded_torque"].values[:, a, j], -torque, torque),
     ]
+
+
+def metric_text(value: float) -> str:
+    """Return a metric as text; a word stands for what is no number."""
+    if math.isnan(value):
+        return "does not apply"
+    return "never" if math.isinf(value) else f"{value:.4g}"

@@ -11,17 +11,27 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array
+from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.dataset import QUANTITIES, content_digest
-from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
+from coop_pin.results.metrics import (
+    NO_STEADY_METRICS,
+    STEADY_METRICS,
+    InternalForceMetrics,
+    LimitViolation,
+    Window,
+    metric_text,
+)
+from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.user_files import read_user_file
 
 _MAX_BYTES = 2**32
 """Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
 _SLACK_BYTES = 2**20
+_EVENT = ("resettling_time_s", "event_peak_position_error_m")
 
 
 class RunResult:
@@ -31,6 +41,9 @@ class RunResult:
         scenario: what was run.
         data: xarray Dataset with dimensions time, arm, joint, axis; units are attributes of the variables.
     """
+
+    ENDED_BY = "ended_by"
+    """Attribute of ``data``: class of the error that ended the run, if one did."""
 
     def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
         self.scenario, self.data = scenario, data
@@ -50,11 +63,59 @@ class RunResult:
     @property
     def steady_window(self) -> Window:
         """Window of means and rms values: from 4 s to the first event, or to the end of the run."""
-        return Window(metrics.STEADY_FROM_S, min(self.first_event, self.end))
+        return Window(metrics.SETTLING_S, min(self.first_event, self.end))
+
+    @property
+    def after_event_window(self) -> Window:
+        """Window of the metrics after the events: from 4 s after the last one ended to the end of the run.
+
+        Empty without events.
+        """
+        ends = [event.end if isinstance(event, WrenchPulse) else event.time for event in self.scenario.events]
+        return Window(max(ends, default=self.end) + metrics.SETTLING_S, self.end)
 
     @property
     def _event_window(self) -> Window:
         return Window(self.first_event, self.end)
+
+    def window_of(self, metric: str) -> Window:
+        """Return the window that an entry of ``metrics`` is taken over."""
+        if metric.startswith("after_event_"):
+            return self.after_event_window
+        if metric in STEADY_METRICS:
+            return self.steady_window
+        if metric == "settling_time_s":
+            return Window(0.0, self.first_event)
+        return self._event_window if metric in _EVENT else Window(0.0, self.end)
+
+    # ------------------------------------------------------------ trust
+
+    def breaches(self) -> tuple[Breach, ...]:
+        """Return what exceeded the scenario's trust thresholds, in the order of the first times.
+
+        The last one is the error that ended the run, if one did.
+        """
+        data = self.data
+        names = [[name for name in row if name] for row in data["joint_name"].values.tolist()]
+        joints = list(zip(map(str, data["arm"].values), names, strict=True))
+        limits = data["position_lower"].values, data["position_upper"].values
+        monitor = TrustMonitor(self.scenario.trust, self.scenario.clock.period, joints, *limits)
+        found = monitor.breaches({str(name): data[name].values for name in ("time", *data.data_vars)})
+        if self.ENDED_BY in data.attrs:
+            found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
+        return found
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the run kept within its scenario's trust thresholds."""
+        return not self.breaches()
+
+    def verdict(self) -> str:
+        """Return "trustworthy", or the first breach in time with the number of the others, as one line."""
+        first, *others = self.breaches() or (None,)
+        if first is None:
+            return "trustworthy"
+        return f"NOT TRUSTWORTHY: {first}" + (f"; {len(others)} more" if others else "")
 
     # ------------------------------------------------------------ metrics
 
@@ -81,17 +142,24 @@ class RunResult:
             return math.nan
         return float(self._error_norms(slice(0, 3), self._event_window).max(initial=0.0))
 
-    def position_rms(self) -> float:
-        """Return the rms of the position error over the steady window, m."""
-        return metrics.rms(self._error_norms(slice(0, 3), self.steady_window))
+    def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
+        """Return the rms of the position error over the steady window or another one, m.
 
-    def orientation_rms(self) -> float:
-        """Return the rms of the orientation error over the steady window, rad."""
-        return metrics.rms(self._error_norms(slice(3, 6), self.steady_window))
+        Args:
+            window: start and end, s; NaN over a steady window that the run does not reach.
 
-    def internal_force(self) -> InternalForceMetrics:
-        """Return the metrics of the internal wrench over the steady window."""
-        return metrics.internal_force(self.data, self.steady_window)
+        Raises:
+            OutOfRangeError: the window is empty or not within the run.
+        """
+        return self._steady_metrics(self._window(window))["position_rms_m"]
+
+    def orientation_rms(self, *, window: tuple[float, float] | None = None) -> float:
+        """Return the rms of the orientation error, rad; window as of position_rms."""
+        return self._steady_metrics(self._window(window))["orientation_rms_rad"]
+
+    def internal_force(self, *, window: tuple[float, float] | None = None) -> InternalForceMetrics:
+        """Return the metrics of the internal wrench; window as of position_rms."""
+        return InternalForceMetrics(*list(self._steady_metrics(self._window(window)).values())[2:])
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
@@ -110,29 +178,62 @@ class RunResult:
         return metrics.limit_violations(self.data)
 
     def metrics(self) -> dict[str, float]:
-        """Return all metrics by name; the names carry the units.
+        """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
 
-        ``window_start_s`` and ``window_end_s`` bound the steady window of means and rms values; a run that
-        does not reach it has NaN there.
+        ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
+        ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
+        last event; a run that does not reach a window has NaN there.
         """
-        force, (distance, angle) = self.internal_force(), self.closure_error_max()
+        distance, angle = self.closure_error_max()
+        after = self.after_event_window
         return {
+            "trustworthy": float(self.trustworthy),
             "settling_time_s": self.settling_time(),
             "resettling_time_s": self.resettling_time(),
             "event_peak_position_error_m": self.event_peak_position_error(),
-            "position_rms_m": self.position_rms(),
-            "orientation_rms_rad": self.orientation_rms(),
-            "internal_axial_mean_N": force.axial_mean,
-            "internal_axial_rms_error_N": force.axial_rms_error,
-            "internal_shear_rms_N": force.shear_rms,
-            "internal_moment_rms_error_Nm": force.moment_rms_error,
+            **self._steady_metrics(self.steady_window),
             "closure_error_max_m": distance,
             "closure_error_max_rad": angle,
             "energy_balance_max_J": self.energy_balance_max(),
             "torque_peak_Nm": self.torque_peak(),
             "window_start_s": self.steady_window.start,
             "window_end_s": self.steady_window.end,
+            **{f"after_event_{name}": value for name, value in self._steady_metrics(after).items()},
+            "after_event_window_start_s": after.start if self.scenario.events else math.nan,
+            "after_event_window_end_s": after.end if self.scenario.events else math.nan,
         }
+
+    def summary(self) -> str:
+        """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
+        scenario, end = self.scenario, self.end
+        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz"]
+        if end < scenario.duration - 1e-9:
+            lines[-1] += f"; ended before its {scenario.duration:g} s"
+        for name, value in self.metrics().items():
+            window = "" if "window" in name else f"  {self.window_of(name)}"
+            lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
+        if self.steady_window.is_empty:
+            lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
+        elif math.isinf(self.settling_time()):
+            advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
+            lines.append(f"  did not settle; {advice}")
+        if scenario.events and self.after_event_window.is_empty:
+            wait = f"{metrics.SETTLING_S:g} s after its last event"
+            lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
+        for violation in self.limit_violations():
+            worst = f"{violation.worst:.4g} (limit {violation.limit:.4g})"
+            quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
+            lines.append(f"  limit exceeded: {quantity}, {worst}, first at t = {violation.first_time:.4g} s")
+        return "\n".join(lines)
+
+    def _window(self, window: tuple[float, float] | None) -> Window:
+        return self.steady_window if window is None else metrics.checked_window(window, self.end)
+
+    def _steady_metrics(self, window: Window) -> dict[str, float]:
+        if window.is_empty:
+            return dict.fromkeys(STEADY_METRICS, math.nan)
+        errors = (metrics.rms(self._error_norms(axes, window)) for axes in (slice(0, 3), slice(3, 6)))
+        return dict(zip(STEADY_METRICS, (*errors, *metrics.internal_force(self.data, window)), strict=True))
 
     def _error_norms(self, axes: slice, window: Window) -> Array:
         """Return the norm of some axes of the pose error at the samples of a window."""

@@ -13,7 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.results.dataset import allocate, computed, dataset
+from coop_pin.results.dataset import Samples, allocate, computed, dataset
+from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
@@ -39,6 +40,7 @@ class Recorder:
         sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
         self._samples = allocate(count, sizes)
         self._jacobians = [np.zeros((count, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
+        self._monitor = TrustMonitor(scenario.trust, timeline.period, self._joints, *self._limit_table()[:2])
 
     def record(
         self,
@@ -96,21 +98,32 @@ class Recorder:
         Args:
             scenario: what was run.
         """
-        kept, cell = {name: values[: self.count] for name, values in self._samples.items()}, self._cell
-        arms = self._plant.chain.model.arms
-        for index, (place, jacobians) in enumerate(zip(arms, self._jacobians, strict=True)):
-            kept["jacobian_condition"][:, index] = np.linalg.cond(jacobians[: self.count])
-            posture, joints = cell.arms[place.name].posture, len(place.drive)
+        kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self._joints]
+        return RunResult(scenario, dataset(scenario, kept, names, self._limit_table()))
+
+    def breaches(self) -> tuple[Breach, ...]:
+        """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
+        return self._monitor.breaches(self._filled(slice(self.count - 1, self.count)))
+
+    @property
+    def _joints(self) -> list[tuple[str, list[str]]]:
+        return [(arm.name, list(arm.joint_names)) for arm in self._plant.chain.model.arms]
+
+    def _filled(self, ticks: slice) -> Samples:
+        """Return the samples of some ticks, with what needs no record of its own filled in."""
+        kept = {name: values[ticks] for name, values in self._samples.items()}
+        for index, place in enumerate(self._plant.chain.model.arms):
+            kept["jacobian_condition"][:, index] = np.linalg.cond(self._jacobians[index][ticks])
+            posture, joints = self._cell.arms[place.name].posture, len(place.drive)
             start = np.zeros(joints) if posture is None else np.array(posture)
             angles = place.angles.along(kept["configuration"][:, place.q_slice], start)
             kept["joint_position"][:, index, :joints] = angles
             kept["joint_velocity"][:, index, :joints] = kept["velocity"][:, place.v_slice]
-        names = [arm.joint_names for arm in arms]
-        return RunResult(scenario, dataset(scenario, kept, names, self._limit_table(kept["torque"].shape[2])))
+        return kept
 
-    def _limit_table(self, joints: int) -> Array:
-        """Return the four limits of each arm's joints, shape (4, m, joints); NaN where there is none."""
-        table = np.full((4, len(self._limits), joints), np.nan)
+    def _limit_table(self) -> Array:
+        """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""
+        table = np.full((4, *self._samples["torque"].shape[1:]), np.nan)
         for index, limits in enumerate(self._limits):
             columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
             for row, values in zip(table, columns, strict=True):

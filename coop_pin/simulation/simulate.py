@@ -23,6 +23,7 @@ def simulate(
     progress: Progress | None = None,
     view: Observer | None = None,
     realtime_rate: float | None = None,
+    stop_at_breach: bool = False,
 ) -> RunResult:
     """Return the result of a controller on the plant of a scenario.
 
@@ -33,6 +34,7 @@ def simulate(
         view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
+        stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
@@ -52,14 +54,16 @@ def simulate(
                 view(run.snapshot())
             if progress is not None:
                 progress(run.ticks_done - 1, run.timeline.ticks)
+            if stop_at_breach and run.recorder.breaches():
+                break
         if isinstance(view, ThrottledObserver):
             view.show(run.snapshot())
     except CoopPinError as error:
-        error.result = _result_so_far(run)
+        error.result = _result_before(error, run)
         raise
     except Exception as error:  # a user's controller, motion or squeeze may raise anything
         user_error = UserCodeError(run.time, error)
-        user_error.result = _result_so_far(run)
+        user_error.result = _result_before(user_error, run)
         raise user_error from error
     except KeyboardInterrupt:
         result = _result_so_far(run)
@@ -69,3 +73,11 @@ def simulate(
 
 def _result_so_far(run: Simulation) -> RunResult | None:
     return run.result() if run.ticks_done else None
+
+
+def _result_before(error: CoopPinError, run: Simulation) -> RunResult | None:
+    """Return the result up to an error, marked with the error's class."""
+    result = _result_so_far(run)
+    if result is not None:
+        result.data.attrs[RunResult.ENDED_BY] = type(error).__name__
+    return result

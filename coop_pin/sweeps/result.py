@@ -14,6 +14,7 @@ import xarray as xr
 
 from coop_pin.errors import FieldError, FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.results import RunResult
+from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.run_scenario import run
 from coop_pin.sweeps import sensitivity
 from coop_pin.sweeps.plan import SweepPlan
@@ -243,9 +244,22 @@ class SweepResult:
         for kind, first in sorted({failure.kind: failure for failure in reversed(failures)}.items()):
             reason = f"{numbers[kind]} {kind}; run {first.number}: {first.message}"
             lines.append("  " + reason.replace("\n", "\n    "))
+        lines += self._warnings()
         for name in self.metric_names:
             values = self.data[name].values[np.isfinite(self.data[name].values)]
             if values.size:
                 span = f"{values.min():>11.4g} .. {values.max():<11.4g}"
                 lines.append(f"  {name:<30} {span} median {np.median(values):.4g}")
         return "\n".join(lines)
+
+    def _warnings(self) -> list[str]:
+        """Return how many runs are not trustworthy, and how many have no steady metrics."""
+        names, lines = self.metric_names, []
+        untrusted = int((self.data["trustworthy"] == 0.0).sum()) if "trustworthy" in names else 0
+        if untrusted:
+            lines.append(f"  {untrusted} NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why")
+        if "window_end_s" in names:
+            short = int((self.data["window_end_s"] <= self.data["window_start_s"]).sum())
+            if short:
+                lines.append(f"  {short} without steady metrics: {NO_STEADY_METRICS}")
+        return lines
