@@ -5,3 +5,5 @@ FAILED = 1
 """A run diverged, a check found errors, a search found no feasible run, or a file cannot be written."""
 BAD_INPUT = 2
 INTERRUPTED = 130
+OUTPUT_CLOSED = 141
+"""The reader of the output has gone, as in ``coop-pin list | head -1``; 128 + SIGPIPE."""

@@ -6,6 +6,7 @@ arrays by the table and the dataset is labelled by it; snapshots, metrics and fi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -145,6 +146,8 @@ QUANTITIES = (
 )
 # fmt: on
 
+_FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
+
 LIMITS = {
     "position_lower": "rad or m",
     "position_upper": "rad or m",
@@ -154,6 +157,21 @@ LIMITS = {
 """Units of the limits of joints and drives, which are variables of the dataset without time."""
 
 
+def bytes_per_sample(sizes: Mapping[str, int]) -> int:
+    """Return the memory that one sample takes in a finished run, bytes.
+
+    Stored quantities count three times: their netCDF file is made in memory, and copied there.
+
+    Args:
+        sizes: of the dimensions q, v, arm and joint.
+    """
+    sizes = {**_FIXED_SIZES, **sizes}
+    return sum(
+        8 * (1 + 2 * quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
+        for quantity in QUANTITIES
+    )
+
+
 def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
     """Return empty samples of every recorded quantity.
 
@@ -161,7 +179,7 @@ def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
         count: of samples.
         sizes: of the dimensions q, v, arm and joint.
     """
-    sizes = {"axis": 6, "position": 3, "row": 4, "column": 4, **sizes}
+    sizes = {**_FIXED_SIZES, **sizes}
     return {
         quantity.name: np.full((count, *(sizes[dim] for dim in quantity.dims.split())), quantity.fill)
         for quantity in QUANTITIES

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
@@ -27,6 +27,8 @@ class RunResult:
     """
 
     def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
+        require_type("scenario", scenario, Scenario)
+        require_type("data", data, xr.Dataset)
         self.scenario, self.data = scenario, data
 
     # ------------------------------------------------------------ windows
@@ -137,6 +139,7 @@ class RunResult:
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
+        require_path("path", path)
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
         # In memory first: HDF5 that meets a full disk takes the process down.
         content = data.to_netcdf(engine="h5netcdf")
@@ -149,6 +152,7 @@ class RunResult:
         Raises:
             FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
         """
+        require_path("path", path)
         path = Path(path)
         if not path.is_file():
             hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
