@@ -49,7 +49,7 @@ class WrongTypeError(CoopPinError, TypeError):
         super().__init__(f"{name} is of type {given}; it must be of type {expected}")
 
 
-class NotEnoughMemoryError(CoopPinError, MemoryError):
+class NotEnoughMemoryError(ArgumentError):
     """Arrays of ``needed`` bytes where ``free`` bytes are available; nothing has been allocated."""
 
     def __init__(self, what: str, needed: float, free: int, remedy: str) -> None:

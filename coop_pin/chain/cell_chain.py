@@ -20,11 +20,10 @@ from coop_pin.chain.trajectory import Energy
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
-from coop_pin.errors import OpenClosureError
+from coop_pin.errors import NameNotFoundError, OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
-from coop_pin.schema.base import check_arm_names
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _NO_WRENCH = np.zeros(6)
@@ -120,7 +119,9 @@ class CellChain:
             X_WP: payload pose, shape (4, 4); not used if the payload is welded to the first arm.
         """
         require_type("angles", angles, Mapping)
-        check_arm_names(angles, self.cell.arms, path="angles")
+        for name in self.cell.arms:
+            if name not in angles:
+                raise NameNotFoundError("arm", name, map(str, angles), "the angles")
         stated = [
             arm.angles.configuration(
                 as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))
