@@ -168,9 +168,10 @@ def shaped(name: str, value: ArrayLike, *trailing: int) -> Array:
     Raises:
         ShapeError: the last sizes differ.
     """
-    array = (
-        value if isinstance(value, np.ndarray) else as_array(name, value, *("..." for _ in np.shape(value)))
-    )
+    if isinstance(value, np.ndarray):
+        array = value
+    else:
+        array = as_array(name, value, *("..." for _ in np.shape(np.array(value, dtype=object))))
     if array.shape[-len(trailing) :] != trailing or array.dtype.kind not in "fiu":
         raise ShapeError(name, array.shape, ("...", *trailing))
     return array

@@ -38,8 +38,9 @@ def endings(seed, first, count):
 
 def require_sound(found):
     counts = Counter(call["end"] for call in found)
-    print(dict(counts))
-    assert [call for call in found if call["end"] not in SOUND] == []
+    unsound = [call for call in found if call["end"] not in SOUND]
+    print(dict(counts), *unsound, sep="\n")
+    assert unsound == []
     assert counts["result"] > 0.15 * len(found)
     assert counts["refused"] > 0.3 * len(found)
 
