@@ -1,13 +1,25 @@
-"""Validation of array arguments: shape, finiteness, sign and pose, with the argument's name in the error."""
+"""Validation of arguments by name: type, shape, finiteness, sign and pose; and of sizes by free memory."""
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias, TypeVar
+import contextlib
+import math
+import os
+import sys
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.errors import NotAPoseError, OutOfRangeError, ShapeError
+from coop_pin.errors import (
+    ArgumentError,
+    NotAPoseError,
+    NotEnoughMemoryError,
+    OutOfRangeError,
+    ShapeError,
+    WrongTypeError,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -35,6 +47,8 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     """
     try:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
+    except OverflowError:
+        raise OutOfRangeError(name, math.inf, "a finite number") from None
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
     sizes_match = all(
@@ -56,7 +70,7 @@ def as_positive(name: str, value: ArrayLike) -> float:
         ShapeError: it is not a single number.
         OutOfRangeError: it is NaN or infinite; it is zero or less.
     """
-    number = float(as_array(name, value))
+    number = as_number(name, value)
     if number <= 0.0:
         raise OutOfRangeError(name, number)
     return number
@@ -78,6 +92,118 @@ def as_pose(name: str, value: ArrayLike) -> Array:
     if np.linalg.det(R) < 0.0:
         raise NotAPoseError(f"{name} (a mirror image)", 2.0, POSE_ALLOWED)
     return X
+
+
+def require_type(name: str, value: object, *kinds: type) -> None:
+    """Refuse an argument of a wrong class.
+
+    Args:
+        name: the argument's name, for the error message.
+        value: the argument.
+        kinds: the accepted classes.
+
+    Raises:
+        WrongTypeError: it is an instance of none of them.
+    """
+    if not isinstance(value, kinds):
+        raise WrongTypeError(name, type(value).__name__, " or ".join(kind.__name__ for kind in kinds))
+
+
+def require_path(name: str, value: object) -> None:
+    """Refuse an argument that no file system can take as a path.
+
+    Raises:
+        WrongTypeError: it is neither a text nor a path.
+        ArgumentError: it has a NUL character, or one that cannot be encoded.
+    """
+    require_type(name, value, str, os.PathLike)
+    try:
+        has_nul = b"\0" in os.fsencode(cast("str | os.PathLike[str]", value))
+    except (UnicodeEncodeError, TypeError):
+        has_nul = True
+    if has_nul:
+        raise ArgumentError(
+            f"{name} is {value!r}, which no file can be called; remove the special characters"
+        )
+
+
+def as_count(name: str, value: object, least: int = 0) -> int:
+    """Return value as a whole number.
+
+    Raises:
+        WrongTypeError: it is not a whole number.
+        OutOfRangeError: it is smaller than ``least``.
+    """
+    require_type(name, value, int, np.integer)
+    count = int(value)  # type: ignore[call-overload]
+    if count < least:
+        raise OutOfRangeError(name, max(count, -sys.maxsize), f"at least {least}")
+    return count
+
+
+def as_number(name: str, value: ArrayLike) -> float:
+    """Return value as a finite float.
+
+    Raises:
+        ShapeError: it is not a single number.
+        OutOfRangeError: it is NaN or infinite.
+    """
+    return float(as_array(name, value))
+
+
+def require_finite(name: str, values: Array) -> Array:
+    """Return a computed array if it is finite.
+
+    Raises:
+        OutOfRangeError: an entry is NaN or infinite, because the arguments are beyond what doubles can hold.
+    """
+    if not np.isfinite(values).all():
+        raise OutOfRangeError(name, math.nan, "finite; the state, the forces or the masses are too large")
+    return values
+
+
+def shaped(name: str, value: ArrayLike, *trailing: int) -> Array:
+    """Return value as an array whose last sizes are stated; its entries are not checked.
+
+    Raises:
+        ShapeError: the last sizes differ.
+    """
+    if isinstance(value, np.ndarray):
+        array = value
+    else:
+        array = as_array(name, value, *("..." for _ in np.shape(np.array(value, dtype=object))))
+    if array.shape[-len(trailing) :] != trailing or array.dtype.kind not in "fiu":
+        raise ShapeError(name, array.shape, ("...", *trailing))
+    return array
+
+
+def require_memory(what: str, needed: float, remedy: str) -> None:
+    """Refuse arrays that are larger than the free memory, before they are allocated.
+
+    Args:
+        what: the arrays, for the error message.
+        needed: their size, bytes.
+        remedy: what makes them smaller.
+
+    Raises:
+        NotEnoughMemoryError: they do not fit.
+    """
+    free = free_memory()
+    if needed > free:
+        raise NotEnoughMemoryError(what, needed, free, remedy)
+
+
+def free_memory() -> int:
+    """Return the memory that is available without swapping, bytes; sys.maxsize where it cannot be read."""
+    try:
+        lines = Path("/proc/meminfo").read_text("ascii").splitlines()  # Linux; what caches give back is free
+        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration):
+        pass
+    for pages in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
+        with contextlib.suppress(AttributeError, OSError, ValueError):  # no such name, or not on this system
+            return int(os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE"))
+    return sys.maxsize
 
 
 def frozen(array: NDArray[Entry]) -> NDArray[Entry]:

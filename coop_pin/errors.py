@@ -41,6 +41,24 @@ class ArgumentError(CoopPinError, ValueError):
     """An argument outside what a function accepts."""
 
 
+class WrongTypeError(CoopPinError, TypeError):
+    """An argument ``name`` of the type ``given`` where an object of the type ``expected`` is needed."""
+
+    def __init__(self, name: str, given: str, expected: str) -> None:
+        self.name, self.given, self.expected = name, given, expected
+        super().__init__(f"{name} is of type {given}; it must be of type {expected}")
+
+
+class NotEnoughMemoryError(ArgumentError):
+    """Arrays of ``needed`` bytes where ``free`` bytes are available; nothing has been allocated."""
+
+    def __init__(self, what: str, needed: float, free: int, remedy: str) -> None:
+        self.needed, self.free = needed, free
+        super().__init__(
+            f"{what} need {needed / 1e9:.3g} GB of memory and {free / 1e9:.3g} GB are free; {remedy}"
+        )
+
+
 class ShapeError(ArgumentError):
     """An array of the wrong shape: ``name`` of the argument, its ``shape``, the ``expected`` shape."""
 
@@ -78,8 +96,8 @@ class NotIncreasingError(ArgumentError):
     def __init__(self, name: str, index: int, value: float, previous: float) -> None:
         self.name, self.index, self.value, self.previous = name, index, value, previous
         super().__init__(
-            f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly:"
-            " sort them and remove duplicates"
+            f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly, by"
+            " a nanosecond at least: sort them and remove duplicates"
         )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_array
 from coop_pin.control import (
     ArmController,
     CellController,
@@ -111,9 +111,9 @@ def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel)
             "controller.posture",
         )
     angles = scenario.cell.arms[arm].posture
-    spring = np.zeros(model.nv) if angles is None else np.array(angles)
+    spring = np.zeros(model.nv) if angles is None else as_array(f"posture of arm {arm!r}", angles, model.nv)
     stiffness, damping = (
-        np.broadcast_to(np.array(gain, dtype=float), (model.nv,)) for gain in (gains.stiffness, gains.damping)
+        np.array(_matrix(gain, model.nv, f"controller.posture.{name}").diagonal()) for name, gain in gains
     )
     return Posture(model.drive @ spring, stiffness, damping)
 
@@ -162,7 +162,7 @@ def run(
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario, overrides)
-    elif overrides:
+    elif overrides is not None:
         scenario = scenario.override(overrides)
     return simulate(
         scenario,

@@ -247,6 +247,13 @@ def test_the_server_listens_on_loopback_only(server):
     ] == [f"0100007F:{port:04X}"]
 
 
+def test_the_secret_is_not_in_the_arguments_that_every_user_can_read(server):
+    secret = urllib.parse.urlsplit(server.url).path.strip("/")
+    assert len(secret) > 20
+    for file in ("cmdline", "environ"):
+        assert secret.encode() not in Path(f"/proc/{server.pid}/{file}").read_bytes()
+
+
 def test_a_chosen_port_is_served_and_given_back(scenario):
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]

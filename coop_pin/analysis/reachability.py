@@ -16,11 +16,11 @@ from coop_pin.analysis.path_following import (
     Unreachable,
     payload_path,
 )
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, as_count, frozen, require_memory, require_type
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError, UnreachablePoseError
+from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.spatial.task_rows import joint_shortage
 
@@ -154,12 +154,13 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
             spacing is missed.
 
     Raises:
-        ArgumentError: fewer than two poses.
+        WrongTypeError, OutOfRangeError: poses is not a whole number of at least two.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be
             built.
     """
-    if poses < 2:
-        raise ArgumentError(f"poses is {poses}; it must be at least 2")
+    require_type("scenario", scenario, Scenario)
+    poses = as_count("poses", poses, 2)
+    require_memory(f"{poses:.3g} poses", 4096.0 * poses, "lower poses")
     path = payload_path(scenario, poses)
     arms = tuple(_arm_reach(scenario, name, path) for name in scenario.cell.arms)
     return Reachability(scenario.name, scenario.duration, poses, arms)

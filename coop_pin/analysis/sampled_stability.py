@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
@@ -68,6 +68,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
         UnreachablePoseError: an arm cannot hold the payload at the start.
         SingularJacobianError: an arm is singular there.
     """
+    require_type("scenario", scenario, Scenario)
     return start_stability(Simulation(scenario, build_controller(scenario)))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, Mask, as_array
+from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
@@ -20,7 +20,7 @@ from coop_pin.chain.trajectory import Energy
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
-from coop_pin.errors import OpenClosureError
+from coop_pin.errors import NameNotFoundError, OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
@@ -75,6 +75,8 @@ class CellChain:
             UrdfError, NameNotFoundError: an arm cannot be built.
         """
         options = PlantOptions() if options is None else options
+        require_type("cell", cell, Cell)
+        require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
         held = [name for name in cell.arms if name not in self.model.closed_by_tree]
@@ -90,6 +92,7 @@ class CellChain:
 
     def set_payload(self, payload: Payload) -> None:
         """Set mass and inertia of the payload, from the next call on."""
+        require_type("payload", payload, Payload)
         self.model.set_payload(payload)
 
     def configuration(self, X_WP: ArrayLike) -> Array:
@@ -101,7 +104,7 @@ class CellChain:
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
         """
-        X = as_array("X_WP", X_WP, 4, 4)
+        X = as_pose("X_WP", X_WP)
         configurations = [
             solve_ik(ArmModel.from_cell(self.cell, name), X, posture=arm.posture)
             for name, arm in self.cell.arms.items()
@@ -115,21 +118,25 @@ class CellChain:
             angles: of every arm, rad, shape (k,) each.
             X_WP: payload pose, shape (4, 4); not used if the payload is welded to the first arm.
         """
+        require_type("angles", angles, Mapping)
+        for name in self.cell.arms:
+            if name not in angles:
+                raise NameNotFoundError("arm", name, map(str, angles), "the angles")
         stated = [
             arm.angles.configuration(
                 as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))
             )
             for arm in self.model.arms
         ]
-        return self.model.configuration(stated, as_array("X_WP", X_WP, 4, 4))
+        return self.model.configuration(stated, as_pose("X_WP", X_WP))
 
-    def require_held(self, q: Array, X_WP: Array, allowed: float) -> None:
+    def require_held(self, q: ArrayLike, X_WP: ArrayLike, allowed: float) -> None:
         """Raise an error if a tip is farther from its grasp on the payload at X_WP than allowed, m or rad.
 
         Raises:
             OpenClosureError: with the arm and its closure error.
         """
-        frames = self._at(q)
+        frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
         for arm in self.model.arms:
             X_EG = frames[arm.tip].actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
             gap = ClosureError(
@@ -151,7 +158,7 @@ class CellChain:
 
     def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return V_WP, shape (6,)."""
-        return self.payload_jacobian(q).dot(self._v("v", v))
+        return require_finite("V_WP", self.payload_jacobian(q).dot(self._v("v", v)))
 
     def tip_positions(self, q: ArrayLike) -> Array:
         """Return the position of every tip in the world, m, shape (m, 3)."""
@@ -230,7 +237,7 @@ class CellChain:
         wrenches: Array = in_payload.reshape(-1, 3).dot(R_WP.T).reshape(-1, 6)
         if self.model.closed_by_tree:
             wrenches[0] += external
-        return wrenches
+        return require_finite("the interaction wrenches", wrenches)
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
         """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the resultant wrench on the payload in its axes."""

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, as_array, as_number, require_type
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
@@ -95,12 +95,12 @@ class ClosedChain:
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
-        self.model = model
+        self.closures, self.model = ClosureSet(model, closures), model
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
-        self.closures, self.formulation = ClosureSet(model, closures), formulation
-        self._data = model.createData()
+        require_type("stabilisation", self.stabilisation, Stabilisation)
+        self._data, self.formulation = model.createData(), formulation
         self._projection = Projection(model, self.closures)
-        if formulation not in get_args(Formulation):
+        if not isinstance(formulation, str) or formulation not in get_args(Formulation):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         can_be_proximal = ProximalSolver.can_solve(closures)
         if formulation == "proximal" and not can_be_proximal:
@@ -221,10 +221,12 @@ class ClosedChain:
             ShapeError, OutOfRangeError: an argument, or the value of torque, has a wrong
                 shape, is not finite or is not positive.
         """
-        start, time = ChainState(self._q(q), self._v("v", v)), time_grid(duration, step)
+        start, model = ChainState(self._q(q), self._v("v", v)), self.model
+        time = time_grid(duration, step, 8 * (model.nq + model.nv))
         solver = self.solver
         if self.formulation == "auto":
             solver = KKTSolver(self.model, self.closures, self.stabilisation)
+        require_type("project", project, bool, np.bool_)
         propagator = Propagator(self.model, solver, torque, self._after_step if project else None)
         self.require_closed(start.q, _START_ALLOWED)
         if not project:
@@ -254,9 +256,9 @@ class ClosedChain:
         kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
         return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
 
-    def closure_errors(self, q: Array) -> list[ClosureError]:
+    def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return the closure error of each closure."""
-        return self.closures.closure_errors(q)
+        return self.closures.closure_errors(self._q(q))
 
     def project_configuration(self, q: ArrayLike) -> Array:
         """Return the configuration on the closures reached from q by mass-weighted Newton steps.
@@ -268,20 +270,20 @@ class ClosedChain:
         """
         return self._projection.state(self._q(q), np.zeros(self.model.nv), _CLOSED).q
 
-    def project_velocity(self, q: Array, v: Array) -> Array:
+    def project_velocity(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the velocity nearest in kinetic energy that keeps the closures closed, shape (nv,).
 
         v - M^-1 J^T (J M^-1 J^T)^+ J v
         """
-        return self._projection.velocity(q, v)
+        return self._projection.velocity(self._q(q), self._v("v", v))
 
-    def require_closed(self, q: Array, allowed: float) -> None:
+    def require_closed(self, q: ArrayLike, allowed: float) -> None:
         """Raise an error if a closure error exceeds what is allowed (m, rad).
 
         Raises:
             OpenClosureError: with the largest closure error.
         """
-        self._projection.require_closed(q, allowed)
+        self._projection.require_closed(self._q(q), as_number("allowed", allowed))
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)

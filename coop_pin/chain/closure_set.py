@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_type
 from coop_pin.chain.closure import Closure, error_function
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.errors import NameNotFoundError
@@ -133,7 +133,11 @@ class ClosureSet:
         Raises:
             NameNotFoundError: a frame does not exist.
         """
+        require_type("model", model, pin.Model)
+        require_type("closures", closures, Sequence)
         self.closures = tuple(closures)
+        for index, closure in enumerate(self.closures):
+            require_type(f"closures[{index}]", closure, Closure)
         self.sides = [
             (ClosureFrame(model, c.frame_a, c.X_AC), ClosureFrame(model, c.frame_b, c.X_BC))
             for c in self.closures

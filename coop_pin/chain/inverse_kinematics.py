@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, as_pose, require_type
 from coop_pin.chain.ik_solver import IKSolution, IKSolver
 from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
@@ -69,13 +69,15 @@ def _branches(
 
     Of a redundant arm, only the given number of families nearest to the posture is kept (all if None).
     """
+    require_type("arm", arm, ArmModel)
     solver = IKSolver(arm)
-    target = solver.tip_target(as_array("X_WP", X_WP, 4, 4))
+    target = solver.tip_target(as_pose("X_WP", X_WP))
     near = arm.posture(posture)
     starts = [near, *solver.limits.perturb(near, _NEIGHBOURS), *solver.limits.random_configurations(seeds)]
-    found = sorted(_solutions(solver, target, starts, near), key=lambda q: solver.distance(q, near))
-    if not found:
-        raise _unreachable(arm.name, solver, target, starts, near)
+    with np.errstate(over="ignore", invalid="ignore"):  # a pose of 1e300 m is out of reach, and no warning
+        found = sorted(_solutions(solver, target, starts, near), key=lambda q: solver.distance(q, near))
+        if not found:
+            raise _unreachable(arm.name, solver, target, starts, near)
     if solver.is_redundant:
         nearest = _moved_near(solver, target, found, near, _FIRST_STEPS)[:families]
         found = _moved_near(solver, target, nearest, near, _ALL_STEPS)
@@ -130,4 +132,4 @@ def _unreachable(
 
 
 def _distance_then_angle(solution: IKSolution) -> tuple[float, float]:
-    return round(solution.distance / _SAME_DISTANCE), solution.angle
+    return float(np.rint(solution.distance / _SAME_DISTANCE)), solution.angle

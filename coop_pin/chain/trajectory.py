@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_positive
+from coop_pin.arrays import Array, as_array, as_positive, require_memory
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.projection import Projected
@@ -148,13 +148,22 @@ class Propagator:
             return as_array("torque(t, q, v)", self._torque(t, q.copy(), v.copy()), self._nv)
 
 
-def time_grid(duration: float, step: float) -> Array:
+def time_grid(duration: float, step: float, bytes_per_time: int) -> Array:
     """Return the times 0, step, 2 step, ... and duration; the last step may be shorter.
 
+    Args:
+        duration: s.
+        step: s.
+        bytes_per_time: what else is stored for each time, bytes.
+
     Raises:
+        NotEnoughMemoryError: what is stored does not fit.
         ShapeError, OutOfRangeError: duration or step is not a finite number greater than
             zero.
     """
     duration, step = as_positive("duration", duration), as_positive("step", step)
-    whole = int(np.ceil(duration / step * (1.0 - _ROUNDING)))
+    steps = duration / step * (1.0 - _ROUNDING)
+    needed = (steps + 1.0) * (8 + bytes_per_time)
+    require_memory(f"{steps:.3g} steps", needed, "lengthen step or shorten duration")
+    whole = int(np.ceil(steps))
     return np.append(step * np.arange(whole), duration)

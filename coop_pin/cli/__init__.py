@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import warnings
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from coop_pin import __version__
-from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
+from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,7 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         errors.NothingFeasibleError,
         errors.StoreLockedError,
         errors.FileWriteError,
-        errors.FileWriteError,
         errors.WorkersLostError,
     )
     if str(Path.cwd()) not in sys.path:
@@ -41,7 +41,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         from coop_pin.cli.parsing import parse  # slow enough to load that Ctrl-C may come meanwhile
 
-        return parse(words).execute()
+        try:
+            return parse(words).execute()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
+        return OUTPUT_CLOSED
     except failures as error:
         return _report(str(error), FAILED)
     except errors.CoopPinError as error:

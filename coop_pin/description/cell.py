@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo, field_validator
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, as_array, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
@@ -37,9 +37,12 @@ def grasps_from_configuration(
         ShapeError: the number of angles is not that of the joints.
         UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
     """
+    require_type("arms", arms, Mapping)
+    require_type("joint_angles", joint_angles, Mapping)
     X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
     grasps = {}
     for name, arm in arms.items():
+        require_type(f"arms[{name!r}]", arm, Arm)
         if name not in joint_angles:
             raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
         robot = Robot(load_checked(arm.file))

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
 import numpy as np
 from pydantic import ValidationInfo, create_model, field_validator, model_validator
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_positive
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import link_body
 from coop_pin.errors import FieldError
@@ -22,6 +22,9 @@ from coop_pin.user_files import read_user_file
 
 _MAX_MESH_BYTES = 100_000_000
 """Two million triangles of a binary STL."""
+
+_SMALLEST_M3, _LARGEST_M3 = 1e-18, 1e18
+"""Of a mesh: a cube of a micrometre, and one of a thousand kilometres."""
 
 Maker = TypeVar("Maker", bound=Callable[..., Any])
 
@@ -183,8 +186,11 @@ class Payload(Description):
             raise FieldError(f"give either mass or density; they are {mass} and {density}", "mass")
         file = Path(path).absolute()
         mesh = _closed_mesh(file)
-        mesh.apply_scale(scale)
-        volume = float(mesh.volume)
+        with np.errstate(all="ignore"):
+            mesh.apply_scale(scale)
+            volume = float(mesh.volume)
+        if not _SMALLEST_M3 < volume < _LARGEST_M3:
+            raise FieldError(f"gives the mesh a volume of {volume:g} m^3; it is metres of a unit", "scale")
         kilograms = mass if mass is not None else (density or 0.0) * volume
         M = kilograms / volume * np.array(mesh.moment_inertia)
         return cls(
@@ -218,7 +224,7 @@ class Payload(Description):
 
     def with_mass(self, mass: float) -> Self:
         """Return the same shape with another mass: the inertia is proportional to the mass."""
-        scale = mass / self.mass
+        scale = as_positive("mass", mass) / self.mass
         return self.replace(mass=mass, inertia=tuple(scale * entry for entry in self.inertia))
 
 

@@ -16,10 +16,13 @@ class Clock(Description):
     Attributes:
         rate_hz: control rate, Hz; torques are held over a period T = 1 / rate_hz (zero-order hold).
         steps_per_tick: integration steps of the plant in one control period.
+        record_every: ticks from one kept sample to the next; n divides the memory of a long run by n. The
+            last tick is always kept. Largest and smallest values of a run are those of the kept samples.
     """
 
-    rate_hz: Positive = 80.0
-    steps_per_tick: int = Field(default=5, ge=1)
+    rate_hz: Positive = Field(default=80.0, le=1e6)
+    steps_per_tick: int = Field(default=5, ge=1, le=10_000)
+    record_every: int = Field(default=1, ge=1)
 
     @property
     def period(self) -> float:

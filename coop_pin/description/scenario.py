@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
@@ -63,7 +63,7 @@ class Scenario(Description):
 
     name: Name
     summary: Text = ""
-    duration: Positive = 20.0
+    duration: Positive = Field(default=20.0, le=1e8)
     beyond_bound: bool = False
     cell: Cell
     controller: Controller
@@ -147,6 +147,7 @@ class Scenario(Description):
             FileReadError: the file is not TOML.
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
+        require_path("name_or_path", name_or_path)
         in_catalogue = str(name_or_path) in scenario_names()
         path = _FOLDER / f"{name_or_path}.toml" if in_catalogue else Path(name_or_path)
         if not path.is_file():
@@ -154,7 +155,7 @@ class Scenario(Description):
         data = read_toml(path, kind="a scenario")
         _anchor_files(data, path.parent)
         scenario = cls(**data)
-        return scenario.override(overrides) if overrides else scenario
+        return scenario if overrides is None else scenario.override(overrides)
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
@@ -164,6 +165,7 @@ class Scenario(Description):
             FileReadError: the text is not TOML.
             ScenarioError: the scenario has mistakes.
         """
+        require_type("text", text, str)
         return cls(**parse_toml(text.encode("utf-8", "surrogatepass"), "the text", kind="a scenario"))
 
     def to_toml(self) -> str:
@@ -175,6 +177,7 @@ class Scenario(Description):
 
     def save(self, path: str | Path) -> None:
         """Write the resolved scenario to a TOML file."""
+        require_path("path", path)
         Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, as_array, as_pose, require_finite, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
+from coop_pin.errors import NameNotFoundError
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import (
@@ -61,11 +62,13 @@ class ArmModel:
             UrdfError: the URDF is missing or defective.
             NameNotFoundError: the tip is not in the URDF.
         """
+        require_type("arm", arm, Arm)
+        require_type("name", name, str)
         self.name, self._arm = name, arm
         alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip)]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
-        X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_array("X_PE", X_PE, 4, 4)))
+        X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_pose("X_PE", X_PE)))
         self._tip = add_frame(self.model, "tip", tip.parentJoint, tip.placement)
         self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
         self._data = self.model.createData()
@@ -76,6 +79,10 @@ class ArmModel:
     @classmethod
     def from_cell(cls, cell: Cell, name: str) -> Self:
         """Return the model of an arm of a cell with its grasp, gravity and name; raises as __init__."""
+        require_type("cell", cell, Cell)
+        require_type("name", name, str)
+        if name not in cell.arms:
+            raise NameNotFoundError("arm", name, cell.arms, "the cell")
         return cls(cell.arms[name], cell.grasps[name].matrix, cell.gravity, name=name)
 
     @cached_property
@@ -110,11 +117,12 @@ class ArmModel:
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Return M(q) by CRBA, kg m^2, shape (nv, nv), symmetric."""
-        return symmetric(pin.crba(self.model, self._data, self._q(q)))
+        return require_finite("M", symmetric(pin.crba(self.model, self._data, self._q(q))))
 
     def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return h(q, v): Coriolis, centrifugal and gravity torques, N m, shape (nv,)."""
-        return np.array(pin.nonLinearEffects(self.model, self._data, self._q(q), self._v("v", v)))
+        h = np.array(pin.nonLinearEffects(self.model, self._data, self._q(q), self._v("v", v)))
+        return require_finite("h", h)
 
     def forward_dynamics(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6
@@ -130,14 +138,15 @@ class ArmModel:
             F_EP_W: wrench on the arm about P in world axes, N and N m, shape (6,).
         """
         torque = self._v("tau", tau) + self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
-        return np.array(pin.aba(self.model, self._data, self._q(q), self._v("v", v), torque))
+        a = np.array(pin.aba(self.model, self._data, self._q(q), self._v("v", v), torque))
+        return require_finite("a", a)
 
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, F_EP_W: ArrayLike = (0.0,) * 6
     ) -> Array:
         """Return tau = M a + h - J_WP^T F_EP_W by RNEA, N m, shape (nv,)."""
         torque = np.array(pin.rnea(self.model, self._data, self._q(q), self._v("v", v), self._v("a", a)))
-        return torque - self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6)
+        return require_finite("tau", torque - self.payload_jacobian(q).T @ as_array("F_EP_W", F_EP_W, 6))
 
     def tip_pose(self, q: ArrayLike) -> Array:
         """Return X_WE, shape (4, 4)."""
@@ -149,22 +158,22 @@ class ArmModel:
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP with V_WP = J_WP v: J_phi_i of eq. (2), in world axes, shape (6, nv)."""
-        return np.array(
-            pin.computeFrameJacobian(
-                self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED
-            )
+        J = pin.computeFrameJacobian(
+            self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED
         )
+        return require_finite("J_WP", np.array(J))
 
     def payload_acceleration_bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return Jdot v, the part of d/dt V_WP without joint accelerations (eq. (3)), shape (6,)."""
         pin.forwardKinematics(self.model, self._data, self._q(q), self._v("v", v), np.zeros(self.nv))
-        return pin.getFrameClassicalAcceleration(
+        bias = pin.getFrameClassicalAcceleration(
             self.model, self._data, self._payload, pin.LOCAL_WORLD_ALIGNED
-        ).vector.copy()
+        )
+        return require_finite("Jdot v", bias.vector.copy())
 
     def _frame_pose(self, q: ArrayLike, frame: int) -> Array:
         pin.framesForwardKinematics(self.model, self._data, self._q(q))
-        return np.array(self._data.oMf[frame].homogeneous)
+        return require_finite("the pose", np.array(self._data.oMf[frame].homogeneous))
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.nq)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array, as_array, as_number, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.robot import Robot
@@ -52,7 +52,8 @@ def frame_id(model: pin.Model, name: str) -> int:
     Raises:
         NameNotFoundError: no frame has that name.
     """
-    if not model.existFrame(name):
+    require_type("frame", name, str)
+    if not (name.isascii() or name.isprintable()) or not model.existFrame(name):
         # Suggest links first, from the ends of the tree: a misspelt frame of an arm is most often its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
@@ -66,7 +67,8 @@ def joint_id(model: pin.Model, name: str) -> int:
     Raises:
         NameNotFoundError: no joint has that name.
     """
-    if not model.existJointName(name):
+    require_type("joint", name, str)
+    if not (name.isascii() or name.isprintable()) or not model.existJointName(name):
         raise NameNotFoundError("joint", name, list(model.names)[1:], f"model {model.name!r}")
     return int(model.getJointId(name))
 
@@ -214,6 +216,7 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
         ShapeError, OutOfRangeError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
+    require_type("path_or_xml", path_or_xml, str, Path)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
     name = "the text" if is_text else Path(path_or_xml).name
     text = text_checked(str(path_or_xml)) if is_text else load_checked(find_urdf(path_or_xml))
@@ -236,6 +239,7 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
         NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one degree of freedom.
     """
+    require_type("angles", angles, Mapping)
     configuration: Array = pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
     return configuration
 
@@ -251,6 +255,7 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
         NameNotFoundError: a joint does not exist.
         ArgumentError: a joint has more than one degree of freedom.
     """
+    require_type("rates", rates, Mapping)
     v = np.zeros(model.nv)
     for name, rate in rates.items():
         joint = model.joints[joint_id(model, name)]
@@ -258,5 +263,5 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
             raise ArgumentError(
                 f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v directly"
             )
-        v[joint.idx_v] = as_array(name, rate)
+        v[joint.idx_v] = as_number(f"the value of joint {name!r}", rate)
     return v

@@ -16,7 +16,14 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
-from coop_pin.errors import AmbiguousTurnError, FieldError, FileReadError, NotIncreasingError, suggestion
+from coop_pin.errors import (
+    AmbiguousTurnError,
+    ArgumentError,
+    FieldError,
+    FileReadError,
+    NotIncreasingError,
+    suggestion,
+)
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import read_user_file
@@ -25,6 +32,11 @@ _LARGEST_TURN = math.radians(175.0)
 """Largest turn between neighbours; beyond, its direction is not certain."""
 _SMALLEST_LENGTH = 0.2
 """Smallest length of the interpolated quaternion; below, the orientation swings wildly between neighbours."""
+
+
+_SHORTEST = 1e-9
+"""Shortest time between two poses, s."""
+_SPACE = "space the times more evenly, between a nanosecond and a year"
 
 
 class PoseSpline(NamedTuple):
@@ -59,7 +71,7 @@ class PoseSpline(NamedTuple):
             NotIncreasingError: the times do not increase strictly.
             AmbiguousTurnError: neighbouring orientations are too far apart.
         """
-        backward = np.flatnonzero(np.diff(times) <= 0.0)
+        backward = np.flatnonzero(~(np.diff(times) >= _SHORTEST))
         if backward.size:
             index = int(backward[0]) + 1
             raise NotIncreasingError("times", index, float(times[index]), float(times[index - 1]))
@@ -129,8 +141,14 @@ def _quintic_coefficients(times: Array, points: Array) -> Array:
     """Return the coefficients of powers 0 to 5 of (t - times[i]) on each segment, shape (n - 1, 6, 7)."""
     still = np.zeros(points.shape[1])
     at_rest = [(1, still), (2, still)]
-    spline = make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))
-    return np.stack([spline(times[:-1], nu) / math.factorial(nu) for nu in range(6)], axis=1)
+    try:
+        spline = make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ArgumentError(f"no spline leads through the poses: {error}; {_SPACE}") from None
+    coefficients = np.stack([spline(times[:-1], nu) / math.factorial(nu) for nu in range(6)], axis=1)
+    if not np.isfinite(coefficients).all():
+        raise ArgumentError(f"no spline leads through the poses: it would not be finite; {_SPACE}")
+    return coefficients
 
 
 def _check_length(times: Array, coefficients: Array, quaternions: Array) -> None:

@@ -7,8 +7,11 @@ arrays by the table and the dataset is labelled by it; snapshots, metrics and fi
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,7 +21,13 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FileReadError
 from coop_pin.spatial import internal_wrenches, rotate_vector6
+from coop_pin.user_files import read_user_file
+
+_MAX_BYTES = 2**32
+"""Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
+_SLACK_BYTES = 2**20
 
 Samples: TypeAlias = dict[str, NDArray[Any]]
 """Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
@@ -147,6 +156,8 @@ QUANTITIES = (
 )
 # fmt: on
 
+_FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
+
 LIMITS = {
     "position_lower": "rad or m",
     "position_upper": "rad or m",
@@ -156,6 +167,21 @@ LIMITS = {
 """Units of the limits of joints and drives, which are variables of the dataset without time."""
 
 
+def bytes_per_sample(sizes: Mapping[str, int]) -> int:
+    """Return the memory that one sample takes in a finished run, bytes.
+
+    Stored quantities count three times: their netCDF file is made in memory, and copied there.
+
+    Args:
+        sizes: of the dimensions q, v, arm and joint.
+    """
+    sizes = {**_FIXED_SIZES, **sizes}
+    return sum(
+        8 * (1 + 2 * quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
+        for quantity in QUANTITIES
+    )
+
+
 def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
     """Return empty samples of every recorded quantity.
 
@@ -163,7 +189,7 @@ def allocate(count: int, sizes: Mapping[str, int]) -> Samples:
         count: of samples.
         sizes: of the dimensions q, v, arm and joint.
     """
-    sizes = {"axis": 6, "position": 3, "row": 4, "column": 4, **sizes}
+    sizes = {**_FIXED_SIZES, **sizes}
     return {
         quantity.name: np.full((count, *(sizes[dim] for dim in quantity.dims.split())), quantity.fill)
         for quantity in QUANTITIES
@@ -244,3 +270,29 @@ def content_digest(data: xr.Dataset) -> str:
 def _attributes(attributes: Mapping[Hashable, Any]) -> bytes:
     texts = {str(name): str(np.asarray(value).tolist()) for name, value in attributes.items()}
     return json.dumps(texts, sort_keys=True).encode()
+
+
+def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
+    """Return the arrays of a file and the text of its scenario if both are those that were saved."""
+    content = read_user_file(path, limit=_MAX_BYTES, kind="a result")
+    try:
+        with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
+            # Results are not compressed: only a foreign file unpacks to more than it has.
+            size = file.nbytes
+            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
+    # The errors of xarray, h5netcdf and h5py have no common base class.
+    except Exception as error:
+        raise FileReadError(
+            f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
+        ) from None
+    text = data.attrs.get("coop_pin_scenario")
+    if not isinstance(text, str):
+        raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+    digest = data.attrs.pop("coop_pin_sha256", "missing")
+    if digest != content_digest(data):
+        raise FileReadError(
+            f"{path} is damaged, changed or of another version of coop_pin: its checksum is {digest}; run its"
+            " scenario again"
+        )
+    del data.attrs["coop_pin_scenario"]
+    return data, text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import Self
@@ -10,13 +9,13 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import QUANTITIES, content_digest
+from coop_pin.results.dataset import QUANTITIES, content_digest, read_dataset
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
@@ -26,11 +25,7 @@ from coop_pin.results.metrics import (
     metric_text,
 )
 from coop_pin.results.trust import Breach, TrustMonitor
-from coop_pin.user_files import read_user_file
 
-_MAX_BYTES = 2**32
-"""Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
-_SLACK_BYTES = 2**20
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
 
 
@@ -46,6 +41,8 @@ class RunResult:
     """Attribute of ``data``: class of the error that ended the run, if one did."""
 
     def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
+        require_type("scenario", scenario, Scenario)
+        require_type("data", data, xr.Dataset)
         self.scenario, self.data = scenario, data
 
     # ------------------------------------------------------------ windows
@@ -244,6 +241,7 @@ class RunResult:
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
+        require_path("path", path)
         data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
         data.attrs["coop_pin_sha256"] = content_digest(data)
         # In memory first: HDF5 that meets a full disk takes the process down.
@@ -257,11 +255,12 @@ class RunResult:
         Raises:
             FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
         """
+        require_path("path", path)
         path = Path(path)
         if not path.is_file():
             hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
             raise FileReadError(f"there is no result file at {path}{hint}")
-        data, text = _verified(path)
+        data, text = read_dataset(path)
         missing = [q.name for q in QUANTITIES if q.stored and q.name not in data]
         if missing:
             raise FileReadError(
@@ -274,29 +273,3 @@ class RunResult:
             raise FileReadError(
                 f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
             ) from None
-
-
-def _verified(path: Path) -> tuple[xr.Dataset, str]:
-    """Return the arrays of a file and the text of its scenario if both are those that were saved."""
-    content = read_user_file(path, limit=_MAX_BYTES, kind="a result")
-    try:
-        with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
-            # Results are not compressed: only a foreign file unpacks to more than it has.
-            size = file.nbytes
-            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
-    # The errors of xarray, h5netcdf and h5py have no common base class.
-    except Exception as error:
-        raise FileReadError(
-            f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
-        ) from None
-    text = data.attrs.get("coop_pin_scenario")
-    if not isinstance(text, str):
-        raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
-    digest = data.attrs.pop("coop_pin_sha256", "missing")
-    if digest != content_digest(data):
-        raise FileReadError(
-            f"{path} is damaged, changed or of another version of coop_pin: its checksum is {digest}; run its"
-            " scenario again"
-        )
-    del data.attrs["coop_pin_scenario"]
-    return data, text

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
 from coop_pin.schema.validation_errors import field_errors
 
@@ -24,6 +25,9 @@ def overridden(description: BaseModel, changes: Mapping[str, Any]) -> dict[str, 
         UnknownFieldError: a path leads through something that has no fields. An unknown last field is left to
             the validation.
     """
+    require_type("changes", changes, Mapping)
+    for path in changes:
+        require_type("a path of changes", path, str)
     fields: Any = description
     for path, value in sorted(changes.items(), key=lambda change: _order(change[0])):
         fields = _changed(fields, path.split("."), value, path)
@@ -198,6 +202,10 @@ class Description(BaseModel):
             super().__init__(**fields)
         except ValidationError as error:
             raise one_or_all(field_errors(error, fields, type(self)), type(self).__name__) from None
+        except TypeError as error:  # pydantic builds an inner table by keywords
+            if "keywords must be strings" not in str(error):
+                raise
+            raise FieldError("has a table with a key that is not a text") from None
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and all(

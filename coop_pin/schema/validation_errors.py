@@ -64,9 +64,8 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
         case "greater_than_equal" if context["ge"] == 0.0:
             return [FieldError(f"is {float(value):g}; it must not be negative", path)]
         case "too_short" | "too_long":
-            return [
-                FieldError(f"has {len(value)} entries ({value}); {message[0].lower()}{message[1:]}", path)
-            ]
+            shown = f"{context['actual_length']} entries ({_shown(value)})"
+            return [FieldError(f"has {shown}; {message[0].lower()}{message[1:]}", path)]
         case "union_tag_invalid":
             return [
                 FieldError(

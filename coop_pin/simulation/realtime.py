@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 import time
 
+from coop_pin.arrays import require_type
 from coop_pin.errors import OutOfRangeError
 
 _LOST_S = 0.1
 """A longer delay counts as lost, s."""
+
+
+_SLOWEST = 1e-6
+"""Smallest rate: a second takes eleven days."""
 
 
 class RealtimePacer:
@@ -26,8 +31,9 @@ class RealtimePacer:
         Raises:
             OutOfRangeError: the rate is not greater than zero.
         """
-        if not rate > 0.0:
-            raise OutOfRangeError("realtime_rate", rate)
+        require_type("realtime_rate", rate, int, float)
+        if not rate >= _SLOWEST:
+            raise OutOfRangeError("realtime_rate", rate, f"at least {_SLOWEST:g}")
         self.rate = rate
         self._origin: float | None = None
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, frozen, require_memory
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.results.dataset import Samples, allocate, computed, dataset
+from coop_pin.results.dataset import Samples, allocate, bytes_per_sample, computed, dataset
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
@@ -23,8 +23,11 @@ from coop_pin.simulation.timeline import Timeline
 class Recorder:
     """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
+    Of every ``Clock.record_every`` ticks the last is kept, and the first and the last of the run: the newest
+    sample replaces the one before it until that one is due.
+
     Attributes:
-        count: ticks recorded so far.
+        count: samples kept so far, the newest tick's included.
         payload_energy: energy that payload changes have added so far, J.
     """
 
@@ -35,11 +38,23 @@ class Recorder:
         self.count = 0
         self.payload_energy = 0.0
         self._determined = determinate_rows(plant.chain, plant.q)
-        count, arms, model = timeline.ticks + 1, plant.chain.model.arms, plant.chain.mechanism.model
+        self._every = scenario.clock.record_every
+        count, rows = self._sample(timeline.ticks) + 1, scenario.cell.task_rows.size
+        arms, model = plant.chain.model.arms, plant.chain.mechanism.model
         joints = max(len(arm.drive) for arm in arms)
         sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
+        require_memory(
+            f"{count} samples of {scenario.name!r}",
+            count * (bytes_per_sample(sizes) + 8 * rows * sum(len(arm.drive) for arm in arms)),
+            "raise clock.record_every, or lower duration or clock.rate_hz",
+        )
         self._samples = allocate(count, sizes)
-        self._jacobians = [np.zeros((count, scenario.cell.task_rows.size, len(arm.drive))) for arm in arms]
+        self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
+        postures = [scenario.cell.arms[arm.name].posture for arm in arms]
+        self._angles = [
+            np.zeros(len(arm.drive)) if posture is None else np.array(posture)
+            for arm, posture in zip(arms, postures, strict=True)
+        ]
         self._monitor = TrustMonitor(scenario.trust, timeline.period, self._joints, *self._limit_table()[:2])
 
     def record(
@@ -52,7 +67,7 @@ class Recorder:
         squeeze: Array,
     ) -> None:
         """Record one tick; the plant already holds its torques."""
-        kept, plant = self._samples, self._plant
+        kept, plant, sample = self._samples, self._plant, self._sample(tick)
         seen, work = plant.observe(), (*plant.work, self.payload_energy)
         distances, angles = zip(*seen.closure_errors, strict=True)
         for name, value in {
@@ -73,15 +88,20 @@ class Recorder:
             "potential_energy": seen.energy.potential,
             **{f"work_{c}": done for c, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
         }.items():
-            kept[name][tick] = value
+            kept[name][sample] = value
         for index, measurement in enumerate(measurements):
             drives = len(measurement.v)
-            kept["torque"][tick, index, :drives] = applied.torques[index]
-            kept["commanded_torque"][tick, index, :drives] = applied.commanded[index]
-            kept["saturated"][tick, index, :drives] = applied.saturated[index]
-            kept["drive_velocity"][tick, index, :drives] = measurement.v
-            self._jacobians[index][tick] = measurement.payload_jacobian
-        self.count = tick + 1
+            kept["torque"][sample, index, :drives] = applied.torques[index]
+            kept["commanded_torque"][sample, index, :drives] = applied.commanded[index]
+            kept["saturated"][sample, index, :drives] = applied.saturated[index]
+            kept["drive_velocity"][sample, index, :drives] = measurement.v
+            self._jacobians[index][sample] = measurement.payload_jacobian
+            place = plant.chain.model.arms[index]
+            if not place.angles.is_vector:
+                # Full turns are counted at every tick: between kept samples a joint may make several.
+                turned = place.angles.along(plant.q[None, place.q_slice], self._angles[index])[0]
+                kept["joint_position"][sample, index, :drives] = self._angles[index] = turned
+        self.count = sample + 1
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
@@ -114,12 +134,17 @@ class Recorder:
         kept = {name: values[ticks] for name, values in self._samples.items()}
         for index, place in enumerate(self._plant.chain.model.arms):
             kept["jacobian_condition"][:, index] = np.linalg.cond(self._jacobians[index][ticks])
-            posture, joints = self._cell.arms[place.name].posture, len(place.drive)
-            start = np.zeros(joints) if posture is None else np.array(posture)
-            angles = place.angles.along(kept["configuration"][:, place.q_slice], start)
-            kept["joint_position"][:, index, :joints] = angles
+            joints = len(place.drive)
+            if place.angles.is_vector:
+                kept["joint_position"][:, index, :joints] = place.angles.of(
+                    kept["configuration"][:, place.q_slice]
+                )
             kept["joint_velocity"][:, index, :joints] = kept["velocity"][:, place.v_slice]
         return kept
+
+    def _sample(self, tick: int) -> int:
+        """Return the index of the sample that a tick is written to."""
+        return -(-tick // self._every)
 
     def _limit_table(self) -> Array:
         """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""

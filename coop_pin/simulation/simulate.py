@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from coop_pin.arrays import require_type
 from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
@@ -44,6 +45,8 @@ def simulate(
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
+    for name, called in (("progress", progress), ("view", view)):
+        require_type(name, called, Callable, type(None))  # type: ignore[arg-type]
     run = Simulation(scenario, controller)
     pacer = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
     try:

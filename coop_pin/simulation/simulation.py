@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmReference, CellController
-from coop_pin.description.events import Event
+from coop_pin.description.events import Event, PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError
@@ -77,6 +77,8 @@ class Simulation:
             UnreachablePoseError: the start is out of an arm's reach.
             OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
         """
+        require_type("scenario", scenario, Scenario)
+        require_type("controller", controller, CellController)
         self.scenario, self.controller = scenario, controller
         self.controller_state: Any = None
         self.ticks_done = 0
@@ -142,6 +144,7 @@ class Simulation:
         Raises:
             FieldError: it starts before the next tick, or ends after the run.
         """
+        require_type("event", event, PayloadChange, WrenchPulse)
         if event.time < self.time:
             raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
@@ -154,6 +157,7 @@ class Simulation:
 
         It takes over the state.
         """
+        require_type("controller", controller, CellController)
         self.controller = controller
         self._replaced.append(f"controller replaced at t = {self.time:g} s")
 
@@ -168,6 +172,7 @@ class Simulation:
 
     def references(self, time: float) -> list[ArmReference]:
         """Return the reference of each arm at a time, s."""
+        time = as_number("time", time)
         return self._references(self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms))
 
     def _tick(self, tick: int) -> None:

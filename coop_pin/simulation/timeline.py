@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -55,14 +56,8 @@ class Timeline:
 
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
-        start, tolerance = self.time(tick), _SAME * self._step
-        edges = [start + i * self._step for i in range(self._per_tick)] + [self.time(tick + 1)]
-        cuts = [t for t in self._instants if edges[0] + tolerance < t < edges[-1] - tolerance]
-        for cut in cuts:
-            if min(abs(cut - edge) for edge in edges) > tolerance:
-                edges.append(cut)
-        edges.sort()
-        for left, right in itertools.pairwise(edges):
+        edges = (self._edge(tick, i) for i in range(self._per_tick + 1))
+        for left, right in itertools.pairwise(heapq.merge(edges, self._cuts(tick))):
             yield PlantStep(left, right - left)
 
     def happens_at(self, time: float) -> bool:
@@ -80,6 +75,22 @@ class Timeline:
             pulse.wrench for pulse in self._pulses if pulse.time - tolerance <= time < pulse.end - tolerance
         ]
         return np.array(active).sum(axis=0) if active else np.zeros(6)
+
+    def _edge(self, tick: int, index: int) -> float:
+        """Return the end of the index-th whole plant step of a tick, s."""
+        last = index == self._per_tick
+        return self.time(tick + 1) if last else self.time(tick) + index * self._step
+
+    def _cuts(self, tick: int) -> list[float]:
+        """Return the event times within a tick at which no plant step ends, in order, s."""
+        start, tolerance = self.time(tick), _SAME * self._step
+        cuts: list[float] = []
+        for time in self._instants:
+            if start + tolerance < time < self.time(tick + 1) - tolerance:
+                edge = self._edge(tick, min(round((time - start) / self._step), self._per_tick))
+                if min(abs(time - other) for other in (edge, *cuts[-1:])) > tolerance:
+                    cuts.append(time)
+        return cuts
 
     def _same(self, time: float, instant: float) -> bool:
         return abs(time - instant) <= _SAME * self._step

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from coop_pin.arrays import Array
+import numpy as np
+
+from coop_pin.arrays import Array, as_array
+from coop_pin.errors import ShapeError
 
 
 def load_wrenches(interaction: Array, load_shares: Array) -> Array:
@@ -14,6 +17,11 @@ def load_wrenches(interaction: Array, load_shares: Array) -> Array:
         interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
         load_shares: c_i, summing to one, shape (m,).
     """
+    load_shares = as_array("load_shares", load_shares, "m")
+    if not isinstance(interaction, np.ndarray):
+        interaction = as_array("interaction", interaction, "m", "k")
+    if interaction.shape[-2:-1] != load_shares.shape:
+        raise ShapeError("interaction", interaction.shape, ("...", load_shares.size, "k"))
     return load_shares[:, None] * interaction.sum(axis=-2, keepdims=True)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from coop_pin.arrays import Array, as_array, frozen
+from coop_pin.arrays import Array, as_array, frozen, shaped
 from coop_pin.errors import NotAPoseError
 
 POSE_ALLOWED = 1e-6
@@ -71,6 +71,7 @@ def make_pose(translation: ArrayLike = (0.0, 0.0, 0.0), rpy: ArrayLike = (0.0, 0
 
 def inverse_pose(X_AB: Array) -> Array:
     """Return X_BA = X_AB^-1, shape (4, 4)."""
+    X_AB = shaped("X_AB", X_AB, 4, 4)
     R_BA = X_AB[:3, :3].T
     X_BA = np.eye(4)
     X_BA[:3, :3] = R_BA
@@ -87,6 +88,7 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
         X_WP: the pose, shape (4, 4).
         X_WP_d: the desired pose, shape (4, 4).
     """
+    X_WP, X_WP_d = shaped("X_WP", X_WP, 4, 4), shaped("X_WP_d", X_WP_d, 4, 4)
     rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
     return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))
 
@@ -100,6 +102,7 @@ def shift_wrench(F_EA: Array, p_BA: Array) -> Array:
         F_EA: wrench with its moment about A, N and N m, shape (..., 6).
         p_BA: position of A seen from B, in the axes of the wrench, m, shape (..., 3).
     """
+    F_EA, p_BA = shaped("F_EA", F_EA, 6), shaped("p_BA", p_BA, 3)
     force, moment = F_EA[..., :3], F_EA[..., 3:]
     return np.concatenate((force, moment + np.cross(p_BA, force)), axis=-1)
 
@@ -111,6 +114,7 @@ def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
         R_AB: rotation matrix, shape (..., 3, 3).
         vector_B: six-vector, shape (..., 6).
     """
+    R_AB, vector_B = shaped("R_AB", R_AB, 3, 3), shaped("vector_B", vector_B, 6)
     halves = vector_B.reshape(*vector_B.shape[:-1], 2, 3)
     turned = halves @ np.swapaxes(R_AB, -1, -2)
     return turned.reshape(vector_B.shape)

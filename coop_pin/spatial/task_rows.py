@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_type
+from coop_pin.errors import NameNotFoundError
 from coop_pin.spatial.pose import pose_error, rotate_vector6
 
 RowsName = Literal["planar", "positional", "full"]
@@ -124,7 +125,14 @@ _ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRow
 
 
 def task_rows(name: RowsName) -> TaskRows:
-    """Return the task rows of a name."""
+    """Return the task rows of a name.
+
+    Raises:
+        NameNotFoundError: there are none of that name.
+    """
+    require_type("name", name, str)
+    if name not in _ROWS:
+        raise NameNotFoundError("kind of task rows", name, _ROWS, "coop_pin.spatial")
     return _ROWS[name]
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator
 
+from coop_pin.arrays import as_number, require_memory
 from coop_pin.errors import FieldError
 from coop_pin.sweeps.sampling import Sample
 
@@ -20,7 +21,8 @@ def linspace(first: float, last: float, count: int) -> list[float]:
     Raises:
         FieldError: the count is not a whole number of at least 1.
     """
-    return [float(value) for value in np.linspace(first, last, _require_count(count))]
+    ends = as_number("first", first), as_number("last", last)
+    return [float(value) for value in np.linspace(*ends, _require_count(count))]
 
 
 def logspace(first: float, last: float, count: int) -> list[float]:
@@ -31,6 +33,7 @@ def logspace(first: float, last: float, count: int) -> list[float]:
     Raises:
         FieldError: the count is not a whole number of at least 1, or an end is not positive.
     """
+    first, last = as_number("first", first), as_number("last", last)
     if first <= 0.0 or last <= 0.0:
         raise FieldError(f"goes from {first:g} to {last:g}; a logarithmic scale needs positive ends")
     return [float(value) for value in np.geomspace(first, last, _require_count(count))]
@@ -48,6 +51,7 @@ def _range(start: float, stop: float, step: float) -> list[float]:
 def _require_count(count: Any) -> int:
     if not isinstance(count, int) or count < 1:
         raise FieldError(f"counts {count!r}; the count must be a whole number of at least 1")
+    require_memory(f"{count} values", 64.0 * count if count < 1 << 60 else math.inf, "lower the count")
     return count
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
 from coop_pin.progress_bar import ProgressBar
@@ -261,6 +262,9 @@ def sweep(
         WorkersLostError: the scheduler is gone; every finished run is kept.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
     """
+    require_path("out", out)
+    require_type("retry_failed", retry_failed, bool)
+    require_type("quiet", quiet, bool)
     fields = plan if axes is None else {**plan, "axes": axes}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
     with open_session(out, BackendOptions.of(workers, scheduler), len(chosen), quiet=quiet) as session:

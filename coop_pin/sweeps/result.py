@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -12,7 +13,15 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.errors import FieldError, FileReadError, InvalidStateError, NameNotFoundError
+from coop_pin.arrays import as_count, as_number, require_path, require_type
+from coop_pin.errors import (
+    ArgumentError,
+    FieldError,
+    FileReadError,
+    InvalidStateError,
+    NameNotFoundError,
+    OutOfRangeError,
+)
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.run_scenario import run
@@ -63,6 +72,8 @@ class SweepResult:
     """
 
     def __init__(self, plan: SweepPlan, store: SweepStore) -> None:
+        require_type("plan", plan, SweepPlan)
+        require_type("store", store, SweepStore)
         self.plan, self.store = plan, store
 
     @classmethod
@@ -72,6 +83,7 @@ class SweepResult:
         Raises:
             FileReadError: the folder is not that of a sweep.
         """
+        require_path("folder", folder)
         store = SweepStore(folder)
         return cls(store.read_plan(), store)
 
@@ -122,12 +134,14 @@ class SweepResult:
         Raises:
             NameNotFoundError: no run has it.
         """
+        require_type("metric", metric, str)
         if metric not in self.metric_names:
             raise NameNotFoundError("metric", metric, self.metric_names, "the sweep")
         return self.data[metric]
 
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
         """Return the n runs with the smallest (or largest) values of a metric; values must be finite."""
+        n = as_count("n", n)
         values = self.values(metric).values.ravel()
         order = np.argsort(-values if largest else values, kind="stable")
         return [self.point(int(index)) for index in order if np.isfinite(values[index])][:n]
@@ -143,15 +157,20 @@ class SweepResult:
         Raises:
             NameNotFoundError: there is no such metric or field.
         """
+        require_type("field", field, str)
+        require_type("average", average, Callable)  # type: ignore[arg-type]
         values = self.values(metric).where(np.isfinite(self.values(metric)))
         if field not in self.data.coords:
             raise NameNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
         with warnings.catch_warnings():
             # of places along the field where all runs failed
             warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")
-            if field in values.dims:
-                return values.reduce(average, [dim for dim in values.dims if dim != field])
-            return values.groupby(field).reduce(average, ...)
+            try:
+                if field in values.dims:
+                    return values.reduce(average, [dim for dim in values.dims if dim != field])
+                return values.groupby(field).reduce(average, ...)
+            except TypeError as error:
+                raise ArgumentError(f"average must be called as np.nanmean is: {error}") from None
 
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
         """Return the Pareto front of two metrics, sorted by the first one; smaller is better."""
@@ -173,6 +192,9 @@ class SweepResult:
             InvalidStateError: runs are missing.
             NameNotFoundError: the field is not a dimension.
         """
+        require_type("field", field, str)
+        require_type("by", by, str, Sequence, type(None))
+        require_type("stable", stable, xr.DataArray, type(None))
         missing = self.counts()[MISSING]
         if missing:
             raise InvalidStateError(
@@ -201,6 +223,9 @@ class SweepResult:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
             InvalidStateError: runs failed, are missing, or have no finite value.
         """
+        if not 0.0 < as_number("confidence", confidence) < 1.0:
+            raise OutOfRangeError("confidence", confidence, "between 0 and 1")
+        resamples = as_count("resamples", resamples, 1)
         sample = self.plan.sample
         if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
             wanted = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
@@ -218,7 +243,7 @@ class SweepResult:
 
     def point(self, number: int) -> PointResult:
         """Return the parameters and metrics of one run."""
-        point = self.plan[number]
+        point = self.plan[self._number(number)]
         metrics = {name: float(self.data[name].values.ravel()[point.number]) for name in self.metric_names}
         return PointResult(point.number, point.parameters, metrics)
 
@@ -228,12 +253,21 @@ class SweepResult:
         Raises:
             CoopPinError: the run fails.
         """
+        number = self._number(number)
         try:
             record = self.store.read(point_key(self.plan, number))
         except FileReadError:
             record = None
         kept = self.store.read_result(record) if record is not None else None
         return kept if kept is not None else run(self.plan.scenario(number))
+
+    def _number(self, number: int) -> int:
+        """Return the number of a run, if there is one; negative ones count from the end."""
+        require_type("number", number, int, np.integer)
+        if not -len(self.plan) <= number < len(self.plan):
+            nearest = max(-sys.maxsize, min(number, sys.maxsize))
+            raise OutOfRangeError("number", nearest, f"a run of the plan, which has {len(self.plan)}")
+        return int(number)
 
     def summary(self) -> str:
         """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""

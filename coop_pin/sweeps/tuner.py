@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, NameNotFoundError, NothingFeasibleError
 from coop_pin.sweeps.backend import BackendOptions
@@ -208,7 +208,14 @@ def tune(
         SweepInterruptedError: Ctrl-C; every finished run is kept.
         CoopPinError: whatever else ``sweep`` raises.
     """
+    require_path("out", out)
+    require_type("vary", vary, Mapping)
+    require_type("quiet", quiet, bool)
+    require_type("minimize", minimize, str)
+    require_type("subject_to", subject_to, str, Sequence)
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
+    generations, population = as_count("generations", generations), as_count("population", population, 1)
+    seed = as_count("seed", seed)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
     objective = Objective(minimize, tuple(map(Bound.parse, bounds)))
     _check(base, vary, method, generations, population)

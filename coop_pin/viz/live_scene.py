@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_type
 from coop_pin.chain.cell_chain import CellChain, determinate_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
@@ -64,6 +64,7 @@ def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialSc
         ScenarioError: the scenario has mistakes.
         UnreachablePoseError: an arm does not reach its grasp at the start.
     """
+    require_type("source", source, Cell, Scenario, RunResult, str, Path)
     if isinstance(source, Cell):
         X_WP, plant = _payload_pose(source), PlantOptions()
         snapshot = _initial_snapshot(source, plant, X_WP, X_WP, np.zeros((len(source.arms), 6)))

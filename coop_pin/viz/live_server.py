@@ -15,6 +15,7 @@ import weakref
 from pathlib import Path
 from typing import IO
 
+from coop_pin.arrays import require_type
 from coop_pin.errors import PortTakenError, ViewWarning
 
 _PROCESS = Path(__file__).with_name("live_server_process.py")
@@ -116,7 +117,7 @@ def _start(page: str, port: int, stderr: IO[bytes]) -> tuple[str, subprocess.Pop
         file.write(page.encode())
         file.flush()
         process = subprocess.Popen(
-            [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno()), secret],
+            [sys.executable, "-P", str(_PROCESS), str(bound.fileno()), str(file.fileno())],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=stderr,
@@ -124,11 +125,15 @@ def _start(page: str, port: int, stderr: IO[bytes]) -> tuple[str, subprocess.Pop
             pass_fds=(bound.fileno(), file.fileno()),
             start_new_session=True,  # Ctrl-C in the terminal must end the run, not its view
         )
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # a process that has ended is reported by the first frame
+            process.stdin.write(f"{secret}\n".encode())  # not an argument: any user can read those with ps
         return f"http://127.0.0.1:{bound.getsockname()[1]}/{secret}/", process
 
 
 def _loopback_socket(port: int) -> socket.socket:
     """Return a listening socket on 127.0.0.1; port 0 for any free one."""
+    require_type("port", port, int)
     if not 0 <= port <= _LAST_PORT:
         raise PortTakenError(port, "no port has this number")
     try:

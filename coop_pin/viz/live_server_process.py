@@ -2,11 +2,12 @@
 
 Started by ``live_server``, never imported. It imports neither coop_pin nor meshcat: bytes in, bytes out.
 
-    python -P live_server_process.py SOCKET PAGE SECRET
+    python -P live_server_process.py SOCKET PAGE
 
-SOCKET and PAGE are file descriptors: a bound listening socket, and the page. Frames come through stdin, each
-after its length (four bytes, little-endian). The process ends with stdin, which the end of the parent closes;
-a changed parent process id ends it too, in case another process still holds the pipe open.
+SOCKET and PAGE are file descriptors: a bound listening socket, and the page. The first line of stdin is the
+secret of the address; frames follow, each after its length (four bytes, little-endian). The process ends with
+stdin, which the end of the parent closes; a changed parent process id ends it too, in case another process
+still holds the pipe open.
 """
 
 from __future__ import annotations
@@ -164,5 +165,8 @@ async def serve(listening: int, page: int, secret: str) -> None:
 
 if __name__ == "__main__":
     logging.disable(logging.ERROR)  # refused requests must not fill the parent's log
-    asyncio.run(serve(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]))
+    with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as unbuffered:
+        secret = unbuffered.readline().decode().rstrip()  # byte by byte, so that no frame is swallowed
+    if secret:  # else the parent has ended
+        asyncio.run(serve(int(sys.argv[1]), int(sys.argv[2]), secret))
     os._exit(0)  # nothing needs to be cleaned up

@@ -7,9 +7,10 @@ import time
 import warnings
 from pathlib import Path
 
+from coop_pin.arrays import as_positive
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
+from coop_pin.errors import PortTakenError, ViewWarning
 from coop_pin.figures import palette
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.viz.cell_scene import FRAMES_PER_SECOND, TRAIL_RADIUS_M, TRAIL_SPACING_M, WARNING_COLOURS
@@ -54,8 +55,7 @@ class LiveView:
             OutOfRangeError: the frame rate is not greater than zero.
             PortTakenError: the chosen port is not available.
         """
-        if not frames_per_second > 0.0:
-            raise OutOfRangeError("frames_per_second", frames_per_second)
+        frames_per_second = as_positive("frames_per_second", frames_per_second)
         self._period, self._due = 1.0 / frames_per_second, 0.0
         self._title, self._scene, self._latest = initial.name, LiveScene(initial), initial.snapshot
         self.sent = self.dropped = 0

@@ -1,0 +1,489 @@
+"""Random calls of the public interface: good arguments of which some are replaced by hostile ones.
+
+    python tests/hostile_calls.py SEED FIRST COUNT
+
+makes calls FIRST, FIRST + 1, ... of a seed, and writes two lines of JSON for each: what is called, then how
+it ended. How a call ends:
+
+- "result": it returns, and what it returns of kinematics and dynamics is finite;
+- "refused": it raises a CoopPinError;
+- "not callable so": Python itself refuses the call, because the arguments do not fit the signature: a
+  TypeError whose traceback has no frame below this file;
+- "bare": it raises anything else: an exception from below the public function;
+- "nan", "slow": it returns numbers that are not finite, or takes longer than ``LIMIT_S``.
+
+The first three are sound.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import io
+import json
+import math
+import random
+import resource
+import signal
+import sys
+import tempfile
+import traceback
+import types
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from cells import SCENARIOS
+from linkages import bennett
+
+import coop_pin as cp
+from coop_pin.run_scenario import build_controller
+
+SOUND = {"result", "refused", "not callable so"}
+LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30
+
+SHORT = {"duration": 0.05, "events": ()}
+FINITE = ("ArmModel", "CellChain", "ClosedChain", "Simulation", "solve_ik", "ik_branches", "simulate", "run")
+"""What they return must be finite."""
+DYNAMIC = ("configuration", "velocity", "payload_position", "pose_error", "kinetic_energy")
+
+
+class Slow(BaseException):
+    """A call that took too long; no ``except Exception`` catches it."""
+
+
+def hostile_values() -> list[object]:
+    """Values of wrong classes, shapes and sizes."""
+    nan, inf = math.nan, math.inf
+    return [
+        *(
+            None,
+            True,
+            False,
+            0,
+            -1,
+            1,
+            10**9,
+            10**40,
+            -(10**400),
+            nan,
+            inf,
+            -inf,
+            1e300,
+            -1e300,
+            5e-324,
+            1e-15,
+        ),
+        *(
+            "",
+            "\0",
+            "left",
+            "a\0b",
+            "../../x",
+            "x" * 5000,
+            "1e300",
+            "\ud800",
+            b"bytes",
+            b"\0",
+            Path("/nowhere"),
+        ),
+        *(
+            [],
+            (),
+            {},
+            set(),
+            [nan],
+            [1e300] * 3,
+            [1e300] * 6,
+            [0.0] * 7,
+            [[1.0], [2.0, 3.0]],
+            [None],
+            ["x"] * 3,
+        ),
+        *({"left": None}, {"left": [0.0]}, {"": 0}, {0: 1}, {"arm/joint1": nan}, {"duration": nan}, range(3)),
+        *(
+            object(),
+            object,
+            len,
+            lambda *_: None,
+            lambda *_: nan,
+            iter([1.0]),
+            1 + 2j,
+            types.SimpleNamespace(),
+        ),
+        *(np.array([]), np.zeros(3), np.zeros((4, 4)), np.eye(4), np.eye(4) * 1e300, np.full((4, 4), nan)),
+        *(
+            np.full(6, 1e300),
+            np.full(12, 1e300),
+            np.zeros((2, 3)),
+            np.array(["a"]),
+            np.array(None),
+            np.float64(2),
+        ),
+        *(
+            np.zeros(3, dtype=bool),
+            np.array([1 + 1j]),
+            np.zeros((0, 4)),
+            np.ones((1, 1, 1)),
+            np.array(10**30),
+        ),
+    ]
+
+
+class Calls:
+    """Every function, class and method that is called, with arguments that it accepts.
+
+    Attributes:
+        recipes: by name, a function that returns what to call and its good arguments.
+    """
+
+    def __init__(self, folder: Path, scenario: cp.Scenario) -> None:
+        folder.mkdir()
+        self.folder, self.scenario = folder, scenario.override(SHORT)
+        self.recipes = {}
+        for name in cp.__all__:
+            target = getattr(cp, name)
+            if hasattr(target, "model_fields"):
+                self._add(name, functools.partial(self._description, target))
+            elif hasattr(target, "_fields"):
+                self._add(name, lambda target=target: (target, dict.fromkeys(target._fields, 0.0)))
+        for name, arguments in self._arguments().items():
+            self._add(name, functools.partial(self._call, name, arguments))
+
+    def _add(self, name, recipe) -> None:
+        self.recipes[name] = recipe
+
+    def _call(self, name, arguments):
+        owner, *method = name.split(".")
+        target = getattr(cp if hasattr(cp, owner) else cp.spatial, owner)
+        if method:
+            target = getattr(
+                target if inspect.ismethod(getattr(target, method[0])) else self.own(owner), *method
+            )
+        return target, dict(arguments())
+
+    def _description(self, kind):
+        known = {type(value): value for value in self.descriptions}
+        value = known.get(kind)
+        return kind, {} if value is None else {
+            name: getattr(value, name) for name in type(value).model_fields
+        }
+
+    def own(self, owner):
+        """An object whose methods are called; one that calls change is made anew."""
+        if owner == "Simulation":
+            simulation = cp.Simulation(self.scenario, build_controller(self.scenario))
+            simulation.tick()
+            return simulation
+        if owner == "CellChain":
+            return cp.CellChain(self.scenario.cell)
+        return getattr(self, owner)
+
+    @functools.cached_property
+    def descriptions(self):
+        cell, pose = self.scenario.cell, cp.Pose(xyz=(0.5, 0.0, 0.0))
+        redundant = cp.Scenario.load("two-pandas-box")
+        points = (cp.Waypoint(time=0.0), cp.Waypoint(time=1.0, xyz=(0.1, 0.0, 0.0)))
+        return [
+            *(
+                self.scenario,
+                cell,
+                cell.payload,
+                self.scenario.clock,
+                self.scenario.plant,
+                self.scenario.controller,
+            ),
+            *(
+                self.scenario.controller.gains,
+                pose,
+                cell.arms["left"],
+                redundant.controller,
+                self.scenario.motion,
+            ),
+            *(
+                redundant.controller.gains,
+                cp.HoldMotion(pose=pose),
+                cp.WaypointsMotion(points=points),
+                points[0],
+            ),
+            *(
+                cp.CircleMotion(pose=pose, radius=0.1, angular_rate=1.0),
+                cp.Span(low=0.0, high=1.0),
+                cp.JointFriction(),
+            ),
+            *(
+                cp.LineMotion(start=pose, goal=pose, duration=1.0),
+                cp.PayloadChange(time=0.01, mass=1.0),
+                cp.Tanh(),
+            ),
+            cp.SwingMotion(pose=pose, axis=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0),
+            cp.TurnMotion(pose=pose, axis=(0.0, 0.0, 1.0), angle=0.1, duration=1.0),
+            *(
+                cp.WrenchPulse(time=0.0, duration=0.01, wrench=(1.0,) * 6),
+                cp.Stabilisation(),
+                cp.Saturation(),
+            ),
+            *(
+                cp.Sample(fields={"duration": cp.Span(low=0.01, high=0.1)}, count=2),
+                self.plan,
+                cp.ConstantSqueeze(),
+            ),
+        ]
+
+    @functools.cached_property
+    def plan(self):
+        return cp.SweepPlan(base=self.scenario, axes={"duration": [0.02, 0.03]})
+
+    @functools.cached_property
+    def ArmModel(self):
+        return cp.ArmModel.from_cell(self.scenario.cell, "left")
+
+    @functools.cached_property
+    def ClosedChain(self):
+        return bennett("full")[0]
+
+    @functools.cached_property
+    def RunResult(self):
+        return cp.run(self.scenario)
+
+    @functools.cached_property
+    def SweepResult(self):
+        return cp.sweep(self.plan, out=self.folder / "sweep", workers=0, quiet=True)
+
+    def _arguments(self):
+        """Good arguments by the name of what is called."""
+        chain, arm = self.ClosedChain, self.ArmModel
+        start = bennett("full")[1]
+        cell_chain = cp.CellChain(self.scenario.cell)
+        X = self.scenario.start.matrix
+        q = cell_chain.configuration(X)
+        v = np.zeros(cell_chain.mechanism.model.nv)
+        k = arm.nv
+        angles = {name: np.zeros(k) for name in self.scenario.cell.arms}
+        state, at = {"q": start.q, "v": start.v}, {"q": q, "v": v, "tau": v, "external": np.zeros(6)}
+        arm_state = {"q": np.full(k, 0.5), "v": np.zeros(k)}
+        joint, metric = chain.model.names[1], "position_rms_m"
+        controller = build_controller(self.scenario)
+        frame = str(chain.model.frames[3].name)
+        ranges = {"duration": (0.02, 0.04)}
+        good = {
+            "ArmModel": {"arm": self.scenario.cell.arms["left"], "X_PE": np.eye(4), "gravity": (0, 0,
+                -9.8), "name": "x"},
+            "ArmModel.from_cell": {"cell": self.scenario.cell, "name": "left"},
+            "ArmModel.configuration": {"angles": np.zeros(k)},
+            "ArmModel.posture": {"posture": np.zeros(k)},
+            "ArmModel.forward_dynamics": {**arm_state, "tau": np.zeros(k), "F_EP_W": np.zeros(6)},
+            "ArmModel.inverse_dynamics": {**arm_state, "a": np.zeros(k), "F_EP_W": np.zeros(6)},
+            "CellChain": {"cell": self.scenario.cell, "options": self.scenario.plant},
+            "CellChain.configuration": {"X_WP": X},
+            "CellChain.posed_configuration": {"angles": angles, "X_WP": X},
+            "CellChain.require_held": {"q": q, "X_WP": X, "allowed": 1e-3},
+            "CellChain.set_payload": {"payload": self.scenario.cell.payload},
+            "CellChain.payload_twist": {"q": q, "v": v},
+            "CellChain.interaction_wrenches": at,
+            "CellChain.observe": at,
+            "ClosedChain": {
+                "model": chain.model, "closures": chain.closures.closures,
+                    "stabilisation": cp.Stabilisation(),
+                "formulation": "kkt",
+            },
+            "ClosedChain.from_urdf": {"path_or_xml": "panda", "closures": (), "gravity": (0, 0, 0),
+                "mimic": "ignore"},
+            "ClosedChain.configuration": {"angles": {joint: 0.1}},
+            "ClosedChain.velocity": {"rates": {joint: 0.1}},
+            "ClosedChain.assemble": {"q_guess": start.q, "v_guess": start.v},
+            "ClosedChain.closure_errors": {"q": start.q},
+            "ClosedChain.energy": state,
+            "ClosedChain.forward_dynamics": {**state, "tau": np.zeros_like(start.v)},
+            "ClosedChain.frame_pose": {"q": start.q, "frame": frame},
+            "ClosedChain.integrate": {**state, "duration": 0.01, "step": 0.002, "torque": None,
+                "project": True},
+            "ClosedChain.project_configuration": {"q": start.q},
+            "ClosedChain.project_velocity": state,
+            "ClosedChain.require_closed": {"q": start.q, "allowed": 1e-6},
+            "Closure": {"frame_a": "a", "frame_b": "b", "rows": "full", "X_AC": np.eye(4),
+                "X_BC": np.eye(4)},
+            "Payload.mesh": {"mass": 1.0, "path": self.mesh, "scale": 1.0},
+            "Payload.box": {"mass": 1.0, "size": (0.1, 0.1, 0.1)},
+            "CsvMotion": {"path": self.table},
+            "task_rows": {"name": "planar"},
+            "inverse_pose": {"X_AB": X},
+            "pose_error": {"X_WP": X, "X_WP_d": X},
+            "shift_wrench": {"F_EA": np.zeros(6), "p_BA": np.zeros(3)},
+            "rotate_vector6": {"R_AB": np.eye(3), "vector_B": np.zeros(6)},
+            "internal_wrenches": {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)},
+            "make_pose": {"translation": np.zeros(3), "rpy": np.zeros(3)},
+            "rpy_from_rotation": {"rotation": np.eye(3)},
+            "FunctionMotion": {"target": "hostile_calls:still"},
+            "UserController": {"target": "hostile_calls:Calls", "options": {}},
+            "RunResult": {"scenario": self.scenario, "data": self.RunResult.data},
+            "RunResult.save": {"path": self.folder / "saved.nc"},
+            "RunResult.load": {"path": self.folder / "saved.nc"},
+            "Simulation": {"scenario": self.scenario, "controller": controller},
+            "Simulation.add_event": {"event": cp.PayloadChange(time=0.04, mass=1.0)},
+            "Simulation.references": {"time": 0.01},
+            "Simulation.replace_controller": {"controller": controller},
+            "Simulation.replace_squeeze": {"squeeze": self.scenario.squeeze},
+            "SweepResult": {"plan": self.plan, "store": self.SweepResult.store},
+            "SweepResult.load": {"folder": self.folder / "sweep"},
+            "SweepResult.best": {"metric": metric, "n": 1, "largest": False},
+            "SweepResult.marginal": {"field": "duration", "metric": metric, "average": np.nanmean},
+            "SweepResult.open": {"number": 0},
+            "SweepResult.point": {"number": 0},
+            "SweepResult.pareto": {"metric_a": metric, "metric_b": "torque_peak_Nm"},
+            "SweepResult.sobol_indices": {"metric": metric, "confidence": 0.9, "resamples": 9},
+            "SweepResult.stability_boundary": {"field": "duration", "by": None, "stable": None},
+            "SweepResult.values": {"metric": metric},
+            "Scenario.load": {"name_or_path": "adept-paper", "overrides": {"duration": 1.0}},
+            "Scenario.from_toml": {"text": self.scenario.to_toml()},
+            "cell_summary": {"cell": self.scenario.cell, "X_WP": X},
+            "grasps_from_configuration": {"arms": self.scenario.cell.arms, "joint_angles": angles,
+                "payload_pose": X},
+            "ik_branches": {"arm": arm, "X_WP": X, "posture": np.zeros(k)},
+            "solve_ik": {"arm": arm, "X_WP": X, "posture": np.zeros(k)},
+            "linspace": {"first": 0.0, "last": 1.0, "count": 3},
+            "logspace": {"first": 0.1, "last": 1.0, "count": 3},
+            "open_view": {"source": self.scenario, "frames_per_second": 30.0, "port": 0},
+            "reachability": {"scenario": self.scenario, "poses": 5},
+            "run": {"scenario": self.scenario, "overrides": {}, "progress": None, "view": None,
+                "realtime_rate": None},
+            "sampled_stability": {"scenario": self.scenario},
+            "scenario_names": {},
+            "simulate": {"scenario": self.scenario, "controller": controller, "progress": None,
+                "view": None},
+            "sweep": {"base": self.scenario, "axes": {"duration": [0.02]}, "out": self.folder / "s",
+                "workers": 0,
+                      "retry_failed": False, "quiet": True},
+            "tune": {"scenario": self.scenario, "vary": ranges, "minimize": metric,
+                "out": self.folder / "t",
+                     "generations": 1, "population": 1, "workers": 0, "subject_to": (), "seed": 0,
+                         "quiet": True},
+        }  # fmt: skip
+        for name in ("joint_angles", "mass_matrix", "tip_pose", "payload_pose", "payload_jacobian"):
+            good[f"ArmModel.{name}"] = {"q": arm_state["q"]}
+        for name in ("nonlinear_effects", "payload_acceleration_bias"):
+            good[f"ArmModel.{name}"] = arm_state
+        for name in ("payload_pose", "payload_jacobian", "tip_positions", "closure_errors"):
+            good[f"CellChain.{name}"] = {"q": q}
+        for name in ("tick", "snapshot", "result"):
+            good[f"Simulation.{name}"] = {}
+        return {name: functools.partial(dict, arguments) for name, arguments in good.items()}
+
+    @functools.cached_property
+    def mesh(self):
+        corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+        (self.folder / "body.obj").write_text(corners)
+        return str(self.folder / "body.obj")
+
+    @functools.cached_property
+    def table(self):
+        (self.folder / "motion.csv").write_text("t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,1,0,0,0,0,0,1\n")
+        return str(self.folder / "motion.csv")
+
+    @functools.cached_property
+    def hostile(self):
+        objects = [
+            self.scenario,
+            self.scenario.cell,
+            self.ArmModel,
+            self.ClosedChain,
+            self.RunResult,
+            self.plan,
+        ]
+        return [*hostile_values(), *objects, *self.descriptions, cp.ClosureError(0.0, 0.0), cp.Scenario, cp]
+
+
+def still(_time):
+    """A motion of a user."""
+    return np.eye(4)
+
+
+def random_call(calls: Calls, seed: int, number: int):
+    """A call by its number: name, target, keyword arguments and which of them were replaced."""
+    chance = random.Random(f"{seed} {number}")
+    name = chance.choice(sorted(calls.recipes))
+    target, arguments = calls.recipes[name]()
+    names = [parameter for parameter in arguments if parameter not in ("out", "workers")]
+    replaced = chance.sample(names, min(len(names), chance.choice((0, 1, 1, 1, 1, 2, 2, 3))))
+    for parameter in replaced:
+        arguments[parameter] = chance.choice(calls.hostile)
+    if chance.random() < 0.02:
+        arguments["no_such_argument"] = chance.choice(calls.hostile)
+    return name, target, arguments, replaced
+
+
+def not_finite(value: object) -> bool:
+    """Whether a number anywhere in a result is NaN or infinite."""
+    if isinstance(value, cp.RunResult):
+        return any(
+            not_finite(
+                np.nan_to_num(value.data[name].values, posinf=np.nan, nan=np.nan if name != "torque" else 0.0)
+            )
+            for name in DYNAMIC
+        )
+    if isinstance(
+        value, cp.Snapshot
+    ):  # wrenches are NaN in undetermined rows, torques beyond an arm's joints
+        value = [value.configuration, value.payload_pose, value.tip_position]
+    if isinstance(value, float | np.ndarray) and np.asarray(value).dtype.kind == "f":
+        return not np.isfinite(value).all()
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    return isinstance(value, list | tuple) and any(map(not_finite, value))
+
+
+def ending(name: str, target, arguments) -> tuple[str, str]:
+    """How a call ends, and what it raised or returned."""
+    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    try:
+        value = target(**arguments)
+    except Slow as slow:
+        return "slow", "".join(traceback.format_tb(slow.__traceback__)[-3:])
+    except cp.CoopPinError as error:
+        return "refused", f"{type(error).__name__}: {error}"
+    except TypeError as error:
+        below = error.__traceback__.tb_next
+        kind = "bare" if below else "not callable so"
+        return kind, "".join(traceback.format_exception(error)[-4:])
+    except Exception as error:
+        return "bare", "".join(traceback.format_exception(error)[-4:])
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if name == "open_view":
+        value.close()
+    if name.split(".")[0] in FINITE and not_finite(value):
+        return "nan", repr(value)[:300]
+    return "result", type(value).__name__
+
+
+def stop(*_: object) -> None:
+    """Raise Slow, from a timer."""
+    raise Slow
+
+
+def main(seed: int, first: int, count: int) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+    signal.signal(signal.SIGALRM, stop)
+    warnings.simplefilter("ignore")
+    np.seterr(all="ignore")
+    out = sys.stdout
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        cells = [Calls(Path(folder) / name, SCENARIOS[name]()) for name in SCENARIOS]
+        for calls in cells:
+            calls.RunResult.save(calls.folder / "saved.nc")
+        for number in range(first, first + count):
+            name, target, arguments, replaced = random_call(cells[number % 2], seed, number)
+            given = {key: repr(arguments[key])[:100] for key in replaced}
+            print(json.dumps({"number": number, "call": name, "given": given}), file=out, flush=True)
+            kind, text = ending(name, target, arguments)
+            print(
+                json.dumps({"number": number, "call": name, "given": given, "end": kind, "text": text}),
+                file=out,
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,138 @@
+"""Sizes: a run is measured against the free memory before it starts, and long runs keep every n-th tick."""
+
+import itertools
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+from linkages import bennett
+
+from coop_pin import errors
+from coop_pin.arrays import free_memory
+from coop_pin.description import Clock, Scenario
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import Simulation, simulate
+from coop_pin.simulation.timeline import Timeline
+
+
+def finished(scenario):
+    return simulate(scenario, build_controller(scenario))
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("changes", [{"duration": 1e8}, {"clock.rate_hz": 1e6, "duration": 1e5}])
+def test_a_run_larger_than_the_memory_is_refused_before_anything_is_allocated(cell, changes):
+    scenario = SCENARIOS[cell]().override({"events": (), **changes})
+    started = time.monotonic()
+    with pytest.raises(errors.NotEnoughMemoryError) as caught:
+        Simulation(scenario, build_controller(scenario))
+    assert time.monotonic() - started < 5.0
+    assert caught.value.needed > caught.value.free > 0
+    assert isinstance(caught.value, ValueError)
+    assert all(word in str(caught.value) for word in ("record_every", "duration", "rate_hz"))
+
+
+@pytest.mark.parametrize("field", ["duration", "clock.rate_hz", "clock.steps_per_tick"])
+def test_sizes_of_a_billion_are_refused_by_field(field):
+    with pytest.raises(errors.FieldError) as caught:
+        SCENARIOS["planar"]().override({field: 10**9})
+    assert caught.value.path == field
+
+
+def test_the_memory_that_is_asked_for_is_what_a_run_takes():
+    scenario = SCENARIOS["spatial"]().override({"duration": 8.0})
+    run = Simulation(scenario, build_controller(scenario))
+    run.tick()
+    huge = scenario.override({"duration": 1e8})
+    with pytest.raises(errors.NotEnoughMemoryError) as caught:
+        Simulation(huge, build_controller(huge))
+    asked = caught.value.needed / (1e8 * 250.0 + 1) * 2001
+    run.recorder.count = 2001
+    for samples in run.recorder._samples.values():
+        samples[1:] = samples[0]
+    for samples in run.recorder._jacobians:
+        samples[1:] = samples[0]
+    tracemalloc.start()
+    result = run.result()
+    kept = sum(samples.nbytes for samples in run.recorder._samples.values())
+    content = result.data.to_netcdf(engine="h5netcdf")
+    held = kept + tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert len(content) > 0
+    assert 0.7 < held / asked < 1.3
+
+
+def test_a_motion_of_a_billion_steps_is_refused():
+    chain, start = bennett("full")
+    with pytest.raises(errors.NotEnoughMemoryError):
+        chain.integrate(*start, duration=1e9, step=1e-9)
+
+
+def test_free_memory_is_between_nothing_and_everything():
+    assert 1 << 20 < free_memory() < 1 << 60
+
+
+def test_steps_of_a_tick_are_made_one_at_a_time():
+    clock = Clock(rate_hz=1e-3, steps_per_tick=10_000)
+    tracemalloc.start()
+    first = list(itertools.islice(Timeline(clock, 1e3, ()).steps(0), 3))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_allclose([step.start for step in first], [0.0, 0.1, 0.2])
+    assert peak < 20_000
+
+
+# ---------------------------------------------------------------- every n-th tick
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("every", [7, 10**9])
+def test_a_thinned_run_holds_samples_of_the_whole_one_and_its_last(cell, every):
+    scenario = SCENARIOS[cell]().override({"events": (), "duration": 0.5})
+    whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": every}))
+    ticks = len(whole.data["time"]) - 1
+    kept = [*range(0, ticks, every), ticks]
+    assert len(thinned.data["time"]) == len(kept)
+    for name, values in thinned.data.items():
+        of_whole = whole.data[name].values
+        np.testing.assert_array_equal(
+            values.values, of_whole[kept] if "time" in values.dims else of_whole, err_msg=name
+        )
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_the_energy_audit_and_the_metrics_of_a_thinned_run_are_those_of_its_samples(cell):
+    scenario = SCENARIOS[cell]().override({"events": (), "duration": 5.0 if cell == "planar" else 1.0})
+    whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": 4}))
+    assert thinned.energy_balance_max() <= whole.energy_balance_max()
+    assert thinned.energy_balance_max() > 0.0
+    assert thinned.settling_time() == pytest.approx(whole.settling_time(), abs=4 * scenario.clock.period)
+    assert thinned.end == whole.end
+    assert thinned.steady_window == whole.steady_window
+
+
+def test_an_interrupted_thinned_run_has_its_last_tick_and_snapshots_are_of_every_tick():
+    scenario = SCENARIOS["planar"]().override({"events": (), "clock.record_every": 100})
+    run = Simulation(scenario, build_controller(scenario))
+    for tick in range(6):
+        run.tick()
+        assert run.snapshot().time == pytest.approx(tick / 80.0)
+    np.testing.assert_allclose(run.result().data["time"], [0.0, 5 / 80.0])
+
+
+def test_full_turns_between_kept_samples_are_counted():
+    scenario = Scenario.load("kinova-pair", {"duration": 1.0, "events": ()})
+    run = Simulation(scenario.override({"clock.record_every": 10**6}), build_controller(scenario))
+    run.tick()
+    place = run.plant.chain.model.arms[0]
+    joint = int(np.flatnonzero(place.angles.continuous)[0])
+    first, entry = run.recorder._angles[0][joint], place.angles.entry[joint] + place.q_slice.start
+    for tick in range(1, 9):
+        angle = first + 2.0 * tick
+        run.plant.q[entry : entry + 2] = np.cos(angle), np.sin(angle)
+        measurements = run.sensing.measure(run.time, run.plant, run._applied.saturated)
+        target, squeeze = run.motion.at(0.0), run.squeeze.at(0.0, scenario.cell.arms)
+        run.recorder.record(tick, tick / 80.0, measurements, run._applied, target, squeeze)
+    assert run.result().data["joint_position"].values[-1, 0, joint] == pytest.approx(first + 16.0)
