@@ -170,14 +170,14 @@ LIMITS = {
 def bytes_per_sample(sizes: Mapping[str, int]) -> int:
     """Return the memory that one sample takes in a finished run, bytes.
 
-    Stored quantities count three times: their netCDF file is made in memory, and copied there.
+    Stored quantities count twice: their netCDF file is made in memory.
 
     Args:
         sizes: of the dimensions q, v, arm and joint.
     """
     sizes = {**_FIXED_SIZES, **sizes}
     return sum(
-        8 * (1 + 2 * quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
+        8 * (1 + quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
         for quantity in QUANTITIES
     )
 
