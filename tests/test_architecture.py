@@ -60,7 +60,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
-            "schema",
             "reference",
             "description",
             "model",
@@ -84,7 +83,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
-        {"dask", "distributed", "optuna", "pydantic", "scipy", "tqdm", "xarray"},
+        {"dask", "distributed", "optuna", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
@@ -102,7 +101,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "sweeps",
             "viz",
         },
-        {"tyro", "tqdm", "pydantic"},
+        {"tyro", "pydantic"},
     ),
     "__main__": ({"cli"}, set()),
 }

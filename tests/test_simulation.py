@@ -1,5 +1,7 @@
 """Simulation: the paper's experiment, reproducibility, exact events, energy, force paths, friction."""
 
+import time
+
 import numpy as np
 import pytest
 from cells import SCENARIOS
@@ -10,6 +12,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
+from coop_pin.results.metrics import energy_balance
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.actuation import Transmission
 from coop_pin.simulation.timeline import Timeline
@@ -41,6 +44,27 @@ def test_the_papers_internal_force_after_the_event_is_another_one(paper):
     assert paper.internal_force(window=(12, 20)).axial_mean == pytest.approx(-7.68, abs=0.1)
     assert paper.after_event_window == pytest.approx((14.2, 20.0))
     assert paper.metrics()["after_event_internal_axial_mean_N"] == pytest.approx(-7.25, abs=0.01)
+
+
+@pytest.mark.slow
+def test_one_simulated_hour():
+    """Closures stay closed, the energy audit drifts by a steady rate, and no tick costs more than another."""
+    clock = [time.process_time()]
+
+    def watch(done, _ticks):
+        if done and done % 8000 == 0:
+            clock.append(time.process_time())
+
+    result = cp.run("adept-paper", {"duration": 3600.0}, progress=watch)
+    late = result.data.time.values > 20.0
+    assert float(result.data.closure_distance.values[late].max()) < 1e-13
+    assert max(result.closure_error_max()) < 1e-9
+    drift = energy_balance(result.data)
+    assert np.abs(drift).max() < 1e-7
+    assert np.ptp(drift[-len(drift) // 2 :]) < 1.2 * np.ptp(drift[: len(drift) // 2])
+    cost = np.diff(clock)
+    assert len(cost) == 36
+    assert np.median(cost[-9:]) < 1.5 * np.median(cost[:9])
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)

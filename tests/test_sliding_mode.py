@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import ArmMeasurement, ArmReference, Saturation, Sign, SlidingModeController, Tanh
-from coop_pin.errors import SingularJacobianError
+from coop_pin.errors import FieldError, SingularJacobianError
 from coop_pin.run_scenario import build_controller
 from coop_pin.spatial import make_pose, pose_error, task_rows
 
@@ -85,9 +85,7 @@ def test_torque_is_the_printed_law(name, force):
         expected, s_q = torque_by_hand(law, m, r, state.start_surface, sigma, 0.3)
         command = law.step(m, r, state)
         assert_allclose(command.torque, expected, rtol=1e-11, atol=1e-11)
-        sigma = sigma + PERIOD * np.sign(
-            np.where(np.abs(s_q) < 1e-13, 0.0, s_q)
-        )  # zero at t0 but for the solve's rounding
+        sigma = sigma + PERIOD * np.where(np.abs(s_q) <= 1e-9, 0.0, np.sign(s_q))
         state = command.state
         assert_allclose(state.sign_integral, sigma, atol=1e-15)
 
@@ -130,8 +128,23 @@ def test_the_sign_integral_of_a_saturated_joint_stands_still_and_the_others_go_o
 def test_switching_functions():
     s = np.array([-2.0, -0.05, 0.0, 0.05, 2.0])
     assert Sign()(s).tolist() == [-1, -1, 0, 1, 1]
+    assert Sign(dead_zone=0.05)(s).tolist() == [-1, 0, 0, 0, 1]
     assert_allclose(Saturation(width=0.1)(s), [-1, -0.5, 0, 0.5, 1])
     assert_allclose(Tanh(width=0.1)(s), np.tanh(s / 0.1))
+
+
+def test_sign_of_rounding_is_zero():
+    """Ten times the default dead zone is a signal; rounding is none, unless the dead zone is 0; NaN stays."""
+    s = np.array([-1e-8, -1e-16, 0.0, 1e-12, 1e-8])
+    assert Sign()(s).tolist() == [-1, 0, 0, 0, 1]
+    assert Sign(dead_zone=0)(s).tolist() == [-1, -1, 0, 1, 1]
+    assert np.isnan(Sign()(np.array([np.nan]))).all()
+
+
+@pytest.mark.parametrize("dead_zone", [-1e-9, np.nan, np.inf])
+def test_dead_zone_is_validated(dead_zone):
+    with pytest.raises(FieldError, match="dead_zone"):
+        Sign(dead_zone=dead_zone)
 
 
 def test_singular_jacobian_is_refused_with_numbers():
@@ -146,15 +159,16 @@ def test_singular_jacobian_is_refused_with_numbers():
     assert caught.value.condition > 1e6
 
 
+@pytest.mark.parametrize("alpha", [0.0, 0.2])
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_law_holds_a_squeezed_payload(cell):
-    """At rest without gravity, alpha = 0 keeps the internal wrench at f_d and the payload in place."""
+def test_law_holds_a_squeezed_payload(cell, alpha):
+    """At rest without gravity, internal wrench and payload stay as they are: s is rounding, not a signal."""
     scenario = SCENARIOS[cell]()
     hold = {"kind": "hold", "pose": scenario.start.model_dump()}
     changes = {
         "motion": hold,
         "cell.gravity": (0, 0, 0),
-        "controller.gains.sign_gain": 0.0,
+        "controller.gains.sign_gain": alpha,
         "duration": 0.5,
         "events": [],
     }

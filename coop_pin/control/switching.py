@@ -11,17 +11,27 @@ import numpy as np
 from pydantic import Field
 
 from coop_pin.arrays import Array
-from coop_pin.schema.base import Description, Positive
+from coop_pin.schema.base import Description, NotNegative, Positive
 
 
 class Sign(Description):
-    """sgn(s), as printed; sgn(0) = 0."""
+    """sgn(s) with a dead zone around 0; a dead zone of 0 is sgn as printed, with sgn(0) = 0.
+
+    A surface that should be 0 is not: it carries the rounding of the kinematics (1e-16 to 1e-13) and the
+    closure error that the integration leaves (1e-11 m times pose_gain), and sgn would integrate their sign.
+    The default lies above both and far below any signal: one tick of sgn moves the surface by about
+    alpha T, 1e-3 in the catalogue, and a surface of 1e-9 stands for an error of 1e-9 / pose_gain, m or rad.
+
+    Attributes:
+        dead_zone: sgn(s) = 0 for abs(s) <= dead_zone, in the unit of the surface.
+    """
 
     kind: Literal["sign"] = "sign"
+    dead_zone: NotNegative = 1e-9
 
     def __call__(self, surface: Array) -> Array:
         """Return sgn(s) for every entry: -1, 0 or 1."""
-        return np.sign(surface)
+        return np.sign(surface) * (np.abs(surface) > self.dead_zone)
 
 
 class Saturation(Description):
