@@ -136,6 +136,7 @@ def test_a_warning_is_told_without_the_source_line_that_gave_it():
     assert (ended.stdout, ended.stderr) == ("", "coop-pin: warning: look\n")
 
 
+@pytest.mark.filterwarnings("ignore::coop_pin.errors.ScenarioWarning")
 def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
     assert (
         main(

@@ -132,9 +132,9 @@ def test_times_outside_the_run_are_refused(result, tmp_path, time):
 
 
 def test_invalid_sizes_and_rates_are_refused(result, tmp_path):
-    with pytest.raises(OutOfRangeError, match=r"width.* 10 .*64"):
+    with pytest.raises(OutOfRangeError, match=r"width.*10.*64"):
         save_image(result, tmp_path / "no.png", width=10)
-    with pytest.raises(OutOfRangeError, match=r"height.* 321 .*even"):
+    with pytest.raises(OutOfRangeError, match=r"height.*321.*even"):
         save_video(result, tmp_path / "no.mp4", height=321)
     with pytest.raises(OutOfRangeError, match="frames_per_second"):
         save_video(result, tmp_path / "no.mp4", frames_per_second=0.0)
@@ -208,7 +208,7 @@ def test_an_incomplete_video_is_an_error_and_the_old_one_stays(result, ffmpeg, t
     (tmp_path / "run.mp4").write_bytes(b"old")
     with pytest.raises(FileWriteError, match=r"run\.mp4") as caught:
         save_video(result, tmp_path / "run.mp4", frames_per_second=RATE, width=WIDTH, height=HEIGHT)
-    assert caught.value.frames < caught.value.wanted == 5
+    assert "of 5 frames" in str(caught.value)
     assert "File too large" in capfd.readouterr().err
     assert (tmp_path / "run.mp4").read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == [full.name, "run.mp4"]

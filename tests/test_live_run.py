@@ -198,7 +198,7 @@ def test_a_run_that_diverges_keeps_its_error_and_ends():
     assert run.error is None
 
 
-class Raises:
+class Raises(cp.CellController):
     """User controller that raises."""
 
     def init(self, measurements, references):

@@ -158,7 +158,7 @@ def test_an_open_state_is_refused_where_a_closed_one_is_required():
 
 def test_a_nan_is_never_closed():
     plant, q = closed(("spatial", "welded"))
-    with pytest.raises(OpenClosureError):
+    with pytest.raises(OutOfRangeError, match=r"^q"):
         plant.mechanism.require_closed(np.full_like(q, np.nan), allowed=1.0)
     with pytest.raises(OutOfRangeError, match=r"^q"):
         plant.mechanism.project_configuration(np.full_like(q, np.nan))

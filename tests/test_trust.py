@@ -276,6 +276,8 @@ def test_every_metric_has_its_window_beside_it_in_the_summary(pushed):
 
 # ---------------------------------------------------------------- command line
 
+pytestmark = pytest.mark.filterwarnings("ignore::coop_pin.errors.ScenarioWarning")
+
 FAST = ["--duration", "0.5", "--events", "[]", "--no-replay", "--no-figures"]
 WEAK = ["--cell.arms.left.torque-limits", "2", "--cell.arms.right.torque-limits", "2"]
 

@@ -179,6 +179,10 @@ def statics_along(scenario: Scenario, found: Reachability) -> StaticTorques:
     """Return the static torques at the configurations of a scenario's reachability.
 
     Out of reach these are the nearest ones; an arm that cannot hold the start has none.
+
+    Args:
+        scenario: what is asked of the arms.
+        found: its reachability.
     """
     return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in found.arms))
 

@@ -98,12 +98,7 @@ class ClosureState(NamedTuple):
 
     def stabilised(self, a: Array, gains: Stabilisation) -> Array:
         """Return J a + gamma + 2 zeta omega e' + omega^2 e, shape (r,): zero for a solution."""
-        return (
-            self.jacobian @ a
-            + self.drift
-            + gains.velocity_gain * self.velocity
-            + gains.position_gain * self.position
-        )
+        return gains.stabilised(self.jacobian @ a + self.drift, self.velocity, self.position)
 
 
 class ClosureError(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from coop_pin.arrays import Array
 from coop_pin.schema.base import Description, NotNegative
 
 
@@ -28,3 +29,13 @@ class Stabilisation(Description):
     def velocity_gain(self) -> float:
         """Factor 2 zeta omega of the closure error's rate, 1/s."""
         return 2.0 * self.damping_ratio * self.frequency
+
+    def stabilised(self, acceleration: Array, velocity: Array, position: Array) -> Array:
+        """Return e'' + 2 zeta omega e' + omega^2 e, shape (r,), which the constrained dynamics make zero.
+
+        Args:
+            acceleration: e'', or the part of it that is known, m/s^2 and rad/s^2, shape (r,).
+            velocity: e', m/s and rad/s, shape (r,).
+            position: e, m and rad, shape (r,).
+        """
+        return acceleration + self.velocity_gain * velocity + self.position_gain * position

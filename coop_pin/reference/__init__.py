@@ -19,6 +19,7 @@ payload axes, about P: ``ConstantSqueeze``, ``RampSqueeze``, ``FunctionSqueeze``
 ``check_consistency`` compares any motion with central differences.
 """
 
+from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.reference.functions import FunctionMotion
 from coop_pin.reference.motions import (
     CircleMotion,
@@ -29,7 +30,7 @@ from coop_pin.reference.motions import (
     TurnMotion,
 )
 from coop_pin.reference.pose_reference import ConsistencyGaps, PoseReference, PoseTarget, check_consistency
-from coop_pin.reference.splines import CsvMotion, Waypoint, WaypointsMotion
+from coop_pin.reference.splines import Waypoint, WaypointsMotion
 from coop_pin.reference.squeeze import ConstantSqueeze, FunctionSqueeze, RampSqueeze, SqueezeReference
 
 __all__ = [

@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.errors import AmbiguousTurnError, FieldError
+from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.reference.functions import FunctionMotion
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.reference.quintic import quintic, quintic_integral
-from coop_pin.reference.splines import CsvMotion, WaypointsMotion
+from coop_pin.reference.splines import WaypointsMotion
 from coop_pin.schema.base import Positive, Vector3
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import make_pose, rotation_from_rpy
