@@ -57,14 +57,14 @@ def scenario_fields() -> str:
 
 
 def _field_table(model: Any, titles: dict[Any, str]) -> str:
-    rows, told = [], meanings(model)
+    rows, texts = [], meanings(model)
     for name, field in model.model_fields.items():
         if name == "kind":
             continue
         inner = dict.fromkeys(titles[part] for part in described(field.annotation))
         links = "".join(f" See [{title}](#{title.lower().replace(' ', '-')})." for title in inner)
         value = "required" if field.is_required() else _value(field.get_default(call_default_factory=True))
-        rows.append(f"| `{name}` | {value} | {_plain(told.get(name, ''))}{links} |")
+        rows.append(f"| `{name}` | {value} | {_plain(texts.get(name, ''))}{links} |")
     return (
         "\n".join(("| field | default | meaning |", "| --- | --- | --- |", *rows)) if rows else "No fields."
     )
@@ -76,11 +76,11 @@ def _payload_kinds() -> list[str]:
     for name, method in vars(Payload).items():
         if not isinstance(method, classmethod) or name.startswith("_"):
             continue
-        told = section(method.__doc__ or "", "Args")
+        texts = section(method.__doc__ or "", "Args")
         rows = ["| field | default | meaning |", "| --- | --- | --- |"]
         for argument in inspect.signature(getattr(Payload, name)).parameters.values():
             value = "required" if argument.default is argument.empty else _value(argument.default)
-            rows.append(f"| `{argument.name}` | {value} | {_plain(told.get(argument.name, ''))} |")
+            rows.append(f"| `{argument.name}` | {value} | {_plain(texts.get(argument.name, ''))} |")
         lines += [
             f'### `kind = "{name.removeprefix("from_")}"`',
             _plain(_first_paragraph(method).removeprefix("Return ")),
@@ -90,7 +90,7 @@ def _payload_kinds() -> list[str]:
 
 
 def _value(default: Any) -> str:
-    """Return a default as it stands in a scenario file."""
+    """Return a default as written in a scenario file."""
     if default is None:
         return "omitted"
     if isinstance(default, Description):
@@ -143,9 +143,9 @@ def _signature(
 
 def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Add the docstring of a class's own constructor to that of the class."""
-    told = getattr(vars(obj).get("__init__"), "__doc__", None) if inspect.isclass(obj) else None
-    if told is not None:
-        lines += ["", *inspect.cleandoc(told).splitlines(), ""]
+    texts = getattr(vars(obj).get("__init__"), "__doc__", None) if inspect.isclass(obj) else None
+    if texts is not None:
+        lines += ["", *inspect.cleandoc(texts).splitlines(), ""]
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -60,7 +60,7 @@ nb_execution_in_temp = True
 nb_ipywidgets_js = {}  # otherwise every notebook loads require.js from another server
 nb_mime_priority_overrides = [
     ("html", "application/vnd.jupyter.widget-view+json", None)
-]  # a panel's still picture, not its widget
+]  # a panel's still image, not its widget
 nb_merge_streams = True
 
 # ---------------------------------------------------------------- reference

@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 
 def rod(name, parent, x):
-    """A rod along x that turns about z where it is pinned to its parent, in URDF."""
+    """A rod along x, hinged about z to its parent, as URDF."""
     return f"""
   <link name="{name}"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
     <inertia ixx="0.0001" iyy="{1 / 12}" izz="{1 / 12}" ixy="0" ixz="0" iyz="0"/></inertial></link>
