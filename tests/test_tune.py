@@ -22,6 +22,7 @@ from coop_pin.errors import (
     FieldError,
     NameNotFoundError,
     NothingFeasibleError,
+    OutOfRangeError,
     StoreLockedError,
     SweepInterruptedError,
     UnknownFieldError,
@@ -320,7 +321,7 @@ def test_mistakes_are_refused_and_nothing_is_written(tmp_path):
         cp.tune(SHORT, RANGES, out=out, subject_to=["fast"], **OPTIONS)
     with pytest.raises(FieldError, match="names no field"):
         cp.tune(SHORT, {}, out=out, **OPTIONS)
-    with pytest.raises(FieldError, match="at least 0 and 1"):
+    with pytest.raises(OutOfRangeError, match="population"):
         cp.tune(SHORT, RANGES, out=out, **OPTIONS | {"population": 0})
     with pytest.raises(FieldError, match="one of evolution, optuna"):
         cp.tune(SHORT, RANGES, out=out, method="guess", **OPTIONS)

@@ -287,15 +287,10 @@ class SwingMotion(PoseReference):
         return make_target(R, p, omega=theta_rate * axis, alpha=theta_acceleration * axis)
 
 
+# fmt: off
 Motion = Annotated[
-    HoldMotion
-    | ExponentialMotion
-    | LineMotion
-    | CircleMotion
-    | TurnMotion
-    | SwingMotion
-    | WaypointsMotion
-    | CsvMotion
-    | FunctionMotion,
+    HoldMotion | ExponentialMotion | LineMotion | CircleMotion | TurnMotion | SwingMotion
+    | WaypointsMotion | CsvMotion | FunctionMotion,
     Field(discriminator="kind"),
 ]
+# fmt: on
