@@ -1,4 +1,4 @@
-"""Save an image of a replay page at a options time, drawn by a headless browser with the network off.
+"""Save an image of a replay page at a given time, drawn by a headless browser with the network off.
 
     python tools/screenshot.py out/replay.html image.png --time 6
 

@@ -128,10 +128,10 @@ def _mesh_problem(path: Path) -> str:
     ):
         return ""
     triangles = int.from_bytes(content[80:_STL_HEADER], "little")
-    room = (len(content) - _STL_HEADER) // _STL_TRIANGLE
-    if 0 < triangles <= room:
+    held = (len(content) - _STL_HEADER) // _STL_TRIANGLE
+    if 0 < triangles <= held:
         return ""
-    return f"claims {triangles} triangles and has room for {max(room, 0)}; export it again"
+    return f"claims {triangles} triangles and holds {max(held, 0)}; export it again"
 
 
 def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
