@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 
-def close(actual: Any, desired: Any, atol: float) -> None:
+def assert_close(actual: Any, desired: Any, atol: float) -> None:
     """Require |actual - desired| <= atol in every entry, in the unit compared; NaN equals NaN.
 
     numpy's own default adds 1e-7 of the desired value, which swamps a stated tolerance of large numbers.

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
-from close import close
+from close import assert_close
 from linkages import bar, joint, robot
 from numpy.testing import assert_allclose
 
@@ -443,10 +443,10 @@ def test_of_two_doors_on_one_hinge_only_the_moment_about_it_is_determined(payloa
     X_WP = np.eye(4)
     X_WP[:3, 3] = (0.5, -0.3, 0.8)
     q = plant.model.configuration([np.array([0.0]), np.array([2.0])], X_WP)
-    close(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-12)
+    assert_close(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-12)
     assert determinate_rows(plant, q).tolist() == [False, False, False, False, False, True]
     tau = gathered(plant, [np.array([3.0]), np.array([-1.0])])
     moments = plant.interaction_wrenches(q, np.zeros(plant.mechanism.model.nv), tau)[:, 5]
     own = 1.0 / 3.0  # of each door about the hinge
     turn = 2.0 / (2.0 * own + cell.payload.inertia[2])
-    close(moments, [own * turn - 3.0, own * turn + 1.0], atol=1e-9)
+    assert_close(moments, [own * turn - 3.0, own * turn + 1.0], atol=1e-9)

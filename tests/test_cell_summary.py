@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from close import close
+from close import assert_close
 from linkages import bar, link, robot
 
 from coop_pin.analysis import cell_summary
@@ -36,10 +36,10 @@ def test_what_moves_counts_and_what_is_locked_is_named(cell):
     start = Pose(xyz=(reach * math.cos(0.2 + angle), reach * math.sin(0.2 + angle), 0), rpy=(0, 0, 1.4))
     summary = cell_summary(cell, start.matrix)
     (arm,) = summary.arms
-    close(arm.mass, 7.0, atol=1e-12)
-    close(arm.maximum_reach, reach, atol=1e-9)
+    assert_close(arm.mass, 7.0, atol=1e-12)
+    assert_close(arm.maximum_reach, reach, atol=1e-9)
     assert arm.locked == ("two_pin",)
     assert "two_pin" in summary.summary()
     assert [joint.name for joint in arm.joints] == ["one_pin", "three_pin"]
-    close([joint.angle for joint in arm.joints], [0.2, 0.7], atol=1e-6)
+    assert_close([joint.angle for joint in arm.joints], [0.2, 0.7], atol=1e-6)
     assert (summary.closure_rows, summary.rank, summary.freedom) == (6, 6, 2)

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
-from close import close
+from close import assert_close
 from linkages import four_bar
 from numpy.testing import assert_allclose
 
@@ -385,11 +385,11 @@ def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, mo
         monkeypatch.setattr(chain.solver, "acceleration", lambda *_: good.acceleration + residual * off)
         return chain.forward_dynamics(q, still, still).residual
 
-    close(solved_but_for(0.5 * allowed), 0.5 * allowed, atol=0.01 * allowed)
+    assert_close(solved_but_for(0.5 * allowed), 0.5 * allowed, atol=0.01 * allowed)
     with pytest.raises(ConstraintSolveError) as refused:
         solved_but_for(2.0 * allowed)
-    close(refused.value.residual, 2.0 * allowed, atol=0.02 * allowed)
-    close(refused.value.allowed, allowed, atol=1e-3 * allowed)
+    assert_close(refused.value.residual, 2.0 * allowed, atol=0.02 * allowed)
+    assert_close(refused.value.allowed, allowed, atol=1e-3 * allowed)
 
 
 def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(monkeypatch):
@@ -406,4 +406,4 @@ def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(monkey
     values = np.linalg.svd(weighted, compute_uv=False)
     truncated = values[values < 1e-5 * values[0]].max()
     assert truncated > 1e-8
-    close(refused.value.allowed, 6e-6 + 10.0 * truncated * np.sqrt(a @ M @ a), atol=1e-9)
+    assert_close(refused.value.allowed, 6e-6 + 10.0 * truncated * np.sqrt(a @ M @ a), atol=1e-9)

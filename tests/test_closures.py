@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure
@@ -264,4 +264,4 @@ def test_the_world_is_the_universe_also_where_the_first_frame_moves():
         pin.Frame("tip", hinge, pin.SE3(np.eye(3), np.array((0.1, 0.0, 0.0))), pin.FrameType.OP_FRAME)
     )
     ((distance, angle),) = ClosureSet(model, [Closure("world", "tip")]).closure_errors(np.array([0.0]))
-    close((distance, angle), (0.4, 0.0), atol=1e-15)
+    assert_close((distance, angle), (0.4, 0.0), atol=1e-15)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, random_velocity
-from close import close
+from close import assert_close
 from linkages import bar, joint, link, robot
 from scipy.integrate import simpson, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -60,8 +60,8 @@ def test_a_motion_played_backwards_ends_where_it_began(name, payload):
     there = chain.mechanism.integrate(q, v, **run)
     back = chain.mechanism.integrate(there.q[-1], -there.v[-1], **run)
     assert np.abs(pin.difference(chain.mechanism.model, q, there.q[-1])).max() > 0.05
-    close(pin.difference(chain.mechanism.model, q, back.q[-1]), np.zeros(len(v)), atol=1e-7)
-    close(back.v[-1], -v, atol=1e-6)
+    assert_close(pin.difference(chain.mechanism.model, q, back.q[-1]), np.zeros(len(v)), atol=1e-7)
+    assert_close(back.v[-1], -v, atol=1e-6)
 
 
 @pytest.mark.parametrize("formulation", ["proximal", "kkt"])
@@ -77,13 +77,13 @@ def test_the_inverse_inertia_is_symmetric_and_of_the_rank_of_the_free_motions(na
         ]
     )
     scale = np.abs(W).max()
-    close(W, W.T, atol=1e-9 * scale)
+    assert_close(W, W.T, atol=1e-9 * scale)
     eigenvalues = np.linalg.eigvalsh((W + W.T) / 2.0)
     free = len(still) - fall.rank
     assert free == chain.cell.task_rows.size or (name, payload) == ("planar", "free")
-    close(eigenvalues[: len(still) - free], np.zeros(fall.rank), atol=1e-9 * scale)
+    assert_close(eigenvalues[: len(still) - free], np.zeros(fall.rank), atol=1e-9 * scale)
     assert eigenvalues[len(still) - free :].min() > 1e-4 * scale
-    close(
+    assert_close(
         mechanism.closures.state(q, still).jacobian @ W,
         np.zeros((mechanism.closures.rows, len(still))),
         atol=1e-8 * scale,
@@ -100,7 +100,7 @@ def test_the_power_of_the_forces_is_the_rate_of_the_energy(name, payload):
             mechanism.energy(pin.integrate(mechanism.model, q, t * v + t * t / 2.0 * a), v + t * a).total
             for t in (-h, h)
         ]
-        close((energies[1] - energies[0]) / (2.0 * h), v @ force, atol=1e-4)
+        assert_close((energies[1] - energies[0]) / (2.0 * h), v @ force, atol=1e-4)
     assert v @ force < 0.0
 
 
@@ -125,7 +125,7 @@ def test_momentum_changes_by_base_reactions_weight_and_push(name, payload):
     h = 2e-5
     momenta = [momentum(model, pin.integrate(model, q, t * v + t * t / 2.0 * a), v + t * a) for t in (-h, h)]
     rows = cell.task_rows.indices  # a planar cell's other rows are not determined, arm by arm
-    close(((momenta[1] - momenta[0]) / (2.0 * h))[list(rows)], wrench[list(rows)], atol=1e-5)
+    assert_close(((momenta[1] - momenta[0]) / (2.0 * h))[list(rows)], wrench[list(rows)], atol=1e-5)
 
 
 def momentum(model, q, v):
@@ -199,12 +199,12 @@ def test_a_cell_of_other_lengths_and_masses_is_similar(name, tmp_path):
     )
     slow, torque = v / np.sqrt(LENGTH), MASS * LENGTH * tau
     a = small.mechanism.forward_dynamics(q, v, tau).acceleration
-    close(large.mechanism.forward_dynamics(q, slow, torque).acceleration, a / LENGTH, atol=1e-8)
+    assert_close(large.mechanism.forward_dynamics(q, slow, torque).acceleration, a / LENGTH, atol=1e-8)
     scale = np.repeat((MASS, MASS * LENGTH), 3)
     F = small.interaction_wrenches(q, v, tau)
-    close(large.interaction_wrenches(q, slow, torque), F * scale, atol=1e-7)
+    assert_close(large.interaction_wrenches(q, slow, torque), F * scale, atol=1e-7)
     energy = small.mechanism.energy(q, v).kinetic
-    close(large.mechanism.energy(q, slow).kinetic, MASS * LENGTH * energy, atol=1e-10)
+    assert_close(large.mechanism.energy(q, slow).kinetic, MASS * LENGTH * energy, atol=1e-10)
 
 
 # ---------------------------------------------------------------- the same run seen otherwise
@@ -235,7 +235,7 @@ def require_same_motion(first, second, arms=None, atol=1e-8):
                      "internal_moment", "jacobian_condition", "kinetic_energy", "work_actuation",
                      "work_friction", "work_external"):  # fmt: skip
         scale = max(1.0, float(np.nanmax(np.abs(first.data[quantity]))))
-        close(data[quantity], first.data[quantity], atol=atol * scale)
+        assert_close(data[quantity], first.data[quantity], atol=atol * scale)
 
 
 def moved_motion(motion, X):
@@ -279,8 +279,8 @@ def test_the_world_turned_and_moved_with_gravity_push_and_events_makes_no_differ
     require_same_motion(first, second)
     for quantity in ("pose_error", "payload_twist", "interaction_wrench"):
         found, there = first.data[quantity].values, second.data[quantity].values
-        close(np.nan_to_num(there), rotate_vector6(R, np.nan_to_num(found)), atol=1e-6)
-    close(second.data.payload_position, first.data.payload_position.values @ R.T + X[:3, 3], atol=1e-9)
+        assert_close(np.nan_to_num(there), rotate_vector6(R, np.nan_to_num(found)), atol=1e-6)
+    assert_close(second.data.payload_position, first.data.payload_position.values @ R.T + X[:3, 3], atol=1e-9)
 
 
 def test_the_order_of_the_arms_makes_no_difference(name):
@@ -291,7 +291,7 @@ def test_the_order_of_the_arms_makes_no_difference(name):
     assert list(turned.cell.arms) == order
     first, second = cp.run(scenario), cp.run(turned)
     require_same_motion(first, second, list(cell.arms))
-    close(second.data.pose_error, first.data.pose_error, atol=1e-9)
+    assert_close(second.data.pose_error, first.data.pose_error, atol=1e-9)
 
 
 MIRROR = np.array((1.0, -1.0, 1.0, -1.0, 1.0, -1.0))
@@ -322,10 +322,10 @@ def test_the_papers_cell_in_a_mirror_moves_as_its_mirror_image():
     )
     first, second = cp.run(scenario).data, cp.run(mirrored).data
     for quantity in ("joint_position", "joint_velocity", "torque"):
-        close(second[quantity], -first[quantity], atol=1e-7)
+        assert_close(second[quantity], -first[quantity], atol=1e-7)
     for quantity in ("pose_error", "interaction_wrench", "desired_internal_wrench"):
-        close(second[quantity], MIRROR * first[quantity], atol=1e-6)
-    close(second.kinetic_energy, first.kinetic_energy, atol=1e-9)
+        assert_close(second[quantity], MIRROR * first[quantity], atol=1e-6)
+    assert_close(second.kinetic_energy, first.kinetic_energy, atol=1e-9)
 
 
 def mirrored_pose(pose):
@@ -376,7 +376,7 @@ def test_the_impulse_of_a_recorded_run_is_the_change_of_the_payloads_momentum(pu
     )
     impulse = simpson(resultant[:, rows], x=data.time.values, axis=0)
     assert np.abs(impulse).max() > 0.05
-    close(impulse, (momenta[-1] - momenta[0])[rows], atol=1e-7)
+    assert_close(impulse, (momenta[-1] - momenta[0])[rows], atol=1e-7)
 
 
 def test_friction_takes_energy_at_every_tick_and_all_work_is_accounted_for(pushed_run):
@@ -384,7 +384,7 @@ def test_friction_takes_energy_at_every_tick_and_all_work_is_accounted_for(pushe
     assert np.diff(data.work_friction).max() <= 0.0
     energy = data.kinetic_energy + data.potential_energy
     work = data.work_actuation + data.work_friction + data.work_external
-    close(np.diff(energy), np.diff(work), atol=1e-9)
+    assert_close(np.diff(energy), np.diff(work), atol=1e-9)
 
 
 # ---------------------------------------------------------------- a closed form
@@ -445,4 +445,4 @@ def test_a_payload_on_two_swings_is_one_pendulum(rows, turn, payload, tmp_path):
     )
     poses = [chain.payload_pose(q) for q in motion.q[::25]]
     assert abs(pendulum.y[0, -1] - angle) > 0.5
-    close(poses, [at(theta) for theta in pendulum.y[0, ::25]], atol=1e-8)
+    assert_close(poses, [at(theta) for theta in pendulum.y[0, ::25]], atol=1e-8)

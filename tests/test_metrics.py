@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from cells import SCENARIOS
-from close import close
+from close import assert_close
 
 import coop_pin as cp
 from coop_pin.description import PayloadChange
@@ -89,13 +89,13 @@ def test_the_pose_error_is_actual_minus_desired_in_world_axes():
         desired_pose=poses([(0.9, 2.2, 3.0), (0.0, 0.0, 0.0)], [0.4, 0.2]),
     )
     expected = [[0.1, -0.2, 0.0, 0.3, 0.0, 0.0], [0.0, 0.0, 0.0, -0.2, 0.0, 0.0]]
-    close(result.data.pose_error, expected, atol=EXACT)
-    close(result.data.payload_position, [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
-    close(result.data.desired_position, [[0.9, 2.2, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
+    assert_close(result.data.pose_error, expected, atol=EXACT)
+    assert_close(result.data.payload_position, [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
+    assert_close(result.data.desired_position, [[0.9, 2.2, 3.0], [0.0, 0.0, 0.0]], atol=EXACT)
     half = [[math.sin(0.35), 0.0, 0.0, math.cos(0.35)], [0.0, 0.0, 0.0, 1.0]]
-    close(result.data.payload_quaternion, half, atol=EXACT)
+    assert_close(result.data.payload_quaternion, half, atol=EXACT)
     half = [[math.sin(0.2), 0.0, 0.0, math.cos(0.2)], [math.sin(0.1), 0.0, 0.0, math.cos(0.1)]]
-    close(result.data.desired_quaternion, half, atol=EXACT)
+    assert_close(result.data.desired_quaternion, half, atol=EXACT)
 
 
 OUT, IN = 5.1e-3, 4.9e-3
@@ -148,9 +148,15 @@ def test_the_peak_after_an_event_is_of_the_position_from_the_event_to_the_last_s
     pose = poses([(9.0, 0, 0), (0, 0, 0), (0.3, 0, 0.4), (0.1, 0, 0)], [2.0, 2.0, 2.0, 2.0])
     times = [0.0, 1.0, 2.0, 3.0]
     assert math.isnan(made(times, payload_pose=pose).event_peak_position_error())
-    close(made(times, payload_pose=pose, events=(event(1.0),)).event_peak_position_error(), 0.5, atol=EXACT)
-    close(made(times, payload_pose=pose, events=(event(2.0),)).event_peak_position_error(), 0.5, atol=EXACT)
-    close(made(times, payload_pose=pose, events=(event(2.5),)).event_peak_position_error(), 0.1, atol=EXACT)
+    assert_close(
+        made(times, payload_pose=pose, events=(event(1.0),)).event_peak_position_error(), 0.5, atol=EXACT
+    )
+    assert_close(
+        made(times, payload_pose=pose, events=(event(2.0),)).event_peak_position_error(), 0.5, atol=EXACT
+    )
+    assert_close(
+        made(times, payload_pose=pose, events=(event(2.5),)).event_peak_position_error(), 0.1, atol=EXACT
+    )
 
 
 STEADY = [0.0, 3.99, 4.0, 5.0, 6.0, 7.0]
@@ -161,11 +167,11 @@ def test_rms_errors_are_over_the_steady_window():
     turns = [1.0, 1.0, -0.1, 0.2, 0.0, 0.5]
     pose = poses(positions, turns)
     whole = made(STEADY, payload_pose=pose)
-    close(whole.position_rms(), math.sqrt((0.25 + 0.49 + 0.0 + 0.04) / 4), atol=EXACT)
-    close(whole.orientation_rms(), math.sqrt((0.01 + 0.04 + 0.0 + 0.25) / 4), atol=EXACT)
+    assert_close(whole.position_rms(), math.sqrt((0.25 + 0.49 + 0.0 + 0.04) / 4), atol=EXACT)
+    assert_close(whole.orientation_rms(), math.sqrt((0.01 + 0.04 + 0.0 + 0.25) / 4), atol=EXACT)
     cut = made(STEADY, payload_pose=pose, events=(event(6.5),))
-    close(cut.position_rms(), math.sqrt((0.25 + 0.49) / 3), atol=EXACT)
-    close(cut.orientation_rms(), math.sqrt((0.01 + 0.04) / 3), atol=EXACT)
+    assert_close(cut.position_rms(), math.sqrt((0.25 + 0.49) / 3), atol=EXACT)
+    assert_close(cut.orientation_rms(), math.sqrt((0.01 + 0.04) / 3), atol=EXACT)
 
 
 # ------------------------------------------------------------ internal force
@@ -191,16 +197,16 @@ def test_internal_force_over_the_steady_window():
         [-4, 0, 0, 0, 0, 0],
     ]
     found = squeezed(left, wanted).internal_force()
-    close(found.axial_mean, (-10 - 12 - 8 - 2) / 4, atol=EXACT)
-    close(found.axial_rms_error, math.sqrt((4 + 16 + 0 + 4) / 4), atol=EXACT)
-    close(found.shear_rms, math.sqrt((16 + 1 + 0 + 0) / 4), atol=EXACT)
-    close(found.moment_rms_error, math.sqrt((4 + 16 + 0 + 0) / 4), atol=EXACT)
-    close(found.force_rms_error, math.sqrt((24 + 17) / 4), atol=EXACT)
+    assert_close(found.axial_mean, (-10 - 12 - 8 - 2) / 4, atol=EXACT)
+    assert_close(found.axial_rms_error, math.sqrt((4 + 16 + 0 + 4) / 4), atol=EXACT)
+    assert_close(found.shear_rms, math.sqrt((16 + 1 + 0 + 0) / 4), atol=EXACT)
+    assert_close(found.moment_rms_error, math.sqrt((4 + 16 + 0 + 0) / 4), atol=EXACT)
+    assert_close(found.force_rms_error, math.sqrt((24 + 17) / 4), atol=EXACT)
     before = squeezed(left, wanted, events=(event(6.0),)).internal_force()
-    close(before.axial_mean, -11.0, atol=EXACT)
-    close(before.moment_rms_error, math.sqrt(20 / 2), atol=EXACT)
+    assert_close(before.axial_mean, -11.0, atol=EXACT)
+    assert_close(before.moment_rms_error, math.sqrt(20 / 2), atol=EXACT)
     over = metrics.internal_force(squeezed(left, wanted).data, Window(6.0, 7.0))
-    close(over.axial_mean, -5.0, atol=EXACT)
+    assert_close(over.axial_mean, -5.0, atol=EXACT)
 
 
 def test_parts_of_the_actual_and_of_the_desired_internal_wrench():
@@ -216,15 +222,15 @@ def test_parts_of_the_actual_and_of_the_desired_internal_wrench():
         "internal_shear_error": math.hypot(3, 2),
         "internal_moment_error": math.sqrt(1 + 1 + 4),
     }.items():
-        close(data[name], np.full((6, 2), value), atol=EXACT)
+        assert_close(data[name], np.full((6, 2), value), atol=EXACT)
 
 
 def test_rows_that_rigid_bodies_do_not_determine_count_as_zero():
     nan = math.nan
     data = squeezed([[-10, 3, nan, nan, nan, 2]] * 6, [[-8, 0, 0, 0, 0, 0]] * 6).data
-    close(data.internal_axial, np.full((6, 2), -10.0), atol=EXACT)
-    close(data.internal_shear, np.full((6, 2), 3.0), atol=EXACT)
-    close(data.internal_moment, np.full((6, 2), 2.0), atol=EXACT)
+    assert_close(data.internal_axial, np.full((6, 2), -10.0), atol=EXACT)
+    assert_close(data.internal_shear, np.full((6, 2), 3.0), atol=EXACT)
+    assert_close(data.internal_moment, np.full((6, 2), 2.0), atol=EXACT)
     assert data.wrench_is_determined.values.tolist() == [True, True, False, False, False, True]
 
 
@@ -234,14 +240,14 @@ def test_the_internal_wrench_is_what_the_load_shares_leave():
     wrench[:, 0], wrench[:, 1] = (4, 1, 0, 0, 0, 8), (8, 3, 0, 0, 0, 0)
     data = made([0.0, 1.0], scenario=scenario, interaction_wrench=wrench).data
     left = np.array((4 - 3, 1 - 1, 0, 0, 0, 8 - 2))
-    close(data.internal_wrench, np.broadcast_to((left, -left), (2, 2, 6)), atol=EXACT)
+    assert_close(data.internal_wrench, np.broadcast_to((left, -left), (2, 2, 6)), atol=EXACT)
 
 
 def test_the_desired_wrench_turns_with_the_payload():
     turned = poses([(5.0, 0, 0)] * 2, [math.pi / 2, 0.0], axis=(0.0, 0.0, 1.0))
     data = made([0.0, 1.0], payload_pose=turned, desired_squeeze=(1, 2, 3, 4, 5, 6)).data
-    close(data.desired_internal_wrench[0], [(-2, 1, 3, -5, 4, 6)] * 2, atol=1e-13)
-    close(data.desired_internal_wrench[1], [(1, 2, 3, 4, 5, 6)] * 2, atol=EXACT)
+    assert_close(data.desired_internal_wrench[0], [(-2, 1, 3, -5, 4, 6)] * 2, atol=1e-13)
+    assert_close(data.desired_internal_wrench[1], [(1, 2, 3, 4, 5, 6)] * 2, atol=EXACT)
 
 
 def test_the_axial_direction_of_three_arms_is_towards_the_middle_of_the_other_two():
@@ -254,19 +260,19 @@ def test_the_axial_direction_of_three_arms_is_towards_the_middle_of_the_other_tw
         (-6 / math.sqrt(52), 4 / math.sqrt(52), 0.0),
         (3 / math.sqrt(73), -8 / math.sqrt(73), 0.0),
     ]
-    close(data.axial_direction, [directions] * 2, atol=EXACT)
+    assert_close(data.axial_direction, [directions] * 2, atol=EXACT)
     axial = [6.0, 80 / math.sqrt(52), 40 / math.sqrt(73)]
-    close(data.internal_axial, [axial] * 2, atol=1e-13)
+    assert_close(data.internal_axial, [axial] * 2, atol=1e-13)
     shear = [math.sqrt(101 - 36), math.sqrt(125 - 6400 / 52), math.sqrt(26 - 1600 / 73)]
-    close(data.internal_shear, [shear] * 2, atol=1e-13)
-    close(metrics.internal_force(data, Window(4.0, 5.0)).axial_mean, sum(axial) / 3, atol=1e-13)
+    assert_close(data.internal_shear, [shear] * 2, atol=1e-13)
+    assert_close(metrics.internal_force(data, Window(4.0, 5.0)).axial_mean, sum(axial) / 3, atol=1e-13)
 
 
 def test_a_tip_in_the_middle_of_the_others_has_no_axial_direction():
     tips = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], dtype=float)
     data = made([0.0, 1.0], scenario=PLATE, tip_position=tips).data
     nan = math.nan
-    close(data.axial_direction, [[(1, 0, 0), (nan, nan, nan), (-1, 0, 0)]] * 2, atol=EXACT)
+    assert_close(data.axial_direction, [[(1, 0, 0), (nan, nan, nan), (-1, 0, 0)]] * 2, atol=EXACT)
 
 
 def test_a_single_arm_has_no_internal_force():
@@ -304,8 +310,8 @@ def test_closure_error_torque_peak_and_energy_balance_are_over_the_whole_run():
     )
     assert result.closure_error_max() == (3e-3, 7e-3)
     assert result.torque_peak() == 9.0
-    close(metrics.energy_balance(result.data), [0.0, -2.0, 1.0], atol=EXACT)
-    close(result.energy_balance_max(), 2.0, atol=EXACT)
+    assert_close(metrics.energy_balance(result.data), [0.0, -2.0, 1.0], atol=EXACT)
+    assert_close(result.energy_balance_max(), 2.0, atol=EXACT)
 
 
 def test_limits_that_were_exceeded():
@@ -376,7 +382,7 @@ def test_every_metric_stands_under_its_own_name():
     ]
     assert list(found) == list(expected)
     assert found.pop("settling_time_s") == expected.pop("settling_time_s")
-    close(list(found.values()), list(expected.values()), atol=1e-13)
+    assert_close(list(found.values()), list(expected.values()), atol=1e-13)
 
 
 def test_a_run_shorter_than_the_window_has_no_steady_metrics():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from cells import SPATIAL_START, planar_scenario, spatial_scenario
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -346,8 +346,10 @@ def test_fewer_than_two_poses_are_refused():
 def test_the_path_leads_straight_from_the_start_to_the_first_pose_of_the_reference():
     motion = LineMotion(start=Pose(xyz=(1.0, 0.2, 0.0)), goal=Pose(xyz=(3.0, 0.2, 0.0)), duration=2.0)
     path = payload_path(planar_arm(motion, Pose(xyz=(0.0, 0.2, 0.0), rpy=(0, 0, 0.4)), duration=2.0), 3)
-    close(path.poses[:, 0, 3], [*np.arange(20) / 20.0, 1.0, 2.0, 3.0], atol=1e-2)  # the geodesic is a screw
-    close(path.poses[:, 1, 0], np.sin([*np.linspace(0.4, 0.0, 21)[:20], 0.0, 0.0, 0.0]), atol=1e-12)
-    close(path.poses[0], make_pose((0.0, 0.2, 0.0), (0, 0, 0.4)), atol=1e-12)
-    close(path.times, [0.0] * 20 + [0.0, 1.0, 2.0], atol=1e-12)
-    close(path.twists[:, 0], [0.0] * 20 + [0.0, 15.0 / 8.0, 0.0], atol=1e-12)
+    assert_close(
+        path.poses[:, 0, 3], [*np.arange(20) / 20.0, 1.0, 2.0, 3.0], atol=1e-2
+    )  # the geodesic is a screw
+    assert_close(path.poses[:, 1, 0], np.sin([*np.linspace(0.4, 0.0, 21)[:20], 0.0, 0.0, 0.0]), atol=1e-12)
+    assert_close(path.poses[0], make_pose((0.0, 0.2, 0.0), (0, 0, 0.4)), atol=1e-12)
+    assert_close(path.times, [0.0] * 20 + [0.0, 1.0, 2.0], atol=1e-12)
+    assert_close(path.twists[:, 0], [0.0] * 20 + [0.0, 15.0 / 8.0, 0.0], atol=1e-12)

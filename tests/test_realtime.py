@@ -4,7 +4,7 @@ import math
 from importlib import import_module
 
 import pytest
-from close import close
+from close import assert_close
 
 import coop_pin as cp
 from coop_pin.run_scenario import build_controller
@@ -37,7 +37,7 @@ def test_simulated_time_passes_at_the_rate(wall):
     pacer = RealtimePacer(4.0)
     for simulated in (0.0, 1.0, 2.0, 4.0):
         pacer.wait_until(simulated)
-    close(wall.slept, [0.25, 0.25, 0.5], atol=1e-12)
+    assert_close(wall.slept, [0.25, 0.25, 0.5], atol=1e-12)
 
 
 def test_work_counts_as_waiting_and_small_delays_are_made_up_for(wall):
@@ -48,7 +48,7 @@ def test_work_counts_as_waiting_and_small_delays_are_made_up_for(wall):
     wall.now += 1.08
     pacer.wait_until(2.0)  # 0.08 s late
     pacer.wait_until(3.0)
-    close(wall.slept, [0.7, 0.92], atol=1e-12)
+    assert_close(wall.slept, [0.7, 0.92], atol=1e-12)
 
 
 def test_after_falling_far_behind_it_does_not_run_faster(wall):
@@ -58,7 +58,7 @@ def test_after_falling_far_behind_it_does_not_run_faster(wall):
     pacer.wait_until(1.0)
     pacer.wait_until(2.0)
     pacer.wait_until(3.0)
-    close(wall.slept, [0.5, 0.5], atol=1e-12)
+    assert_close(wall.slept, [0.5, 0.5], atol=1e-12)
 
 
 def test_an_infinite_rate_never_waits(wall):

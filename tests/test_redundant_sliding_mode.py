@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from close import close
+from close import assert_close
 from linkages import bar, robot
 
 import coop_pin as cp
@@ -111,9 +111,9 @@ def test_the_law_of_a_description_has_its_posture_term(scenario):
     for name, controller in build_controller(scenario).controllers.items():
         assert isinstance(controller, RedundantSlidingModeController)
         posture = controller.posture
-        close(posture.angles, scenario.cell.arms[name].posture, atol=0.0)
-        close(posture.stiffness, np.full(len(posture.angles), STIFFNESS), atol=0.0)
-        close(posture.damping, np.full(len(posture.angles), DAMPING), atol=0.0)
+        assert_close(posture.angles, scenario.cell.arms[name].posture, atol=0.0)
+        assert_close(posture.stiffness, np.full(len(posture.angles), STIFFNESS), atol=0.0)
+        assert_close(posture.damping, np.full(len(posture.angles), DAMPING), atol=0.0)
 
 
 def test_the_payload_is_held_and_squeezed_while_the_spare_joints_go_to_their_posture(scenario):
@@ -122,8 +122,8 @@ def test_the_payload_is_held_and_squeezed_while_the_spare_joints_go_to_their_pos
     error = np.abs(result.data.pose_error.values)
     assert error[:, :3].max() < 5e-3
     assert error[:, 3:].max() < 3e-2
-    close(off_posture(scenario, result, 0), [PULL, PULL], atol=1e-6)
+    assert_close(off_posture(scenario, result, 0), [PULL, PULL], atol=1e-6)
     assert off_posture(scenario, result, -1).max() < 0.05 * PULL
-    close(error[-1], np.zeros(6), atol=5e-3)
-    close(result.data.internal_axial[-1], [-8.0, -8.0], atol=0.1)
+    assert_close(error[-1], np.zeros(6), atol=5e-3)
+    assert_close(result.data.internal_axial[-1], [-8.0, -8.0], atol=0.1)
     assert result.energy_balance_max() < 1e-6

@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
@@ -752,6 +752,6 @@ def test_inverse_of_a_moving_pose_turns_with_minus_the_twist() -> None:
 
 def test_a_ramp_of_the_squeeze_begins_at_once_unless_told_otherwise() -> None:
     ramp = RampSqueeze(goal=table(BAR), duration=2.0)
-    close(ramp.at(0.0, ARMS), NONE, atol=0.0)
-    close(ramp.at(1.0, ARMS), 0.5 * BAR, atol=1e-14)
-    close(ramp.at(2.0, ARMS), BAR, atol=0.0)
+    assert_close(ramp.at(0.0, ARMS), NONE, atol=0.0)
+    assert_close(ramp.at(1.0, ARMS), 0.5 * BAR, atol=1e-14)
+    assert_close(ramp.at(2.0, ARMS), BAR, atol=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -69,7 +69,7 @@ def test_continuous_joints_are_counted_from_the_posture_on():
     )
     first, second = cp.run(scenario).data, cp.run(scenario.replace(cell=wound)).data
     for index, turns in enumerate(turned.values()):
-        close(
+        assert_close(
             second.joint_position[:, index] - first.joint_position[:, index],
             np.broadcast_to(turns, first.joint_position[:, index].shape),
             atol=1e-9,

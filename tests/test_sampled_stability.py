@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.linalg import eigvalsh
 
@@ -151,7 +151,7 @@ def test_of_a_single_arm_it_is_the_fastest_mode_and_its_joints(damping):
     values, modes = np.linalg.eig(D)
     worst = np.argmax(values)
     found = sampled_stability(scenario)
-    close(found.value, scenario.clock.period * values[worst], atol=1e-6 * found.value)
+    assert_close(found.value, scenario.clock.period * values[worst], atol=1e-6 * found.value)
     share = np.abs(modes[:, worst]) / np.abs(modes[:, worst]).max()
     names = [chain.model.arms[0].angles.names[joint] for joint in np.argsort(-share) if share[joint] >= 0.3]
     assert list(found.joints) == names
@@ -176,4 +176,4 @@ def test_it_is_that_of_the_start():
     still = scenario.replace(
         motion={"kind": "hold", "pose": cp.Pose.from_matrix(scenario.motion.at(0.0).X_WP_d)}
     )
-    close(sampled_stability(scenario).value, sampled_stability(still).value, atol=1e-12)
+    assert_close(sampled_stability(scenario).value, sampled_stability(still).value, atol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from close import close
+from close import assert_close
 
 from coop_pin.description import Payload
 from coop_pin.errors import UrdfWarning
@@ -23,7 +23,7 @@ FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
     ],
 )
 def test_half_extents(shape, extents):
-    close(half_extents(shape), extents, atol=1e-15)
+    assert_close(half_extents(shape), extents, atol=1e-15)
 
 
 def test_the_shape_of_a_payload():
@@ -41,7 +41,7 @@ def test_a_mesh_payload_is_drawn_in_metres(tmp_path):
     )
     shape = payload_shape(payload, scale=2.0)
     assert isinstance(shape, Mesh)
-    close(np.sort(shape.vertices, axis=0), np.sort(2.0 * CORNERS, axis=0), atol=1e-9)
+    assert_close(np.sort(shape.vertices, axis=0), np.sort(2.0 * CORNERS, axis=0), atol=1e-9)
     assert len(shape.faces) == len(FACES)
 
 

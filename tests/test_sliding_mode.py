@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
-from close import close
+from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -122,7 +122,7 @@ def test_the_sign_integral_of_a_saturated_joint_stands_still_and_the_others_go_o
     _, s_q = torque_by_hand(law, m, r, state.start_surface, state.sign_integral, 0.0)
     cut = np.arange(rows.size) % 2 == 0
     moved = law.step(m._replace(saturated=cut), r, state).state.sign_integral - state.sign_integral
-    close(moved, np.where(cut, 0.0, PERIOD * np.sign(s_q)), atol=1e-15)
+    assert_close(moved, np.where(cut, 0.0, PERIOD * np.sign(s_q)), atol=1e-15)
 
 
 def test_switching_functions():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo, field_validator
 
-from coop_pin.arrays import Array, as_array, require_type
+from coop_pin.arrays import Array, as_array, as_pose, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
@@ -17,7 +17,7 @@ from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.schema.base import Description, Vector3, check_arm_names, plain_name
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import as_pose, inverse_pose
+from coop_pin.spatial import inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 

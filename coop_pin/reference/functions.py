@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from coop_pin.arrays import Array, as_array, frozen
+from coop_pin.arrays import Array, as_array, as_pose, frozen
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, pose_rates, rate_of
 from coop_pin.schema.user_code import FunctionName, load_function
-from coop_pin.spatial import as_pose
 
 _STEP = 1e-3
 """Step of the differences of a user-written function, s."""

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from coop_pin.arrays import Array, as_array, frozen
+from coop_pin.arrays import Array, as_array, as_pose, frozen
 from coop_pin.errors import InconsistentReferenceError
 from coop_pin.schema.base import Description
-from coop_pin.spatial import as_pose
 
 
 class PoseTarget(NamedTuple):

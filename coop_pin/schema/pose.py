@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_pose
 from coop_pin.errors import ArgumentError, FieldError
 from coop_pin.schema.base import Description, Vector3
-from coop_pin.spatial import as_pose, make_pose, rpy_from_rotation
+from coop_pin.spatial import make_pose, rpy_from_rotation
 
 
 class Pose(Description):

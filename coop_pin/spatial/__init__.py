@@ -28,7 +28,6 @@ al. (2007), eqs. (7)-(12)).
 
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
 from coop_pin.spatial.pose import (
-    as_pose,
     inverse_pose,
     make_pose,
     pose_error,
@@ -44,7 +43,6 @@ __all__ = [
     "PlanarRows",
     "PositionalRows",
     "TaskRows",
-    "as_pose",
     "internal_wrenches",
     "inverse_pose",
     "load_wrenches",

@@ -6,36 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from coop_pin.arrays import Array, as_array, frozen, shaped
-from coop_pin.errors import NotAPoseError
-
-POSE_ALLOWED = 1e-6
-"""Largest accepted entry of R^T R - I: poses typed to seven digits pass."""
-
-_IDENTITY = frozen(np.eye(3))
-_LAST_ROW = frozen(np.array((0.0, 0.0, 0.0, 1.0)))
-
-
-def as_pose(name: str, value: ArrayLike) -> Array:
-    """Return value as a new pose matrix, shape (4, 4).
-
-    Args:
-        name: the argument's name, for the message.
-        value: anything numpy can read.
-
-    Raises:
-        ShapeError: the shape differs.
-        OutOfRangeError: an entry is NaN or infinite.
-        NotAPoseError: the 3x3 block is no rotation matrix or the last row is not 0 0 0 1.
-    """
-    pose = as_array(name, value, 4, 4)
-    rotation = pose[:3, :3]
-    deviation = float(max(np.abs(rotation.T @ rotation - _IDENTITY).max(), np.abs(pose[3] - _LAST_ROW).max()))
-    if deviation > POSE_ALLOWED:
-        raise NotAPoseError(name, deviation, POSE_ALLOWED)
-    if np.linalg.det(rotation) < 0.0:
-        raise NotAPoseError(f"{name} (a mirror image)", 2.0, POSE_ALLOWED)
-    return pose
+from coop_pin.arrays import Array, as_array, shaped
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
