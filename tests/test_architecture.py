@@ -318,10 +318,12 @@ def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path
     for seen in spy.seen:
         measured = seen._asdict()
         if isinstance(seen, ArmMeasurement):
-            assert type(measured.pop("time")) is float
+            for number in ("time", "internal_wrench_age", "interaction_wrench_age"):
+                assert type(measured.pop(number)) is float
             assert (measured["internal_wrench"] is None) == (path == "none")
-            if path == "none":
-                del measured["internal_wrench"]
+            assert (measured["holding_torque"] is None) == (seen.time > 0.0)
+            assert measured["interaction_wrench"] is None
+            measured = {field: value for field, value in measured.items() if value is not None}
             for field, shape in shapes.items():
                 assert measured[field].shape == shape
         for field, value in measured.items():

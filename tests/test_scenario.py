@@ -48,7 +48,6 @@ MISTAKES = {
         "cell.payload.masss",
         "did you mean 'mass'",
     ),
-    "seed": ({"seed": 7}, errors.UnknownFieldError, "seed", "random"),
     "unknown field in a union": (
         {"controller.gains.sign_gian": 1.0},
         errors.UnknownFieldError,

@@ -6,6 +6,7 @@ for each arm into a CellController. State is a value: ``init`` and ``step`` retu
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -30,6 +31,12 @@ class ArmMeasurement(NamedTuple):
             when the scenario's force path provides none.
         saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at
             the first.
+        internal_wrench_age: ticks since ``internal_wrench`` was sampled; inf before the first sample.
+        interaction_wrench: this arm's own wrist wrench F_i, on the arm by the payload, about P in world axes
+            as its own kinematics see them, shape (k_0,); None without a wrist sensor.
+        interaction_wrench_age: ticks since it was sampled; inf before the first sample.
+        holding_torque: torque that each drive reports at rest before the controller takes over, N m, shape
+            (k,); in the first measurement only.
     """
 
     time: float
@@ -40,6 +47,10 @@ class ArmMeasurement(NamedTuple):
     payload_jacobian: Array
     internal_wrench: Array | None
     saturated: Mask
+    internal_wrench_age: float = math.inf
+    interaction_wrench: Array | None = None
+    interaction_wrench_age: float = math.inf
+    holding_torque: Array | None = None
 
 
 class ArmReference(NamedTuple):

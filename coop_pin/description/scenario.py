@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.cell import Cell
@@ -17,7 +17,7 @@ from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.errors import FieldError, NameNotFoundError, UnknownFieldError, one_or_all
+from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
@@ -59,6 +59,7 @@ class Scenario(Description):
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
         trust: thresholds beyond which the run is not trustworthy.
+        seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
     """
 
     name: Name
@@ -76,15 +77,7 @@ class Scenario(Description):
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
     trust: TrustThresholds = TrustThresholds()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_seed(cls, given: Any) -> Any:
-        if isinstance(given, Mapping) and "seed" in given:
-            raise UnknownFieldError(
-                "is not a field of a scenario: nothing in a simulation is random; remove it", "seed"
-            )
-        return given
+    seed: int = Field(default=0, ge=0, lt=2**63)
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 

@@ -10,7 +10,7 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.model.arm_model import ArmKinematics
+from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import internal_wrenches
@@ -28,7 +28,13 @@ class ArmSensor:
         self._angles = np.zeros(len(place.drive)) if posture is None else np.array(posture)
 
     def measure(
-        self, time: float, q: Array, v: Array, internal_wrench: Array | None, saturated: Mask
+        self,
+        time: float,
+        q: Array,
+        v: Array,
+        internal_wrench: Array | None,
+        internal_wrench_age: float,
+        saturated: Mask,
     ) -> ArmMeasurement:
         """Return this arm's measurement from the state of the whole cell.
 
@@ -48,7 +54,29 @@ class ArmSensor:
             payload_jacobian=frozen(view.jacobian),
             internal_wrench=internal_wrench,
             saturated=saturated,
+            internal_wrench_age=internal_wrench_age,
         )
+
+
+def holding_torques(cell: Cell, places: Sequence[ArmPlace], q: Array) -> list[Array]:
+    """Return the drive torques of the cell at rest before the controller takes over, N m, shape (k,) each.
+
+    Each arm holds its own weight and its load share of the payload's, without internal wrench:
+    ``T^-T (g_i(q) - J_i^T F_i)`` with ``F_i = c_i [m_0 g, 0]`` on the arm by the payload, about P.
+
+    Args:
+        cell: arms, payload and load shares.
+        places: of the arms in the cell's model.
+        q: configuration of the cell at rest.
+    """
+    weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
+    torques = []
+    for place, share in zip(places, cell.shares, strict=True):
+        rest = np.zeros(len(place.drive))
+        arm = ArmModel.from_cell(cell, place.name)
+        tau = arm.inverse_dynamics(q[place.q_slice], rest, rest, share * weight)
+        torques.append(frozen(np.linalg.solve(place.drive.T, tau)))
+    return torques
 
 
 class Sensing:
@@ -70,6 +98,7 @@ class Sensing:
             places: of the arms in the cell's model.
             path: of the internal wrench.
         """
+        self._cell, self._places = cell, places
         self.arms = [ArmSensor(cell, place) for place in places]
         self._sizes = [len(place.drive) for place in places]
         self._rows, self._shares = cell.task_rows, cell.shares
@@ -77,10 +106,16 @@ class Sensing:
         self._wrenches: list[Array] = []
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
-        """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all."""
+        """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
+
+        They alone hold the holding torques.
+        """
+        holding = holding_torques(self._cell, self._places, q)
         measurements = [
-            sensor.measure(0.0, q, v, None, frozen(np.zeros(size, dtype=bool)))
-            for sensor, size in zip(self.arms, self._sizes, strict=True)
+            sensor.measure(0.0, q, v, None, np.inf, frozen(np.zeros(size, dtype=bool)))._replace(
+                holding_torque=torque
+            )
+            for sensor, size, torque in zip(self.arms, self._sizes, holding, strict=True)
         ]
         if self._pole is None:
             return measurements
@@ -96,6 +131,7 @@ class Sensing:
     def measure(self, time: float, plant: Plant, saturated: Sequence[Mask]) -> list[ArmMeasurement]:
         """Return the measurements of a later tick; ``saturated`` is that of the tick before."""
         wrenches: Sequence[Array | None] = [None] * len(self.arms)
+        age = np.inf if self._pole is None else 0.0
         if self._pole is not None:
             p, internal = self._pole, internal_wrenches(plant.interaction_wrenches(), self._shares)
             wrenches = self._wrenches = [
@@ -103,6 +139,6 @@ class Sensing:
                 for old, new in zip(self._wrenches, internal, strict=True)
             ]
         return [
-            sensor.measure(time, plant.q, plant.v, wrench, cut)
+            sensor.measure(time, plant.q, plant.v, wrench, age, cut)
             for sensor, wrench, cut in zip(self.arms, wrenches, saturated, strict=True)
         ]
