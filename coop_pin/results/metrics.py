@@ -12,7 +12,16 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError, OutOfRangeError
+from coop_pin.spatial import internal_wrenches
+from coop_pin.spatial.internal_wrench import (
+    constraint_consistent_internal_wrenches,
+    minimum_norm_internal_wrenches,
+    nonsqueezing_internal_wrenches,
+    symmetric_internal_wrenches,
+    virtual_linkage_internal_wrenches,
+)
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
@@ -219,3 +228,39 @@ def metric_text(value: float) -> str:
     if math.isnan(value):
         return "does not apply"
     return "never" if math.isinf(value) else f"{value:.4g}"
+
+
+def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: Payload) -> xr.Dataset:
+    """Return the internal wrench by every definition of the literature, about P in world axes.
+
+    Rows that rigid bodies do not determine count as zero, and the tips then lie in the plane of the others.
+    The virtual bodies of the constraint-consistent definition share the payload's mass, and the third of the
+    trace of its inertia, by the load shares.
+
+    Args:
+        data: of a run.
+        load_shares: c_i, shape (m,).
+        payload: for the virtual bodies.
+    """
+    F = data["interaction_wrench"].values
+    p_WP = data["payload_position"].values[:, None]
+    is_determined = data["wrench_is_determined"].values
+    F, r = (
+        np.where(is_determined, F, 0.0),
+        np.where(is_determined[:3], data["tip_position"].values - p_WP, 0.0),
+    )
+    inertia = float(np.trace(payload.inertia_matrix)) / 3.0
+    found = {
+        "load_shares": internal_wrenches(F, load_shares),
+        "minimum_norm": minimum_norm_internal_wrenches(F, r),
+        "nonsqueezing": nonsqueezing_internal_wrenches(F, r),
+        "virtual_linkage": virtual_linkage_internal_wrenches(F, r),
+        "constraint_consistent": constraint_consistent_internal_wrenches(
+            F, r, load_shares * payload.mass, load_shares * inertia
+        ),
+    }
+    if F.shape[1] == 2:
+        found["symmetric"] = symmetric_internal_wrenches(F)
+    dims = data["interaction_wrench"].dims
+    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in found.items()}
+    return xr.Dataset(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})

@@ -158,6 +158,16 @@ class RunResult:
         """Return the metrics of the internal wrench; window as of position_rms."""
         return InternalForceMetrics(*list(self._steady_metrics(self._window(window)).values())[2:])
 
+    def internal_wrench_definitions(self) -> xr.Dataset:
+        """Return the internal wrench of every arm at every sample by each definition of the literature.
+
+        Variables ``load_shares`` (the paper's, eqs. (7)-(12), as ``data.internal_wrench``), ``minimum_norm``,
+        ``nonsqueezing``, ``virtual_linkage``, ``constraint_consistent`` and, for two arms, ``symmetric``: see
+        coop_pin.spatial.internal_wrench for their equations and sources.
+        """
+        cell = self.scenario.cell
+        return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)
+
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
         return float(self.data["closure_distance"].max()), float(self.data["closure_angle"].max())

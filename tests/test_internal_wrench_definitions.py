@@ -1,0 +1,143 @@
+"""Definitions of internal force that the literature argues about: properties, and where they coincide."""
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+
+import coop_pin as cp
+from coop_pin.errors import ShapeError
+from coop_pin.spatial import internal_wrenches, shift_wrench
+from coop_pin.spatial.internal_wrench import (
+    constraint_consistent_internal_wrenches,
+    minimum_norm_internal_wrenches,
+    nonsqueezing_internal_wrenches,
+    symmetric_internal_wrenches,
+    virtual_linkage_internal_wrenches,
+)
+
+RNG = np.random.default_rng(3)
+MASSES, INERTIAS = np.array([2.0, 3.0, 0.5]), np.array([0.02, 0.05, 0.03])
+
+
+def shares(m):
+    return np.array([0.5, 0.3, 0.2])[:m] / np.array([0.5, 0.3, 0.2])[:m].sum()
+
+
+DEFINITIONS = {
+    "load shares": lambda F, r: internal_wrenches(F, shares(r.shape[-2])),
+    "minimum norm": minimum_norm_internal_wrenches,
+    "nonsqueezing": nonsqueezing_internal_wrenches,
+    "virtual linkage": virtual_linkage_internal_wrenches,
+    "constraint consistent": lambda F, r: constraint_consistent_internal_wrenches(
+        F, r, MASSES[: r.shape[-2]], INERTIAS[: r.shape[-2]]
+    ),
+}
+ANY_UNIT_OF_LENGTH = set(DEFINITIONS) - {"minimum norm"}
+
+
+def grasp(m):
+    """Wrenches about P and tips of ten samples."""
+    return RNG.normal(size=(10, m, 6)) * 20.0, RNG.normal(size=(10, m, 3)) * 0.3
+
+
+@pytest.mark.parametrize("m", [2, 3])
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_internal_wrenches_sum_to_zero_do_no_work_and_are_left_alone(name, m):
+    F, r = grasp(m)
+    f = DEFINITIONS[name](F, r)
+    assert np.abs(f).max() > 1.0
+    np.testing.assert_allclose(f.sum(axis=1), 0.0, atol=1e-10)
+    V = RNG.normal(size=(10, 1, 6))  # of the payload; tip i moves with [v + w x r_i, w]
+    at_tips, velocity = shift_wrench(f, -r), V.copy().repeat(m, axis=1)
+    velocity[..., :3] += np.cross(V[..., 3:], r)
+    np.testing.assert_allclose((at_tips * velocity).sum(axis=(1, 2)), 0.0, atol=1e-11)
+    np.testing.assert_allclose(DEFINITIONS[name](f, r), f, atol=1e-11)  # a projection
+
+
+@pytest.mark.parametrize("m", [2, 3])
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_the_split_does_not_depend_on_the_reference_point(name, m):
+    F, r = grasp(m)
+    d = np.array([0.4, -0.2, 0.7])  # P seen from the other point
+    np.testing.assert_allclose(
+        DEFINITIONS[name](shift_wrench(F, d), r + d), shift_wrench(DEFINITIONS[name](F, r), d), atol=1e-11
+    )
+
+
+@pytest.mark.parametrize("m", [2, 3])
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_only_the_minimum_norm_depends_on_the_unit_of_length(name, m):
+    F, r = grasp(m)
+    mm, definition = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]), DEFINITIONS[name]
+    if name == "constraint consistent":
+        in_mm = constraint_consistent_internal_wrenches(F * mm, r * 1e3, MASSES[:m], INERTIAS[:m] * 1e6) / mm
+    else:
+        in_mm = definition(F * mm, r * 1e3) / mm
+    difference = np.abs(in_mm - definition(F, r)).max()
+    assert difference < 1e-6 if name in ANY_UNIT_OF_LENGTH else difference > 1.0
+
+
+def test_of_two_arms_the_symmetric_and_the_nonsqueezing_split_are_that_by_equal_load_shares():
+    F, r = grasp(2)
+    equal = internal_wrenches(F, np.array([0.5, 0.5]))
+    np.testing.assert_allclose(symmetric_internal_wrenches(F), equal, atol=1e-13)
+    np.testing.assert_allclose(nonsqueezing_internal_wrenches(F, r), equal, atol=1e-12)
+    F, r = grasp(3)
+    np.testing.assert_allclose(
+        nonsqueezing_internal_wrenches(F, r), internal_wrenches(F, np.ones(3) / 3), atol=1e-12
+    )
+
+
+def test_the_minimum_norm_is_that_of_the_pseudo_inverse_of_the_grasp_matrix():
+    F, r = grasp(3)
+    for wrenches, tips, found in zip(F, r, minimum_norm_internal_wrenches(F, r), strict=True):
+        G = np.hstack([shift_wrench(np.eye(6), np.broadcast_to(tip, (6, 3))).T for tip in tips])
+        h = shift_wrench(wrenches, -tips).ravel()
+        internal = h - np.linalg.pinv(G) @ (G @ h)
+        np.testing.assert_allclose(shift_wrench(internal.reshape(3, 6), tips), found, atol=1e-11)
+
+
+def test_tensions_of_the_virtual_linkage_are_the_forces_along_its_edges():
+    """Without tip moments the internal forces are combinations of the unit vectors between the tips."""
+    _, r = grasp(3)
+    forces = RNG.normal(size=(10, 3, 3))
+    F = np.concatenate((forces, np.cross(r, forces)), axis=-1)
+    f = virtual_linkage_internal_wrenches(F, r)
+    for tips, force, internal in zip(r, forces, f, strict=True):
+        edges = np.zeros((9, 3))
+        for column, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)]):
+            edge = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
+            edges[3 * i : 3 * i + 3, column], edges[3 * j : 3 * j + 3, column] = edge, -edge
+        tensions = np.linalg.lstsq(edges, force.ravel(), rcond=None)[0]
+        np.testing.assert_allclose(internal[:, :3].ravel(), edges @ tensions, atol=1e-11)
+        np.testing.assert_allclose(shift_wrench(internal, -tips)[:, 3:], 0.0, atol=1e-11)
+
+
+def test_the_constraint_consistent_load_accelerates_the_virtual_bodies_as_one_rigid_body():
+    F, r = grasp(3)
+    load = F - constraint_consistent_internal_wrenches(F, r, MASSES, INERTIAS)
+    at_tips = shift_wrench(load, -r)
+    linear, angular = at_tips[..., :3] / MASSES[:, None], at_tips[..., 3:] / INERTIAS[:, None]
+    np.testing.assert_allclose(angular, angular[:, :1].repeat(3, axis=1), atol=1e-9)
+    np.testing.assert_allclose(
+        linear - np.cross(angular, r), (linear - np.cross(angular, r))[:, :1].repeat(3, 1), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_result_has_every_definition_of_its_internal_wrench(name):
+    scenario = SCENARIOS[name]().replace(events=(), duration=0.1)
+    result = cp.run(scenario)
+    found, F = result.internal_wrench_definitions(), result.data["interaction_wrench"]
+    np.testing.assert_allclose(found["load_shares"], result.data["internal_wrench"], atol=1e-12)
+    for values in found.values():
+        assert values.dims == F.dims
+        np.testing.assert_array_equal(np.isnan(values), np.isnan(F))
+        np.testing.assert_allclose(values.sum("arm", skipna=False).fillna(0.0), 0.0, atol=1e-9)
+    squeeze = found["virtual_linkage"].isel(time=-1)
+    assert np.isfinite(squeeze.sel(axis="x")).all()
+
+
+def test_tips_that_do_not_fit_the_wrenches_are_refused():
+    with pytest.raises(ShapeError):
+        minimum_norm_internal_wrenches(np.zeros((2, 6)), np.zeros((3, 3)))
