@@ -54,8 +54,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
-        {"chain", "control", "run_scenario", "description", "model", "simulation"},
-        {"pinocchio", "scipy"},
+        {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
+        {"pinocchio", "scipy", "xarray"},
     ),
     "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (

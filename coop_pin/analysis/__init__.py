@@ -13,6 +13,7 @@ from coop_pin.analysis.statics import (
     static_torques,
     statics_along,
 )
+from coop_pin.analysis.theorem_monitor import theorem_monitor
 
 __all__ = [
     "ArmReach",
@@ -34,4 +35,5 @@ __all__ = [
     "start_torques",
     "static_torques",
     "statics_along",
+    "theorem_monitor",
 ]

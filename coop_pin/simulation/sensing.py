@@ -70,12 +70,12 @@ def holding_torques(cell: Cell, places: Sequence[ArmPlace], q: Array) -> list[Ar
         q: configuration of the cell at rest.
     """
     weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
-    torques = []
+    torques: list[Array] = []
     for place, share in zip(places, cell.shares, strict=True):
         rest = np.zeros(len(place.drive))
         arm = ArmModel.from_cell(cell, place.name)
         tau = arm.inverse_dynamics(q[place.q_slice], rest, rest, share * weight)
-        torques.append(frozen(np.linalg.solve(place.drive.T, tau)))
+        torques.append(frozen(np.linalg.inv(place.drive).T @ tau))
     return torques
 
 

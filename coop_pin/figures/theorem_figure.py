@@ -1,0 +1,66 @@
+"""Figure of the theorem monitor: where the paper's convergence proof holds along a run, and where not."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coop_pin.arrays import Array
+from coop_pin.figures import palette
+from coop_pin.figures.style import label, run_figure
+from coop_pin.results import RunResult
+
+_AVERAGED = 1.0
+"""Chattering quantities are averaged over this time, s."""
+
+
+def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
+    """Return the terms of Theorems 2 and 3 over time, with the marks where the proof breaks.
+
+    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and |rho| of each arm beside
+    lambda_min(K_d) |s_r|, beyond which V may grow. Below: what Theorem 3 concludes from, |sum_i u_i'|,
+    beside the largest |u_i'|, which it says must vanish, averaged over 1 s; and the internal-force error.
+
+    Args:
+        result: the run of law (23).
+        monitor: of it, by coop_pin.analysis.theorem_monitor.
+    """
+    time = monitor["time"].values
+    ticks = max(round(_AVERAGED * result.scenario.clock.rate_hz), 1)
+    with run_figure(2, 2, result, "terms of the convergence proof") as (figure, axes):
+        (rates, bounds), (sums, forces) = axes
+        _draw_rate(rates, time, _averaged(monitor["V_rate_3_sum"].values, ticks))
+        for index, arm in enumerate(monitor["arm"].values):
+            colour = palette.SERIES[index % len(palette.SERIES)]
+            for name, line, text in (("rho", "-", "|ρ|"), ("damping_force", ":", "λ_min(K_d) |s_r|")):
+                values = _averaged(monitor[name].values[:, index], ticks)
+                bounds.plot(time, values, line, color=colour, label=f"{text}, {arm}")
+        label(bounds, "V may grow where |ρ| > λ_min(K_d) |s_r|", "N m")
+        bounds.set_yscale("log")
+        u = np.apply_along_axis(_averaged, 0, monitor["u_prime"].values, ticks)
+        sums.plot(time, np.linalg.norm(u.sum(axis=1), axis=1), color=palette.ACTUAL, label="|Σ u′|")
+        sums.plot(time, np.linalg.norm(u, axis=2).max(axis=1), color=palette.INTERNAL, label="max |u′|")
+        label(sums, "Theorem 3: the sum vanishes, its terms do not", "N, N m")
+        sums.set_yscale("log")
+        error = [result.data[f"internal_{part}_error"].values[:, 0] for part in ("axial", "shear")]
+        forces.plot(time, np.hypot(*error), color=palette.INTERNAL)
+        label(forces, f"internal-force error, arm {monitor['arm'].values[0]}", "N")
+        for panel in (bounds, sums):
+            panel.legend(loc="best", ncols=2, fontsize=7.0)
+    return figure
+
+
+def _draw_rate(panel: Axes, time: Array, rate: Array) -> None:
+    panel.plot(time, rate, color=palette.ACTUAL)
+    panel.fill_between(time, 0.0, rate, where=(rate > 0.0).tolist(), color=palette.INTERNAL, alpha=0.4)
+    panel.axhline(0.0, color=palette.LIMIT, linewidth=0.6)
+    panel.set_yscale("symlog", linthresh=max(1e-3 * float(np.abs(rate).max()), 1e-9))
+    label(panel, "Σ dV₃/dt: the proof needs it ≤ 0", "W")
+
+
+def _averaged(values: Array, ticks: int) -> Array:
+    """Return the means over a number of ticks around each sample, of fewer at the ends."""
+    window = np.ones(min(ticks, len(values)))
+    return np.convolve(values, window, mode="same") / np.convolve(np.ones_like(values), window, mode="same")
