@@ -74,6 +74,8 @@ _PUBLIC = {
     "SwingMotion": "coop_pin.reference",
     "Tanh": "coop_pin.control",
     "Trajectory": "coop_pin.chain",
+    "TipForceSqueeze": "coop_pin.reference",
+    "TipWrenchSqueeze": "coop_pin.reference",
     "TrustThresholds": "coop_pin.description",
     "TuneResult": "coop_pin.sweeps",
     "TurnMotion": "coop_pin.reference",

@@ -36,6 +36,8 @@ from coop_pin.reference import (
     PoseTarget,
     RampSqueeze,
     SwingMotion,
+    TipForceSqueeze,
+    TipWrenchSqueeze,
     TurnMotion,
     Waypoint,
     WaypointsMotion,
@@ -44,7 +46,7 @@ from coop_pin.reference import (
 from coop_pin.reference.pose_reference import pose_rates
 from coop_pin.reference.splines import PoseSpline
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose, make_pose, pose_error, rpy_from_rotation
+from coop_pin.spatial import inverse_pose, make_pose, pose_error, rpy_from_rotation, shift_wrench
 
 ROOT_3 = math.sqrt(3.0)
 START, GOAL_POSE = (
@@ -673,7 +675,8 @@ def test_a_missing_file_and_a_binary_file_are_refused(tmp_path) -> None:
 
 # ---------------------------------------------------------------- squeeze
 
-ARMS = ["left", "right"]
+ARMS = {"left": Pose(xyz=(-0.12, 0.0, 0.0)), "right": Pose(xyz=(0.12, 0.0, 0.0))}
+SWAPPED = dict(reversed(ARMS.items()))
 NONE = np.zeros((2, 6))
 BAR = np.array(((-10.0, 0, 0, 0, 0, 0), (10.0, 0, 0, 0, 0, 0)))
 
@@ -694,8 +697,56 @@ def test_constant_squeeze_has_the_rows_of_the_arms_asked_for() -> None:
     squeeze = ConstantSqueeze(wrenches=table(BAR))
     assert not squeeze.at(0.0, ARMS).flags.writeable
     assert_array_equal(squeeze.at(5.0, ARMS), BAR)
-    assert_array_equal(squeeze.at(5.0, ARMS[::-1]), BAR[::-1])
+    assert_array_equal(squeeze.at(5.0, SWAPPED), BAR[::-1])
     assert_array_equal(ConstantSqueeze().at(0.0, ARMS), NONE)
+
+
+OFF_CENTRE = {
+    "left": Pose(xyz=(-0.2, 0.03, 0.05)),
+    "right": Pose(xyz=(0.2, -0.01, 0.08)),
+    "third": Pose(xyz=(0.0, 0.3, 0.0)),
+}
+
+
+@pytest.mark.parametrize("arms", [2, 3])
+def test_tip_forces_press_along_the_lines_between_tips_and_move_nothing(arms: int) -> None:
+    grasps = dict(list(OFF_CENTRE.items())[:arms])
+    tips = np.array([grasp.xyz for grasp in grasps.values()])
+    f_P = TipForceSqueeze(force=20.0).at(1.0, grasps)
+    assert not f_P.flags.writeable
+    assert_allclose(f_P.sum(axis=0), np.zeros(6), atol=1e-13)
+    at_tips = shift_wrench(f_P, -tips)
+    assert_allclose(at_tips[:, 3:], 0.0, atol=1e-14)  # no moment at a wrist
+    assert_allclose(np.linalg.norm(at_tips[:, :3], axis=1).mean(), 20.0, rtol=1e-12)
+    centre = tips.mean(axis=0)
+    assert (np.einsum("ij,ij->i", at_tips[:, :3], tips - centre) > 0.0).all()  # the payload pushes outwards
+    assert_allclose(TipForceSqueeze(force=-20.0).at(0.0, grasps), -f_P, rtol=0.0)
+    if arms == 2:
+        assert_allclose(np.cross(at_tips[0, :3], tips[1] - tips[0]), 0.0, atol=1e-13)
+
+
+def test_wrenches_stated_at_the_tips_are_shifted_to_p() -> None:
+    force, grasps = np.array((-10.0, 0.0, 2.0)), {name: OFF_CENTRE[name] for name in ("left", "right")}
+    lever = np.subtract(grasps["left"].xyz, grasps["right"].xyz)
+    balance = np.concatenate((-force, np.cross(lever, -force) - (0.1, 0.2, 0.3)))
+    squeeze = TipWrenchSqueeze(wrenches={"left": (*force, 0.1, 0.2, 0.3), "right": tuple(balance)})
+    squeeze.check_arms(grasps)
+    f_P = squeeze.at(0.0, grasps)
+    assert_allclose(f_P.sum(axis=0), np.zeros(6), atol=1e-14)
+    moment = np.cross(grasps["left"].xyz, force) + np.array((0.1, 0.2, 0.3))
+    assert_allclose(f_P[0], [*force, *moment], atol=1e-14)
+
+
+def test_tip_squeezes_that_cannot_be_are_refused() -> None:
+    grasps = {name: OFF_CENTRE[name] for name in ("left", "right")}
+    moving = TipWrenchSqueeze(wrenches={"left": (1.0, 0, 0, 0, 0, 0), "right": (-1.0, 0, 0, 0, 0, 0)})
+    for squeeze, wrong in (
+        (moving, grasps),
+        (TipForceSqueeze(force=1.0), {"left": OFF_CENTRE["left"]}),
+        (TipForceSqueeze(force=1.0), dict.fromkeys(("left", "right"), OFF_CENTRE["left"])),
+    ):
+        with pytest.raises(FieldError):
+            squeeze.check_arms(wrong)
 
 
 def test_ramped_squeeze_goes_smoothly_from_start_to_goal() -> None:

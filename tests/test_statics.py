@@ -71,7 +71,7 @@ def test_each_part_is_the_virtual_work_of_its_cause(build):
         pull = scenario.cell.shares[index] * scenario.cell.payload.mass * np.array(scenario.cell.gravity)
         for at in (0, 12, -1):
             q = reach.q[at]
-            f_P = scenario.squeeze.at(float(reach.times[at]), scenario.cell.arms)[index]
+            f_P = scenario.squeeze.at(float(reach.times[at]), scenario.cell.grasps)[index]
             X = model.payload_pose(q)
             f_d = rotate_vector6(X[:3, :3], np.array(f_P))
             for k, joint_step in enumerate(STEP * to_joints.T):

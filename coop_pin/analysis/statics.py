@@ -205,7 +205,7 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
     parts = np.zeros((3, len(times), model.nv))
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
-        f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.arms)[index]))
+        f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
         F_load = share * _mass(scenario, float(time)) * np.array(cell.gravity)
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
     weight, load, squeeze = (frozen(part) for part in parts @ np.linalg.inv(model.drive))

@@ -60,8 +60,8 @@ class Cell(Description):
         arms: the arms by name; arrays over arms have their order.
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
-        grasps: for each arm the pose X_PE of its tip in the payload frame; "as-posed" computes them from
-            ``payload_pose`` and the postures, and the cell stores the result.
+        grasps: for each arm, in their order, the pose X_PE of its tip in the payload frame; "as-posed"
+            computes them from ``payload_pose`` and the postures, and the cell stores the result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
         gravity: gravitational acceleration in world axes, m/s^2.
@@ -104,8 +104,9 @@ class Cell(Description):
     @field_validator("grasps")
     @classmethod
     def _one_grasp_each(cls, grasps: dict[str, Pose], earlier: ValidationInfo) -> dict[str, Pose]:
-        check_arm_names(grasps, earlier.data.get("arms"))
-        return grasps
+        arms = earlier.data.get("arms")
+        check_arm_names(grasps, arms)
+        return grasps if arms is None else {name: grasps[name] for name in arms}
 
     @field_validator("load_shares")
     @classmethod

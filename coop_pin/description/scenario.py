@@ -103,7 +103,7 @@ class Scenario(Description):
     @classmethod
     def _names_the_arms(cls, squeeze: Squeeze, earlier: ValidationInfo) -> Squeeze:
         if "cell" in earlier.data:
-            squeeze.check_arms(earlier.data["cell"].arms)
+            squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
 
     @field_validator("events")
@@ -124,7 +124,7 @@ class Scenario(Description):
     @property
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
-        return self.squeeze.at(0.0, self.cell.arms)
+        return self.squeeze.at(0.0, self.cell.grasps)
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:

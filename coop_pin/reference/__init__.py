@@ -14,7 +14,8 @@ acceleration of the payload frame P, world axes, linear first. The kinds:
 - ``FunctionMotion``: a user-written function of time.
 
 A squeeze (``SqueezeReference``) returns from ``at(time, arms)`` the desired internal wrench of each arm,
-payload axes, about P: ``ConstantSqueeze``, ``RampSqueeze``, ``FunctionSqueeze``.
+payload axes, about P: ``ConstantSqueeze``, ``TipForceSqueeze``,
+``TipWrenchSqueeze``, ``RampSqueeze``, ``FunctionSqueeze``.
 
 ``check_consistency`` compares any motion with central differences.
 """
@@ -31,7 +32,14 @@ from coop_pin.reference.motions import (
 )
 from coop_pin.reference.pose_reference import ConsistencyGaps, PoseReference, PoseTarget, check_consistency
 from coop_pin.reference.splines import Waypoint, WaypointsMotion
-from coop_pin.reference.squeeze import ConstantSqueeze, FunctionSqueeze, RampSqueeze, SqueezeReference
+from coop_pin.reference.squeeze import (
+    ConstantSqueeze,
+    FunctionSqueeze,
+    RampSqueeze,
+    SqueezeReference,
+    TipForceSqueeze,
+    TipWrenchSqueeze,
+)
 
 __all__ = [
     "CircleMotion",
@@ -48,6 +56,8 @@ __all__ = [
     "RampSqueeze",
     "SqueezeReference",
     "SwingMotion",
+    "TipForceSqueeze",
+    "TipWrenchSqueeze",
     "TurnMotion",
     "Waypoint",
     "WaypointsMotion",

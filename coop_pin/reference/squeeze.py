@@ -1,9 +1,10 @@
-"""Desired internal wrenches f_d, the squeeze of the payload: constant, a ramp, or a function of time."""
+"""Desired internal wrenches f_d, the squeeze of the payload: about P or at the tips, a ramp, a function."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,7 +14,9 @@ from coop_pin.arrays import Array, as_array, frozen
 from coop_pin.errors import FieldError, ScenarioError, one_or_all
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
+from coop_pin.schema.pose import Pose
 from coop_pin.schema.user_code import FunctionName, load_function
+from coop_pin.spatial import shift_wrench
 
 _ALLOWED_SUM = 1e-9
 _SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the other"
@@ -38,27 +41,30 @@ class SqueezeReference(Description):
     """
 
     @abstractmethod
-    def at(self, time: float, arms: Collection[str]) -> Array:
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
         """Return f_d, N and N m, read-only, shape (m, 6).
 
         Args:
             time: s.
-            arms: names of the m arms, in the order of the rows.
+            grasps: pose X_PE of each arm's tip in the payload frame, in the order of the rows.
         """
 
-    def tables(self) -> Mapping[str, WrenchTable]:
+    def tables(self) -> Mapping[str, Mapping[str, Any]]:
         """Return the tables that must name every arm, by field; "" is the squeeze as a whole."""
         return {}
 
-    def check_arms(self, arms: Collection[str]) -> None:
+    def check_arms(self, grasps: Mapping[str, Pose]) -> None:
         """Refuse tables that have entries but miss an arm or name an unknown one.
+
+        Args:
+            grasps: pose X_PE of each arm's tip in the payload frame.
 
         Raises:
             FieldError: with the table's field as its path.
         """
         for field, table in self.tables().items():
             if table:
-                check_arm_names(table, arms, FieldError, field)
+                check_arm_names(table, grasps, FieldError, field)
 
 
 class ConstantSqueeze(SqueezeReference):
@@ -75,9 +81,69 @@ class ConstantSqueeze(SqueezeReference):
         """Return the one table."""
         return {"": self.wrenches}
 
-    def at(self, time: float, arms: Collection[str]) -> Array:
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
         """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
-        return frozen(_rows(self.wrenches, arms))
+        return frozen(_rows(self.wrenches, grasps))
+
+
+class TipForceSqueeze(SqueezeReference):
+    """f_d of forces at the tips, along the lines between them, without moments there.
+
+    Tip i is pressed by ``f_i = -k sum_j u_ij`` with the unit vectors u_ij from tip i to the others: with two
+    arms along the line between them. About P that is ``[f_i, r_i x f_i]``, which sums to zero. A force stated
+    about P instead loads a grasp that is not on its line with the moment ``-r_i x f_i`` at the wrist.
+
+    Attributes:
+        force: mean over the arms of the force at a tip, N; positive squeezes, negative stretches.
+    """
+
+    kind: Literal["tip-force"] = "tip-force"
+    force: float
+
+    def check_arms(self, grasps: Mapping[str, Pose]) -> None:
+        """Refuse a single arm, and tips at one place.
+
+        Raises:
+            FieldError: with the tips.
+        """
+        tips = _tips(grasps)
+        for first in range(len(tips)):
+            if len(tips) == 1 or any(tips[first] == other for other in tips[first + 1 :]):
+                raise FieldError(f"has no line between tips: they are at {tips}", "force")
+
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
+        """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
+        return _pressed(self.force, _tips(grasps))
+
+
+class TipWrenchSqueeze(SqueezeReference):
+    """f_d of wrenches stated at the tips: about P they are ``[f_i, n_i + r_i x f_i]``, and sum to zero.
+
+    Attributes:
+        wrenches: on each arm by the payload about its own tip E, in payload axes, N and N m.
+    """
+
+    kind: Literal["tip-wrench"] = "tip-wrench"
+    wrenches: dict[str, Vector6]
+
+    def tables(self) -> Mapping[str, Mapping[str, Any]]:
+        """Return the one table."""
+        return {"wrenches": self.wrenches}
+
+    def check_arms(self, grasps: Mapping[str, Pose]) -> None:
+        """Refuse wrenches of other arms, and such that would move the payload.
+
+        Raises:
+            FieldError: with their resultant about P.
+        """
+        super().check_arms(grasps)
+        total = self.at(0.0, grasps).sum(axis=0)
+        if np.abs(total).max() > _ALLOWED_SUM:
+            raise FieldError(f"sum to {total.tolist()} about P; {_SUM_RULE}", "wrenches")
+
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
+        """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
+        return frozen(shift_wrench(_rows(self.wrenches, grasps), np.array(_tips(grasps))))
 
 
 class RampSqueeze(SqueezeReference):
@@ -100,10 +166,10 @@ class RampSqueeze(SqueezeReference):
         """Return both tables."""
         return {"start": self.start, "goal": self.goal}
 
-    def at(self, time: float, arms: Collection[str]) -> Array:
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
         """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
         s = quintic(time, self.start_time, self.duration).value
-        return frozen((1.0 - s) * _rows(self.start, arms) + s * _rows(self.goal, arms))
+        return frozen((1.0 - s) * _rows(self.start, grasps) + s * _rows(self.goal, grasps))
 
 
 class FunctionSqueeze(SqueezeReference):
@@ -120,7 +186,7 @@ class FunctionSqueeze(SqueezeReference):
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
 
-    def at(self, time: float, arms: Collection[str]) -> Array:
+    def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
         """Return f_d of the arms at a time in s, N and N m, shape (m, 6).
 
         Raises:
@@ -129,9 +195,9 @@ class FunctionSqueeze(SqueezeReference):
         """
         value, called = load_function(self.target, self.options)(time), f"{self.target} at t = {time:g} s"
         if isinstance(value, Mapping):
-            check_arm_names(value, arms, FieldError, "squeeze.target")
-            value = [value[name] for name in arms]
-        rows = as_array(called, value, len(arms), 6)
+            check_arm_names(value, grasps, FieldError, "squeeze.target")
+            value = [value[name] for name in grasps]
+        rows = as_array(called, value, len(grasps), 6)
         total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))
         if np.abs(total).max() > _ALLOWED_SUM * largest:
             raise FieldError(f"{called} sums to {total.tolist()}; {_SUM_RULE}", "squeeze.target")
@@ -140,6 +206,22 @@ class FunctionSqueeze(SqueezeReference):
 
 def _rows(wrenches: Mapping[str, Any], arms: Collection[str]) -> Array:
     return np.array([wrenches[name] for name in arms]) if wrenches else np.zeros((len(arms), 6))
+
+
+def _tips(grasps: Mapping[str, Pose]) -> tuple[tuple[float, float, float], ...]:
+    """Return the position r_i of each tip in the payload frame, m."""
+    return tuple(grasp.xyz for grasp in grasps.values())
+
+
+@lru_cache(maxsize=64)
+def _pressed(force: float, tips: tuple[tuple[float, float, float], ...]) -> Array:
+    """Return [f_i, r_i x f_i] with f_i = -k sum_j u_ij whose mean norm is the force, shape (m, 6)."""
+    r = np.array(tips)
+    lines = r[None] - r[:, None]
+    lengths = np.linalg.norm(lines, axis=2, keepdims=True)
+    pulls = np.divide(lines, lengths, out=np.zeros_like(lines), where=lengths > 0.0).sum(axis=1)
+    forces = -force * pulls / np.linalg.norm(pulls, axis=1).mean()
+    return frozen(np.concatenate((forces, np.cross(r, forces)), axis=1))
 
 
 def _plain_table(value: Any) -> Any:
@@ -157,6 +239,9 @@ def _plain_table(value: Any) -> Any:
 
 
 Squeeze = Annotated[
-    Annotated[ConstantSqueeze | RampSqueeze | FunctionSqueeze, Field(discriminator="kind")],
+    Annotated[
+        ConstantSqueeze | TipForceSqueeze | TipWrenchSqueeze | RampSqueeze | FunctionSqueeze,
+        Field(discriminator="kind"),
+    ],
     BeforeValidator(_plain_table),
 ]

@@ -92,6 +92,7 @@ class Simulation:
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
         self._payload: Payload = scenario.cell.payload
+        self._grasps = scenario.cell.grasps
         self._applied: Applied | None = None
         self._replaced: list[str] = []
 
@@ -173,11 +174,11 @@ class Simulation:
     def references(self, time: float) -> list[ArmReference]:
         """Return the reference of each arm at a time, s."""
         time = as_number("time", time)
-        return self._references(self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms))
+        return self._references(self.motion.at(time), self.squeeze.at(time, self._grasps))
 
     def _tick(self, tick: int) -> None:
         time = self.timeline.time(tick)
-        target, squeeze = self.motion.at(time), self.squeeze.at(time, self.scenario.cell.arms)
+        target, squeeze = self.motion.at(time), self.squeeze.at(time, self._grasps)
         references = self._references(target, squeeze)
         if self._applied is None:
             measurements = self.sensing.start(self.plant.q, self.plant.v, references)
