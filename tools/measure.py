@@ -2,9 +2,9 @@
 
     python tools/measure.py
 
-Every test named in a table of the page runs. The column shows the largest difference between actual and expected value
-of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance. Rows whose tests
-compare no numbers have a dash.
+Every test named in a table of the page runs. The column shows the largest difference between actual and
+expected value of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance.
+Rows whose tests compare no numbers have a dash.
 """
 
 from __future__ import annotations
