@@ -117,7 +117,7 @@ KINDS = {
 def test_runs_that_hang_exit_or_crash_are_recorded_and_the_rest_goes_on(tmp_path, modes):
     laws = {f"{mode} {i}": law(mode) for i, mode in enumerate(modes)}
     plan = SweepPlan(
-        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=1.0
+        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=2.0
     )
     result = sweep(plan, out=tmp_path, workers=2, quiet=True)
     seen = {failure.number: failure.kind for failure in result.failures}
