@@ -1,15 +1,18 @@
 """Comparison with MuJoCo on the paper's experiment: cost, closure error, internal-force error.
 
-    python benchmarks/bench_mujoco.py [--rounds 15] [--duration 20] [--solref 2 3 4]
+    python benchmarks/bench_mujoco.py [--rounds 15] [--duration 20] [--solref 2 3 4] [--pages FILE ...]
 
 Both run the same controller object on the same kinematics at 80 Hz, with the same events. Coulomb friction is
 zero in both: MuJoCo models it as a constraint, coop_pin as a smooth function of speed. Errors are relative
-to coop_pin at 64 steps in a tick. Printed, never asserted.
+to coop_pin at 64 steps in a tick. Printed, never asserted; --pages docs/verification.md benchmarks/README.md
+writes the table of plants on these pages.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
+from pathlib import Path
 
 import numpy as np
 from common import interleaved, ratio, shortened
@@ -47,6 +50,33 @@ def errors(run: Recorded, reference: Recorded) -> list[float]:
     ]
 
 
+def with_table(page: str, measured: dict[str, list[float]], cost: dict[str, np.ndarray]) -> str:
+    """Return a page with the rows of its table of plants replaced.
+
+    Args:
+        page: its table has the columns plant, the six errors, cost.
+        measured: errors of each plant.
+        cost: of each plant, relative to the first row of the page, in every round.
+    """
+    rows = [
+        f"| {name} | "
+        + " | ".join(f"{error:.1e}" for error in measured[name])
+        + f" | {spread(cost[name])} |\n"
+        for name in measured
+    ]
+    head = r"^\| plant \|.*\n\|[-| ]+\n"
+    written, found = re.subn(
+        rf"({head})(?:\|.*\n)+", lambda table: table[1] + "".join(rows), page, flags=re.M
+    )
+    assert found == 1, "the page must have one table of plants"
+    return written
+
+
+def spread(cost: np.ndarray) -> str:
+    """Return the median and the range of relative costs."""
+    return f"{np.median(cost):.1f} ({cost.min():.1f} .. {cost.max():.1f})"
+
+
 def coop_pin_run(scenario: cp.Scenario, steps: int) -> cp.RunResult:
     scenario = scenario.override({"clock.steps_per_tick": steps})
     return cp.simulate(scenario, build_controller(scenario))
@@ -64,6 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
         default=[2.0, 3.0, 4.0],
         help="time constants of the weld in plant steps",
     )
+    parser.add_argument("--pages", type=Path, nargs="+", default=[], help="files with a table of plants")
     options = parser.parse_args(arguments)
     scenario = shortened(cp.Scenario.load("adept-paper", OVERRIDES), options.duration)
     runs = {
@@ -80,11 +111,15 @@ def main(arguments: list[str] | None = None) -> None:
     unit = seconds[f"MuJoCo, 2.5 ms, solref {options.solref[0]:g} dt"]
     print(f"{options.duration:g} s of adept-paper, whole runs; largest errors over the run")
     titles = ("gap m", "gap rad", "pose m", "pose rad", "int. N", "int. N m")
-    print(" " * 26 + "".join(f"{title:>10s}" for title in titles) + "   cost (MuJoCo = 1)")
+    print(" " * 28 + "".join(f"{title:>10s}" for title in titles) + "   cost (MuJoCo = 1)")
     for name in runs:
         print(
-            f"{name:26s}" + "".join(f"{error:10.1e}" for error in measured[name]) + ratio(seconds[name], unit)
+            f"{name:28s}" + "".join(f"{error:10.1e}" for error in measured[name]) + ratio(seconds[name], unit)
         )
+    for page in options.pages:
+        cost = {name: seconds[name] / unit for name in runs}
+        text = with_table(page.read_text(encoding="utf-8"), measured, cost)
+        page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -53,25 +53,20 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
 
-    def write_unfinished(self, result: RunResult, timing: Timing) -> None:
-        """Write scenario, result and timing; metrics and pictures of an earlier run are removed.
+    def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
+        """Write a run, finished or not; what an earlier run left in the folder is replaced or removed.
 
-        A run that broke off has no metrics: it did not reach their windows.
+        metrics.json starts with the verdict, its reasons and, if an error ended the run, the error's class. A
+        run that did not reach the window of a metric has null there.
         """
         text = result.scenario.to_toml()
         write_atomically(self.path / self.SCENARIO, lambda part: part.write_text(text, encoding="utf-8"))
         result.save(self.path / self.RESULT)
         self._write_json(self.TIMING, timing._asdict())
-        figures = (f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))
-        for name in (self.METRICS, self.REPLAY, self.REPORT, *figures):
+        self._write_json(self.METRICS, _metrics(result))
+        pictures = (f"{name}.{kind}" for name in self.FIGURES for kind in ("png", "svg"))
+        for name in (self.REPLAY, self.REPORT, *pictures):
             (self.path / name).unlink(missing_ok=True)
-
-    def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
-        """Write a finished run; metrics and pictures of an earlier run are replaced or removed."""
-        self.write_unfinished(result, timing)
-        reasons = [str(breach) for breach in result.breaches()]
-        metrics = {key: _strict(value) for key, value in result.metrics().items()}
-        self._write_json(self.METRICS, metrics | {"trustworthy": not reasons, "reasons": reasons})
         if replay:
             self.write_replay(result)
         if figures:
@@ -106,6 +101,11 @@ class RunFolder:
             figures.save_figure(make(result), self.path / name)
 
 
-def _strict(value: float) -> float | None:
-    """JSON has no number for infinity and not-a-number: they become null."""
-    return value if math.isfinite(value) else None
+def _metrics(result: RunResult) -> dict[str, Any]:
+    """Return verdict, reasons and metrics for JSON, which has no infinity and no not-a-number: null."""
+    reasons = [str(breach) for breach in result.breaches()]
+    verdict: dict[str, Any] = {"trustworthy": not reasons, "reasons": reasons}
+    if result.ENDED_BY in result.data.attrs:
+        verdict[result.ENDED_BY] = result.data.attrs[result.ENDED_BY]
+    numbers = {name: value if math.isfinite(value) else None for name, value in result.metrics().items()}
+    return verdict | {name: value for name, value in numbers.items() if name not in verdict}

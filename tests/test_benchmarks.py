@@ -1,8 +1,10 @@
 """The benchmarks run; MuJoCo, an independent simulator, moves the same cell the same way."""
 
 import importlib
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -34,12 +36,54 @@ def test_the_live_benchmark_prints_cost_and_rate(benchmark_module, capsys, monke
     assert ", 0 dropped" in printed
 
 
-def test_the_mujoco_benchmark_prints_its_table(benchmark_module, capsys):
+PAGES = ("docs/verification.md", "benchmarks/README.md")
+
+
+def table_of_plants(page):
+    """Cells of each row but the first two, by the row's name."""
+    (table,) = re.findall(
+        r"^\| plant \|.*\n\|[-| ]+\n((?:\|.*\n)+)", page.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
+    return {name: cells for name, *cells in rows}
+
+
+def test_the_mujoco_benchmark_prints_its_table_and_writes_it_into_pages(benchmark_module, capsys, tmp_path):
     pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
-    benchmark_module("bench_mujoco").main(["--rounds", "1", "--duration", "0.05", "--solref", "2"])
-    printed = capsys.readouterr().out
-    assert "coop_pin, 2.5 ms" in printed
-    assert "MuJoCo, 2.5 ms, solref 2 dt" in printed
+    page = tmp_path / "page.md"
+    page.write_text("before\n\n| plant | gap, m |\n|---|---|\n| old | 1 |\n\nafter\n")
+    words = ["--rounds", "1", "--duration", "0.05", "--solref", "2", "--pages", str(page)]
+    benchmark_module("bench_mujoco").main(words)
+    lines = [re.split(r" {2,}", line) for line in capsys.readouterr().out.splitlines() if " ms" in line]
+    assert len(lines) == 4
+    assert {name: cells[:6] for name, *cells in lines} == {
+        name: cells[:6] for name, cells in table_of_plants(page).items()
+    }
+    assert page.read_text().startswith("before\n\n| plant |")
+    assert page.read_text().endswith("|\n\nafter\n")
+
+
+def test_the_pages_have_the_same_table_of_plants():
+    verification, readme = (table_of_plants(BENCHMARKS.parent / name) for name in PAGES)
+    assert verification == readme
+    assert {"coop_pin, 2.5 ms", "MuJoCo, 2.5 ms, solref 2 dt"} <= set(readme)
+
+
+@pytest.mark.slow
+def test_the_errors_in_the_table_of_plants_are_those_of_its_runs(benchmark_module):
+    """To a factor of two: the smallest are rounding, which another machine does differently."""
+    pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
+    bench, cell = benchmark_module("bench_mujoco"), benchmark_module("mujoco_cell")
+    scenario = cp.Scenario.load("adept-paper", bench.OVERRIDES)
+    reference = bench.recorded(bench.coop_pin_run(scenario, 64))
+    found = {
+        "coop_pin, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5)),
+        "MuJoCo, 2.5 ms, solref 2 dt": cell.MujocoRun(scenario, build_controller(scenario), 2.0).run(),
+    }
+    table = table_of_plants(BENCHMARKS / "README.md")
+    for name, run in found.items():
+        shown = np.array([float(error) for error in table[name][:6]])
+        assert_allclose(np.log2(bench.errors(run, reference) / shown), 0.0, atol=1.0, err_msg=name)
 
 
 def test_mujoco_agrees_on_motion_and_internal_wrench(benchmark_module):

@@ -332,7 +332,7 @@ def test_the_sliders_of_the_live_notebook_change_the_run(lab):
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
         paused = frame.evaluate(SHOWN)
-        frame.wait_for_function(f"{SHOWN} > {paused} + 1.5")
+        frame.wait_for_function(f"{SHOWN} > {paused} + 0.5")
         before = frame.evaluate(
             "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
         )
@@ -342,7 +342,7 @@ def test_the_sliders_of_the_live_notebook_change_the_run(lab):
             handle.press("ArrowRight")
         frame.wait_for_function("coopPin.shown.desired_internal > 12")
         asked = frame.evaluate(SHOWN)
-        frame.wait_for_function(f"{SHOWN} > {asked} + 2")
+        frame.wait_for_function(f"{SHOWN} > {asked} + 1")
         after = frame.evaluate(
             "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
         )
@@ -357,6 +357,13 @@ def test_the_sliders_of_the_live_notebook_change_the_run(lab):
         if folder := os.environ.get("COOP_PIN_PICTURES"):  # to keep a screenshot
             page.screenshot(path=Path(folder) / "lab.png")
 
+
+@pytest.mark.slow
+def test_a_new_kernel_of_the_live_notebook_has_a_new_view(lab):
+    with browser_page(width=1500, height=1300) as page:
+        page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
+        run_cells(page, *AS_FAR_AS_THE_PANEL)
+        frame = live_frame(page)
         old = frame.url
         page.get_by_role("button", name="Restart the kernel", exact=True).click()
         page.locator(".jp-Dialog .jp-mod-accept").click()
@@ -367,7 +374,7 @@ def test_the_sliders_of_the_live_notebook_change_the_run(lab):
             return frame && frame.src !== {old!r}; }}""")
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
-        frame.wait_for_function("coopPin.shown.time > 0.5")  # a new kernel, a new view
+        frame.wait_for_function("coopPin.shown.time > 0.5")
 
 
 @pytest.mark.slow

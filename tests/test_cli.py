@@ -85,7 +85,7 @@ def test_run_leaves_the_whole_folder(paper_folder):
 
 def test_metrics_are_flat_and_those_of_the_result(paper_folder):
     metrics = json.loads((paper_folder / "metrics.json").read_text(), parse_constant=pytest.fail)
-    assert list(metrics) == [*METRICS, "reasons"]
+    assert list(metrics) == ["trustworthy", "reasons", *METRICS[1:]]
     assert metrics.pop("reasons") == []
     assert metrics == cp.run("adept-paper").metrics()
 
@@ -359,7 +359,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_run(tmp_path, capsys):
 
 
 def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, capsys):
-    (tmp_path / "metrics.json").write_text("old")
+    (tmp_path / "replay.html").write_text("old")
     words = ["--controller.force-path.kind", "late", "--controller.gains.force-gain", "1.1", "--beyond-bound"]
     assert main(["run", "adept-paper", "--out", str(tmp_path), *words]) == 1
     err = capsys.readouterr().err
@@ -367,7 +367,13 @@ def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, cap
     assert f"diverged at t = {result.end:g} s" in err
     assert str(tmp_path / "result.nc") in err
     assert 0.0 < result.end < 20.0
-    assert files(tmp_path) == ["result.nc", "scenario.toml", "timing.json"]
+    assert files(tmp_path) == sorted(NUMBER_FILES)
+    metrics = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
+    assert list(metrics) == ["trustworthy", "reasons", "ended_by", *METRICS[1:]]
+    assert metrics["trustworthy"] is False
+    assert metrics["reasons"] == [str(breach) for breach in result.breaches()]
+    assert metrics["ended_by"] == "DivergedError"
+    assert metrics["closure_error_max_m"] == result.closure_error_max()[0]
 
 
 INTERRUPTING = """
@@ -394,6 +400,8 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert "interrupted at t = 0.1 s" in done.stderr
     assert "Traceback" not in done.stderr
     assert cp.RunResult.load(tmp_path / "kept" / "result.nc").end == pytest.approx(0.1)
+    metrics = json.loads((tmp_path / "kept" / "metrics.json").read_text())
+    assert metrics["position_rms_m"] is None  # it did not reach the window
 
 
 # ---------------------------------------------------------------- the other commands

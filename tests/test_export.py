@@ -106,14 +106,22 @@ def test_images_can_be_made_in_a_notebook_and_are_reproducible(result, tmp_path)
     assert (tmp_path / "loop.png").read_bytes() == (tmp_path / "again.png").read_bytes()
 
 
-@pytest.mark.usefixtures("browser")
 def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, capsys):
+    """test_readme.py has the same command with a browser that draws."""
+    drawn = []
+
+    def page_images(_page, times, width, height):
+        drawn.append((list(times), width, height))
+        yield b"\x89PNG"
+
+    monkeypatch.setattr("coop_pin.viz.export.page_images", page_images)
     monkeypatch.setenv("DISPLAY", ":0")  # does not exist
     monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
     result.save(tmp_path / "result.nc")
     assert main(["view", str(tmp_path), "--image", str(tmp_path / "end.png"), "--time", "0.2"]) == 0
     assert capsys.readouterr().out.strip() == str((tmp_path / "end.png").resolve())
-    assert (tmp_path / "end.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "end.png").read_bytes() == b"\x89PNG"
+    assert drawn == [([0.2], 1200, 720)]
 
 
 def test_frame_times_are_on_the_clock_of_the_run():

@@ -68,8 +68,19 @@ def test_static_squeeze_of_the_paper():
     assert_allclose([force.axial_mean, force.axial_rms_error, force.shear_rms], [-10.0, 0.0, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize(("rate", "steps", "duration"), [(80.0, 5, 10.0), (400.0, 1, 10.0), (2000.0, 1, 6.0)])
-def test_internal_force_error_grows_with_alpha(rate, steps, duration):
+ALPHAS = (0.0, 0.05, 0.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("rate", "steps", "duration", "alphas"),
+    [
+        (80.0, 5, 10.0, ALPHAS),
+        (400.0, 1, 6.0, ALPHAS),
+        (2000.0, 1, 4.5, (0.0, 1.0)),
+        pytest.param(2000.0, 1, 6.0, ALPHAS, marks=pytest.mark.slow),
+    ],
+)
+def test_internal_force_error_grows_with_alpha(rate, steps, duration, alphas):
     """Theorem 3 states zero. The rms error grows with alpha at every control rate, from nearly zero."""
     errors = [
         force_error(
@@ -78,7 +89,7 @@ def test_internal_force_error_grows_with_alpha(rate, steps, duration):
             clock__steps_per_tick=steps,
             duration=duration,
         ).force_rms_error
-        for alpha in (0.0, 0.05, 0.2, 1.0)
+        for alpha in alphas
     ]
     assert errors == sorted(errors)
     assert errors[0] < 0.15

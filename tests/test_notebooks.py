@@ -18,7 +18,7 @@ MOST_CELLS = 25
 SHORT = {
     "01_paper": "seconds = 5.0",
     "03_your_own_arm": "seconds = 0.5",
-    "04_sweeps": "gains, poles, force_gains = 2, 2, 4",
+    "04_sweeps": "gains, poles, force_gains, workers = 2, 2, 4, 0",
 }
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 

@@ -135,6 +135,9 @@ def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(t
     assert [f.number for f in result.failures] == [0, 1, 3]
     assert result.counts() == {"ok": 1, "failed": 3, "missing": 0}
     assert np.isfinite(result.data["failed_at_s"].values[0])
+    assert_array_equal(result.data["trustworthy"], np.array([0.0, 0.0, 1.0, 0.0]).reshape(result.plan.shape))
+    with (tmp_path / "table.csv").open() as file:
+        assert [line["trustworthy"] for line in csv.DictReader(file)] == ["0.0", "0.0", "1.0", "0.0"]
 
 
 def test_values_that_a_scenario_refuses_are_failures_and_are_not_tried(tmp_path, computed):
@@ -171,7 +174,14 @@ def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_pat
         sweep("adept-paper", out=tmp_path, workers=1, metrics=("__main__:mine",))
 
 
-def test_an_absent_scheduler_is_a_typed_error(tmp_path):
+def test_an_absent_scheduler_is_a_typed_error(tmp_path, monkeypatch):
+    """It is waited for: here a second, not five."""
+    from coop_pin.sweeps import cluster
+
+    client = cluster._CLIENT
+    monkeypatch.setattr(
+        cluster, "_CLIENT", lambda *place, **given: client(*place, **given | {"timeout": "1s"})
+    )
     with pytest.raises(WorkersLostError, match="no dask scheduler"):
         sweep("adept-paper", out=tmp_path, scheduler="tcp://127.0.0.1:9", quiet=True, changes=SHORT)
 

@@ -143,6 +143,19 @@ def test_a_torque_cut_breaches_when_it_lasts_without_a_break():
     assert "torque cut" not in causes(patient)
 
 
+def test_a_torque_cut_lasts_as_long_where_few_samples_are_kept():
+    """Start and end are known to within the time from one to the next."""
+    weak = {"duration": 0.8, "events": [], "cell.arms.left.torque_limits": 1.0}
+    cut = {}
+    for every in (1, 7):
+        breaches = cp.run("adept-paper", weak | {"clock.record_every": every}).breaches()
+        cut[every] = {b.joint: (b.time, b.value) for b in breaches if b.cause == "torque cut"}
+    assert cut[7]
+    for joint, found in cut[7].items():
+        assert_allclose(found[0], cut[1][joint][0], rtol=0, atol=7 / 80)
+        assert_allclose(found[1], cut[1][joint][1], rtol=0, atol=2 * 7 / 80)
+
+
 def test_a_diverged_run_says_so_last_and_still_does_after_loading(tmp_path):
     late = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 1.5}
     with pytest.raises(DivergedError) as caught:
@@ -172,7 +185,7 @@ def test_samples_one_by_one_have_the_breaches_of_the_whole(singular):
     data = singular.data
     joints = [(str(arm), list(data.joint_name.sel(arm=arm).values)) for arm in data.arm.values]
     limits = data.position_lower.values, data.position_upper.values
-    monitor = TrustMonitor(singular.scenario.trust, singular.scenario.clock.period, joints, *limits)
+    monitor = TrustMonitor(singular.scenario.trust, joints, *limits)
     samples = {str(name): data[name].values for name in ("time", *data.data_vars)}
     varying = {name: values for name, values in samples.items() if "time" in data[name].dims}
     first = {}

@@ -233,13 +233,27 @@ def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_pro
     assert table(tmp_path) == table(folder)
 
 
-def test_a_scheduler_elsewhere_serves_the_search(tmp_path, searches, clusters):
-    with scheduler_elsewhere(tmp_path) as address:
-        found = cp.tune(SHORT, RANGES, out=tmp_path / "out", scheduler=address, **OPTIONS)
+def test_a_scheduler_elsewhere_serves_the_search_and_its_death_is_a_typed_error_and_loses_nothing(
+    tmp_path, searches, clusters, monkeypatch
+):
+    """It dies between the generations of the second search."""
     undisturbed, folder = searches("evolution")
-    assert clusters == [address]
-    assert repr(found.best) == repr(undisturbed.best)
-    assert table(tmp_path / "out") == table(folder)
+    original = Objective.costs
+    with contextlib.ExitStack() as stack:
+        address = stack.enter_context(scheduler_elsewhere(tmp_path))
+        found = cp.tune(SHORT, RANGES, out=tmp_path / "out", scheduler=address, **OPTIONS)
+        assert clusters == [address]
+        assert repr(found.best) == repr(undisturbed.best)
+        assert table(tmp_path / "out") == table(folder)
+
+        def last_costs(self, result):
+            stack.close()
+            return original(self, result)
+
+        monkeypatch.setattr(Objective, "costs", last_costs)
+        with pytest.raises(WorkersLostError, match="finished runs are kept"):
+            cp.tune(SHORT, RANGES, out=tmp_path / "cut", scheduler=address, **OPTIONS)
+    assert SweepResult.load(tmp_path / "cut").counts() == {"ok": 5, "failed": 0, "missing": 5}
 
 
 def test_a_search_that_finds_all_its_runs_starts_no_workers(tmp_path, searches, clusters):
@@ -263,22 +277,6 @@ def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_pat
     monkeypatch.setattr(backend, "run_job", intruded)
     cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
     assert len(refused) == 10
-
-
-def test_a_scheduler_that_dies_between_generations_is_a_typed_error_and_loses_nothing(tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
-    original = Objective.costs
-    with contextlib.ExitStack() as stack:
-        address = stack.enter_context(scheduler_elsewhere(tmp_path))
-
-        def last_costs(self, result):
-            stack.close()
-            return original(self, result)
-
-        monkeypatch.setattr(Objective, "costs", last_costs)
-        with pytest.raises(WorkersLostError, match="finished runs are kept"):
-            cp.tune(SHORT, RANGES, out=tmp_path / "out", scheduler=address, **OPTIONS)
-    assert SweepResult.load(tmp_path / "out").counts() == {"ok": 5, "failed": 0, "missing": 5}
 
 
 def test_workers_that_die_between_generations_are_replaced_and_the_history_stays(

@@ -2,9 +2,9 @@
 
     python tools/measure.py
 
-Every test named on the page runs. The column shows the largest difference between actual and expected value
-of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance. Rows whose tests
-compare no numbers have a dash.
+Every test named in a table of the page runs. The column shows the largest difference between actual and
+expected value of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance.
+Rows whose tests compare no numbers have a dash.
 """
 
 from __future__ import annotations
@@ -136,4 +136,5 @@ def measure(names: set[str]) -> dict[str, Found]:
 
 if __name__ == "__main__":
     text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(fill(text, measure(set(NAMED.findall(text)))), encoding="utf-8")
+    rows = "\n".join(line for line in text.splitlines() if line.startswith("|"))
+    PAGE.write_text(fill(text, measure(set(NAMED.findall(rows)))), encoding="utf-8")

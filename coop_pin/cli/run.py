@@ -75,7 +75,7 @@ class Run:
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
-            folder.write_unfinished(error.result, watch.timing(error.result))
+            folder.write(error.result, watch.timing(error.result), replay=False, figures=False)
             print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
             self._warn(error.result.verdict(), error.result.breaches())
             return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED

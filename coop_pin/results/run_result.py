@@ -96,7 +96,7 @@ class RunResult:
         names = [[name for name in row if name] for row in data["joint_name"].values.tolist()]
         joints = list(zip(map(str, data["arm"].values), names, strict=True))
         limits = data["position_lower"].values, data["position_upper"].values
-        monitor = TrustMonitor(self.scenario.trust, self.scenario.clock.period, joints, *limits)
+        monitor = TrustMonitor(self.scenario.trust, joints, *limits)
         found = monitor.breaches({str(name): data[name].values for name in ("time", *data.data_vars)})
         if self.ENDED_BY in data.attrs:
             found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)

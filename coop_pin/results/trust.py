@@ -60,13 +60,12 @@ def in_time(breaches: Sequence[Breach]) -> tuple[Breach, ...]:
 class TrustMonitor:
     """Search for breaches in successive samples: those of a whole run at once, or of each tick as it is done.
 
-    It keeps the gross work and the lengths of torque cuts from one call of ``breaches`` to the next.
+    It keeps the gross work and the starts of torque cuts from one call of ``breaches`` to the next.
     """
 
     def __init__(
         self,
         thresholds: TrustThresholds,
-        period: float,
         joints: Sequence[tuple[str, Sequence[str]]],
         lower: Array,
         upper: Array,
@@ -75,14 +74,13 @@ class TrustMonitor:
 
         Args:
             thresholds: of the scenario.
-            period: between samples, s.
             joints: name of each arm, and names of its joints.
             lower: smallest joint positions, shape (m, k); NaN where there is no limit.
             upper: largest joint positions, likewise.
         """
-        self._allowed, self._period, self._joints = thresholds, period, joints
+        self._allowed, self._joints = thresholds, joints
         self._lower, self._upper = lower, upper
-        self._gross, self._cut_ticks = 0.0, np.zeros(lower.shape, dtype=int)
+        self._gross, self._cut_start = 0.0, np.full(lower.shape, np.nan)
         self._last: Array | None = None
         self._start_energy = 0.0
 
@@ -118,11 +116,12 @@ class TrustMonitor:
 
     def _torque_cuts(self, samples: Samples) -> Iterator[Breach]:
         saturated, allowed = samples["saturated"].astype(bool), self._allowed.torque_cut
-        ticks = np.arange(1, len(saturated) + 1)[:, None, None]
-        last_free = np.maximum.accumulate(np.where(saturated, 0, ticks), axis=0)
-        cut_ticks = np.where(last_free, ticks - last_free, ticks + self._cut_ticks)
-        self._cut_ticks = cut_ticks[-1]
-        lengths = (cut_ticks - 1) * self._period
+        time, places = samples["time"], np.arange(1, len(saturated) + 1)
+        after_free = np.maximum.accumulate(np.where(saturated, 0, places[:, None, None]), axis=0)
+        earlier = np.fmin(self._cut_start, time[0])  # of a cut that the first sample is in
+        starts = np.where(after_free, np.append(time, np.nan)[after_free], earlier)
+        self._cut_start = np.where(saturated[-1], starts[-1], np.nan)
+        lengths = np.where(saturated, time[:, None, None] - starts, 0.0)
         for a, j, first, worst in _columns(lengths > allowed * (1.0 + 1e-9), lengths):
             start = float(samples["time"][first] - lengths[first, a, j])
             yield Breach("torque cut", *self._names(a, j), start, float(lengths[worst, a, j]), allowed)

@@ -55,7 +55,7 @@ class Recorder:
             np.zeros(len(arm.drive)) if posture is None else np.array(posture)
             for arm, posture in zip(arms, postures, strict=True)
         ]
-        self._monitor = TrustMonitor(scenario.trust, timeline.period, self._joints, *self._limit_table()[:2])
+        self._monitor = TrustMonitor(scenario.trust, self._joints, *self._limit_table()[:2])
 
     def record(
         self,

@@ -287,9 +287,10 @@ class SweepResult:
         return "\n".join(lines)
 
     def _warnings(self) -> list[str]:
-        """Return how many runs are not trustworthy, and how many have no steady metrics."""
+        """Return how many finished runs are not trustworthy, and how many have no steady metrics."""
         names, lines = self.metric_names, []
-        untrusted = int((self.data["trustworthy"] == 0.0).sum()) if "trustworthy" in names else 0
+        finished = self.data["status"] == OK  # the failed ones are listed with their errors
+        untrusted = int((finished & (self.data["trustworthy"] == 0.0)).sum()) if "trustworthy" in names else 0
         if untrusted:
             lines.append(f"  {untrusted} NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why")
         if "window_end_s" in names:

@@ -41,6 +41,13 @@ class Row(NamedTuple):
             return MISSING
         return OK if self.record.failure is None else FAILED
 
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Metrics of the run; a failed one has none but that it is not trustworthy."""
+        if self.record is None:
+            return {}
+        return self.record.metrics if self.record.failure is None else {"trustworthy": 0.0}
+
 
 def point_key(plan: SweepPlan, index: int) -> str:
     """Return the key of a point's run."""
@@ -65,8 +72,9 @@ def rows(plan: SweepPlan, store: SweepStore) -> Iterator[Row]:
 def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     """Return all runs with the plan's dimensions.
 
-    Variables: every metric (not a number where a run failed or is missing), ``status`` ("ok", "failed",
-    "missing"), ``failure`` (name of the error) and ``failed_at_s`` (simulated time of a divergence).
+    Variables: every metric of the finished runs (not a number where a run failed or is missing, but the
+    ``trustworthy`` of a failed one is 0), ``status`` ("ok", "failed", "missing"), ``failure`` (name of the
+    error) and ``failed_at_s`` (simulated time of a divergence).
     """
     n = len(plan)
     metrics: dict[str, np.ndarray] = {}
@@ -77,11 +85,13 @@ def dataset(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
         status[place] = row.status
         if record is None:
             continue
-        for name, value in record.metrics.items():
+        for name, value in row.metrics.items():
             metrics.setdefault(name, np.full(n, np.nan))[place] = value
         if record.failure is not None:
             failure[place] = record.failure.kind
             failed_at[place] = record.failure.numbers.get("time", np.nan)
+    if OK not in status:
+        metrics = {}
     dims = [dimension.name for dimension in plan.dimensions]
     columns = {**metrics, "status": status, "failure": failure.astype(str), "failed_at_s": failed_at}
     data = xr.Dataset({name: (dims, values.reshape(plan.shape)) for name, values in columns.items()})
@@ -102,7 +112,7 @@ def write_csv(path: Path, plan: SweepPlan, store: SweepStore, metrics: list[str]
     for row in rows(plan, store):
         failure = row.record.failure if row.record else None
         reason = (failure.kind, failure.message) if failure else ("", "")
-        values = [row.record.metrics.get(name) if row.record else None for name in metrics]
+        values = [row.metrics.get(name) for name in metrics]
         lines.append(
             [row.point.number, *row.point.parameters.values(), row.status, *reason, *values, row.key]
         )
