@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_number, require_type
 from coop_pin.description.arm import Arm
-from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
+from coop_pin.description.urdf import UrdfFile, UrdfLoop, find_urdf, load_checked, read_loops, text_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
 
@@ -203,8 +203,10 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
         q[first] = angle
 
 
-def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False) -> pin.Model:
-    """Return the model of a URDF tree whose root link is fixed in the world.
+def mechanism_model(
+    path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False
+) -> tuple[pin.Model, tuple[UrdfLoop, ...]]:
+    """Return the model of a URDF tree whose root link is fixed in the world, and the loops of the file.
 
     Args:
         path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
@@ -212,20 +214,24 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
         ignore_mimic: let mimic joints move independently.
 
     Raises:
-        UrdfError: there is no such file; it has structural defects; MimicJointError: it has mimic joints.
+        UrdfError: there is no such file; it has structural defects, or loops that cannot be read;
+            MimicJointError: it has mimic joints.
         ShapeError, OutOfRangeError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
     require_type("path_or_xml", path_or_xml, str, Path)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
     name = "the text" if is_text else Path(path_or_xml).name
-    text = text_checked(str(path_or_xml)) if is_text else load_checked(find_urdf(path_or_xml))
+    if is_text:
+        text = text_checked(str(path_or_xml), loops=True)
+    else:
+        text = load_checked(find_urdf(path_or_xml), loops=True)
     followers = Robot(text).mimics
     if followers and not ignore_mimic:
         raise MimicJointError(name, followers, "mimic")
     model = model_from_text(text, name)
     model.gravity.linear = along
-    return model
+    return model, read_loops(text)
 
 
 def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
