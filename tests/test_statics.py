@@ -291,6 +291,27 @@ def test_show_of_a_robot_lists_links_joints_limits_and_tips(by_file, capsys):
     assert "  panda_leftfinger: 8 joints from the root" in tips
 
 
+def test_show_and_check_urdf_take_packages_and_arguments_of_a_xacro(tmp_path, capsys):
+    pytest.importorskip("xacrodoc")
+    head = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (tmp_path / "parts" / "mass").mkdir(parents=True)
+    (tmp_path / "parts" / "mass" / "package.xml").write_text("<package><name>mass</name></package>")
+    (tmp_path / "parts" / "mass" / "tip.xacro").write_text(f'{head}<link name="$(arg tip)"/></robot>')
+    (tmp_path / "arms").mkdir()
+    file = tmp_path / "arms" / "arm.xacro"
+    include = '<xacro:include filename="$(find mass)/tip.xacro"/>'
+    file.write_text(f'{head}<xacro:arg name="tip" default="tool"/>{include}</robot>')
+    options = ["--package-dirs", str(tmp_path / "parts"), "--xacro-args", "tip:=gripper"]
+    assert main(["show", str(file), *options]) == 0
+    assert "1 links: gripper" in capsys.readouterr().out
+    assert main(["check-urdf", str(file), *options]) == 0
+    assert main(["show", str(file)]) == 2
+    assert "package_dirs" in capsys.readouterr().err
+    assert main(["check-urdf", str(file), "--xacro-args", "tip"]) == 2
+    assert main(["show", "adept-paper", "--xacro-args", "tip=a"]) == 2
+    assert capsys.readouterr().err.count("--xacro-args: ") == 2
+
+
 def test_show_suggests_scenarios_and_robots(capsys):
     assert main(["show", "pand"]) == 2
     assert "'panda'" in capsys.readouterr().err
