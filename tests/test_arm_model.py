@@ -1,5 +1,6 @@
 """One arm alone: dynamics against themselves, kinematics against finite differences and yourdfpy."""
 
+import malformed_urdf
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -217,6 +218,32 @@ def test_a_tip_that_is_like_no_frame_is_told_the_links_from_the_end_of_the_arm()
 def test_a_missing_urdf_has_its_own_error():
     with pytest.raises(UrdfError, match="no_such_arm"):
         ArmModel(Arm(urdf="no_such_arm", tip="tip"))
+
+
+INERTIAS = {
+    "nothing": "",
+    "a point mass on the axis": '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0"'
+    ' izz="0"/></inertial>',
+}
+
+
+@pytest.mark.filterwarnings("ignore::coop_pin.errors.UrdfWarning")
+@pytest.mark.parametrize("inertial", INERTIAS.values(), ids=INERTIAS)
+def test_a_joint_that_moves_no_inertia_is_refused_unless_it_is_locked(inertial, tmp_path):
+    """Its mass matrix is singular, whatever the configuration."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        malformed_urdf.arm(
+            link_c=f'<link name="c">{inertial}</link>',
+            joint_2=malformed_urdf.PARTS["joint_2"].replace("prismatic", "revolute"),
+        )
+    )
+    with pytest.raises(UrdfError, match="'two'") as caught:
+        ArmModel(Arm(urdf=str(file), tip="c"))
+    assert caught.value.names == ("two",)
+    locked = ArmModel(Arm(urdf=str(file), tip="c", locked={"two": 0.0}))
+    assert locked.nv == 1
+    assert locked.mass_matrix(np.zeros(1))[0, 0] > 0.0
 
 
 @pytest.mark.parametrize("argument", ["q", "v", "tau", "F_EP_W"])

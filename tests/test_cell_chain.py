@@ -364,7 +364,7 @@ def test_three_arms_share_a_payload(payload):
 
 
 def test_a_single_arm_carries_its_payload_alone(name):
-    """Rooted, no closure is left; free, one: the arm moves alike and feels the same."""
+    """Welded, no closure is left; free, one: the arm moves alike and feels the same."""
     cell, start = cell_and_start(name)
     cell = cell.replace(
         arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None

@@ -18,11 +18,14 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array, as_number, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.urdf import UrdfFile, UrdfLoop, find_urdf, load_checked, read_loops, text_checked
+from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
 
 _DRIVEN = ("revolute", "continuous", "prismatic")
 _SLACK = 1e-9
+_NO_INERTIA = 1e-18
+"""Inertia about a joint's axis, kg m^2 or kg, that is zero but for rounding."""
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
@@ -135,7 +138,7 @@ def load_arm_model(arm: Arm) -> pin.Model:
 
     Raises:
         UrdfError: the URDF does not exist; it has structural defects; a joint is locked beyond its limits, or
-            all joints are locked; a joint is planar or floating.
+            all joints are locked; a joint is planar or floating, or moves no mass.
         MimicJointError: it has mimic joints, and ``mimic`` refuses them.
         NameNotFoundError: a locked joint does not exist.
     """
@@ -158,7 +161,23 @@ def _reduced(
     ignore_mimic: bool,
 ) -> pin.Model:
     arm = _unreduced(file, dict(locked), ignore_mimic)
-    return pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
+    model = pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
+    _require_moved_mass(model, file.path.name)
+    return model
+
+
+def _require_moved_mass(model: pin.Model, name: str) -> None:
+    """Raise an error if joints move no inertia: the mass matrix is singular in every configuration.
+
+    M_jj is the inertia about joint j of all that it moves.
+
+    Raises:
+        UrdfError: with the names of the joints.
+    """
+    inertia = np.diag(pin.crba(model, model.createData(), pin.neutral(model)))
+    if joints := [model.names[j + 1] for j in np.flatnonzero(inertia <= _NO_INERTIA)]:
+        message = f"{name!r} has joints that move no inertia: {listed(joints)}; add <inertial> to their links"
+        raise UrdfError(f"{message}, or lock them (locked)", "urdf", joints)
 
 
 def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:

@@ -23,7 +23,7 @@ says.
 **Physical** findings are warnings, and errors if strict: no body has such a mass or inertia. In a user's
 file ``mass_zero`` (with an inertia), ``mass_negative``, ``inertia_not_psd`` and ``inertia_triangle`` of a
 link that joints move are **impossible**, always errors: Pinocchio would integrate a motion that no body has.
-A moved link without mass is not, as it may be locked; otherwise its run ends with MassMatrixError.
+A moved link without mass is not, as its joint may be locked; if it is not, the arm's model is refused.
 
 - ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``,
   ``inertia_not_psd``, ``inertia_triangle``
