@@ -175,7 +175,7 @@ def _require_moved_mass(model: pin.Model, name: str) -> None:
         UrdfError: with the names of the joints.
     """
     inertia = np.diag(pin.crba(model, model.createData(), pin.neutral(model)))
-    if joints := [model.names[j + 1] for j in np.flatnonzero(inertia <= _NO_INERTIA)]:
+    if joints := [model.names[1 + int(j)] for j in np.flatnonzero(inertia <= _NO_INERTIA)]:
         message = f"{name!r} has joints that move no inertia: {listed(joints)}; add <inertial> to their links"
         raise UrdfError(f"{message}, or lock them (locked)", "urdf", joints)
 
