@@ -220,6 +220,21 @@ def test_a_missing_urdf_has_its_own_error():
         ArmModel(Arm(urdf="no_such_arm", tip="tip"))
 
 
+def test_a_locked_joint_may_have_the_name_of_a_link():
+    """As the gripper of an SO-100, whose link and joint are both named gripper."""
+    whole = ArmModel(Arm(urdf="so100", tip="gripper"))
+    reduced = ArmModel(Arm(urdf="so100", tip="gripper", locked={"gripper": 0.3}))
+    q = np.array([0.1, 0.2, -0.3, 0.4, 0.5])
+    assert_allclose(reduced.tip_pose(q), whole.tip_pose(np.append(q, 0.3)), rtol=0, atol=1e-15)
+    angles = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
+    assert set(reduced.limits.joints.names) == angles
+
+
+def test_an_unknown_tip_names_the_arm_and_its_urdf():
+    with pytest.raises(NameNotFoundError, match=r"'tool0'.*'xarm7'.*arm 'left'"):
+        ArmModel(Arm(urdf="xarm7", tip="tool0"), name="left")
+
+
 INERTIAS = {
     "nothing": "",
     "a point mass on the axis": '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0"'

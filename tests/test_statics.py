@@ -7,7 +7,14 @@ from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.analysis import reachability, start_torques, static_torques, statics_along
+from coop_pin.analysis import (
+    ArmStatics,
+    StaticTorques,
+    reachability,
+    start_torques,
+    static_torques,
+    statics_along,
+)
 from coop_pin.cli import main
 from coop_pin.control.terms import right_inverse
 from coop_pin.errors import ArgumentError, FieldError, ScenarioWarning
@@ -209,6 +216,18 @@ def test_an_arm_with_as_many_joints_as_rows_is_not_refused():
 
 
 # ---------------------------------------------------------------- command line
+
+
+def test_an_arm_that_cannot_hold_the_start_is_not_said_to_have_no_limits():
+    def statics(name, poses):
+        torque = np.full((poses, 1), 3.0)
+        return ArmStatics(name, ("a",), ("N m",), np.arange(poses), torque, torque, torque, np.array([10.0]))
+
+    left, right = statics("left", 0), statics("right", 2)
+    assert StaticTorques((left, right)).worst.arm == "right"
+    assert "without left" in StaticTorques((left, right)).summary()
+    assert "without" not in StaticTorques((right,)).summary()
+    assert StaticTorques((left,)).summary().endswith("not computed")
 
 
 def test_check_fails_where_a_drive_cannot_hold(capsys):

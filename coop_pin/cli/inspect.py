@@ -121,7 +121,8 @@ class Check:
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
-    control rate. Every field of the scenario can be changed as in 'coop-pin run'.
+    control rate, and the joint friction in the plant's steps. Every field of the scenario can be changed as
+    in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -135,7 +136,9 @@ class Check:
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin.analysis import reachability, sampled_stability, statics_along
+        from coop_pin.analysis import reachability, start_stability, statics_along, step_stability
+        from coop_pin.run_scenario import build_controller
+        from coop_pin.simulation import Simulation
 
         scenario = load_scenario(self.scenario, self.fields)
         found = reachability(scenario, poses=self.poses)
@@ -145,9 +148,10 @@ class Check:
         ok = found.ok and torques.ok
         if not found.ok or scenario.controller.kind == "user":
             return OK if ok else FAILED
-        held = sampled_stability(scenario)
-        print(f"  {held.summary()}")
-        return OK if ok and held.ok else FAILED
+        simulation = Simulation(scenario, build_controller(scenario))
+        held, steps = start_stability(simulation), step_stability(simulation)
+        print(f"  {held.summary()}\n  {steps.summary()}")
+        return OK if ok and held.ok and steps.ok else FAILED
 
 
 @dataclasses.dataclass(frozen=True)

@@ -47,8 +47,8 @@ def model_from_text(text: str, name: str) -> pin.Model:
     return model
 
 
-def frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of a frame.
+def frame_id(model: pin.Model, name: str, container: str = "") -> int:
+    """Return the index of a frame; messages name the container, or else the model.
 
     For an unknown name pin.Model.getFrameId returns an index beyond the last frame, which corrupts memory.
 
@@ -60,7 +60,8 @@ def frame_id(model: pin.Model, name: str) -> int:
         # Suggest links first, from the ends of the tree: a misspelt frame of an arm is most often its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
-        raise NameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
+        known = [frame.name for frame in frames]
+        raise NameNotFoundError("frame", name, known, container or f"model {model.name!r}")
     return int(model.getFrameId(name))
 
 
@@ -200,7 +201,12 @@ def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) 
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
-    return UnreducedArm(model, text, [joint_id(model, joint) for joint in angles], q)
+    indices = [joint_id(model, joint) for joint in angles]
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for index in indices:  # the reduced model has frames with their names, which no link may have
+        if model.names[index] in links:
+            model.names[index] += " (joint)"
+    return UnreducedArm(model, text, indices, q)
 
 
 def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
