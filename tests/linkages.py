@@ -66,6 +66,17 @@ def bennett(rows, **options):
 
     With "full" rows the fourth hinge is a joint of the tree and a stub beyond it is welded to the world.
     """
+    bars, closure = bennett_parts(rows)
+    chain = cp.ClosedChain.from_urdf(robot(*bars), [closure], **options)
+    return chain, bennett_start(chain)
+
+
+def bennett_start(chain):
+    return chain.assemble(np.array((1.0, 1.0, -1.0, 0.0))[: chain.model.nq], chain.velocity({"one_pin": 1.0}))
+
+
+def bennett_parts(rows):
+    """The bars of a Bennett linkage and the closure of its loop."""
     bars = [bar("one", "ground", (0, 0, 0), length=A), bar("two", "one", (A, 0, 0), (ALPHA, 0, 0), length=B)]
     bars.append(bar("three", "two", (B, 0, 0), (BETA, 0, 0), length=A))
     pivot, last, X_a = (
@@ -76,10 +87,7 @@ def bennett(rows, **options):
     if rows == "full":
         bars.append(bar("stub", "three", (A, 0, 0), (ALPHA, 0, 0), length=0.1))
         last, X_a = "stub", None
-    chain = cp.ClosedChain.from_urdf(robot(*bars), [cp.Closure(last, "world", rows, X_a, pivot)], **options)
-    return chain, chain.assemble(
-        np.array((1.0, 1.0, -1.0, 0.0))[: chain.model.nq], chain.velocity({"one_pin": 1.0})
-    )
+    return bars, cp.Closure(last, "world", rows, X_a, pivot)
 
 
 SARRUS_LEAN = 0.9

@@ -1,5 +1,6 @@
 """One arm alone: dynamics against themselves, kinematics against finite differences and yourdfpy."""
 
+import malformed_urdf
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -217,6 +218,47 @@ def test_a_tip_that_is_like_no_frame_is_told_the_links_from_the_end_of_the_arm()
 def test_a_missing_urdf_has_its_own_error():
     with pytest.raises(UrdfError, match="no_such_arm"):
         ArmModel(Arm(urdf="no_such_arm", tip="tip"))
+
+
+def test_a_locked_joint_may_have_the_name_of_a_link():
+    """As the gripper of an SO-100, whose link and joint are both named gripper."""
+    whole = ArmModel(Arm(urdf="so100", tip="gripper"))
+    reduced = ArmModel(Arm(urdf="so100", tip="gripper", locked={"gripper": 0.3}))
+    q = np.array([0.1, 0.2, -0.3, 0.4, 0.5])
+    assert_allclose(reduced.tip_pose(q), whole.tip_pose(np.append(q, 0.3)), rtol=0, atol=1e-15)
+    angles = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
+    assert set(reduced.limits.joints.names) == angles
+
+
+def test_an_unknown_tip_names_the_arm_and_its_urdf():
+    with pytest.raises(NameNotFoundError, match=r"'tool0'.*'xarm7'.*arm 'left'"):
+        ArmModel(Arm(urdf="xarm7", tip="tool0"), name="left")
+
+
+INERTIAS = {
+    "nothing": "",
+    "a point mass on the axis": '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0"'
+    ' izz="0"/></inertial>',
+}
+
+
+@pytest.mark.filterwarnings("ignore::coop_pin.errors.UrdfWarning")
+@pytest.mark.parametrize("inertial", INERTIAS.values(), ids=INERTIAS)
+def test_a_joint_that_moves_no_inertia_is_refused_unless_it_is_locked(inertial, tmp_path):
+    """Its mass matrix is singular, whatever the configuration."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        malformed_urdf.arm(
+            link_c=f'<link name="c">{inertial}</link>',
+            joint_2=malformed_urdf.PARTS["joint_2"].replace("prismatic", "revolute"),
+        )
+    )
+    with pytest.raises(UrdfError, match="'two'") as caught:
+        ArmModel(Arm(urdf=str(file), tip="c"))
+    assert caught.value.names == ("two",)
+    locked = ArmModel(Arm(urdf=str(file), tip="c", locked={"two": 0.0}))
+    assert locked.nv == 1
+    assert locked.mass_matrix(np.zeros(1))[0, 0] > 0.0
 
 
 @pytest.mark.parametrize("argument", ["q", "v", "tau", "F_EP_W"])

@@ -61,7 +61,7 @@ def gathered(plant, arm_torques):
 
 
 def free_state(welded, free, q, v):
-    """The state of the free tree that is exactly the rooted one: the payload where the first arm holds it."""
+    """The state of the free tree that is exactly the welded one: the payload where the first arm holds it."""
     angles = [q[place.q_slice] for place in welded.model.arms]
     q_free, v_free = (
         free.model.configuration(angles, welded.payload_pose(q)),
@@ -101,7 +101,7 @@ def states(plant, q_closed, gap, count=4, seed=8):
 
 @pytest.mark.parametrize("gap", [0.0, 0.04])
 @pytest.mark.parametrize("formulation", ["proximal", "kkt"])
-def test_rooted_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(name, formulation, gap):
+def test_welded_and_free_payload_are_the_same_mechanism_on_and_off_the_closures(name, formulation, gap):
     """Off the closures: the free payload in the first arm's grasp, the second grasp open and opening."""
     welded, q_closed = built(name, "welded", formulation)
     free, _ = built(name, "free", formulation)
@@ -364,7 +364,7 @@ def test_three_arms_share_a_payload(payload):
 
 
 def test_a_single_arm_carries_its_payload_alone(name):
-    """Rooted, no closure is left; free, one: the arm moves alike and feels the same."""
+    """Welded, no closure is left; free, one: the arm moves alike and feels the same."""
     cell, start = cell_and_start(name)
     cell = cell.replace(
         arms={"left": cell.arms["left"]}, grasps={"left": cell.grasps["left"]}, load_shares=None

@@ -1,5 +1,7 @@
 """Sampled stability: against the closed form of square arms, and against runs on both sides of the limit."""
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -8,12 +10,16 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eigvalsh
 
 import coop_pin as cp
-from coop_pin.analysis import SampledStability, sampled_stability
+from coop_pin.analysis import SampledStability, sampled_stability, step_stability
+from coop_pin.analysis.sampled_stability import REAL_STABILITY
 from coop_pin.chain import CellChain, solve_ik
+from coop_pin.chain.integrators import INTEGRATORS, VectorSpace
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
-from coop_pin.errors import CoopPinError
+from coop_pin.errors import CoopPinError, DivergedError, ScenarioWarning
 from coop_pin.model import ArmModel
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import Simulation
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
 
@@ -177,3 +183,68 @@ def test_it_is_that_of_the_start():
         motion={"kind": "hold", "pose": cp.Pose.from_matrix(scenario.motion.at(0.0).X_WP_d)}
     )
     assert_close(sampled_stability(scenario).value, sampled_stability(still).value, atol=1e-12)
+
+
+def with_friction(viscous, coulomb=0.0, **plant):
+    """The paper's arms with other friction on each drive, at two plant steps in a tick."""
+    scenario = paper({"clock.steps_per_tick": 2, **{f"plant.{name}": value for name, value in plant.items()}})
+    friction = cp.JointFriction(viscous=viscous, coulomb=coulomb)
+    arms = {name: arm.replace(friction=friction) for name, arm in scenario.cell.arms.items()}
+    return scenario.replace(cell=scenario.cell.replace(arms=arms), events=())
+
+
+def steps_of(scenario):
+    return step_stability(Simulation(scenario, build_controller(scenario)))
+
+
+def test_the_stability_limits_are_those_of_the_integrators():
+    """v' = -lambda v: |v| falls in a step just within the limit, and grows just beyond it."""
+    space = VectorSpace()
+    for name, limit in REAL_STABILITY.items():
+        integrator = INTEGRATORS[name](space)
+        for h, decays in ((limit * (1 - 1e-9), True), (limit * (1 + 1e-9), False)):
+            step = integrator.step(lambda _t, _q, v: (-v, np.zeros(1)), 0.0, np.zeros(1), np.ones(1), h)
+            assert (abs(step.v[0]) < 1.0) == decays
+
+
+@pytest.mark.parametrize("viscous", [(3.0, 2.0, 0.5), (0.5, 40.0, 8.0)])
+def test_of_friction_it_is_the_fastest_decay_of_a_single_arm(viscous):
+    """Without a closure D = M^-1 T^T diag(viscous) T; Coulomb friction adds coulomb / coulomb_velocity."""
+    scenario = alone({"clock.steps_per_tick": 4})
+    friction = cp.JointFriction(viscous=viscous, coulomb=(0.1, 0.0, 0.2), coulomb_velocity=0.05)
+    arm = scenario.cell.arms["left"].replace(friction=friction)
+    scenario = scenario.replace(cell=scenario.cell.replace(arms={"left": arm}))
+    chain = CellChain(scenario.cell)
+    q, T = chain.configuration(scenario.start.matrix), chain.model.arms[0].drive
+    M = np.triu(pin.crba(chain.mechanism.model, chain.mechanism.model.createData(), q))
+    M += np.triu(M, 1).T
+    slope = np.diag(np.array(viscous) + np.array((2.0, 0.0, 4.0)))
+    fastest = np.linalg.eigvals(np.linalg.solve(M, T.T @ slope @ T)).real.max()
+    assert_allclose(steps_of(scenario).value, scenario.clock.period / 4 * fastest, rtol=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi-implicit-euler"])
+def test_a_run_takes_the_steps_that_it_asks_for_and_fails_with_fewer(integrator):
+    scenario = with_friction((800.0, 800.0, 160.0), integrator=integrator).override({"duration": 0.2})
+    found = steps_of(scenario)
+    assert not found.ok
+    steps = int(re.search(r"from 2 to (\d+)", found.summary())[1])
+    enough, few = (scenario.override({"clock.steps_per_tick": n}) for n in (steps, steps - 1))
+    assert steps_of(enough).ok
+    assert not steps_of(few).ok
+    assert cp.run(enough).end == pytest.approx(enough.duration)
+    with pytest.raises(DivergedError):
+        cp.run(few)
+
+
+def test_check_and_run_tell_friction_that_the_steps_cannot_integrate(tmp_path, capsys):
+    """Two xArm7 at 1 kHz, as a new user had them: the run ended with energy that no work explains."""
+    stiff, fine = with_friction((3000.0, 3000.0, 600.0)), with_friction((1.2, 1.2, 1.2), 0.01)
+    stiff.save(tmp_path / "stiff.toml")
+    fine.save(tmp_path / "fine.toml")
+    assert main(["check", str(tmp_path / "fine.toml"), "--poses", "3"]) == 0
+    assert main(["check", str(tmp_path / "stiff.toml"), "--poses", "3"]) == 1
+    assert "Raise clock.steps_per_tick from 2 to" in capsys.readouterr().out
+    out = ["--out", str(tmp_path / "out"), "--quiet", "--no-replay", "--no-figures", "--duration", "0.05"]
+    with pytest.warns(ScenarioWarning, match="friction of"):
+        assert main(["run", str(tmp_path / "stiff.toml"), *out]) in (1, 3)

@@ -114,7 +114,7 @@ def test_energy_equals_power_in(cell, payload, integrator):
 
 @pytest.mark.parametrize("formulation", ["proximal", "kkt"])
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_rooted_and_free_payload_run_the_same(cell, formulation):
+def test_welded_and_free_payload_run_the_same(cell, formulation):
     scenario = SCENARIOS[cell]().replace(duration=0.3, events=())
     scenario = scenario.override({"controller.gains.sign_gain": 0.0, "clock.steps_per_tick": 8})
     welded = cp.run(scenario)

@@ -7,7 +7,14 @@ from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.analysis import reachability, start_torques, static_torques, statics_along
+from coop_pin.analysis import (
+    ArmStatics,
+    StaticTorques,
+    reachability,
+    start_torques,
+    static_torques,
+    statics_along,
+)
 from coop_pin.cli import main
 from coop_pin.control.terms import right_inverse
 from coop_pin.errors import ArgumentError, FieldError, ScenarioWarning
@@ -211,6 +218,18 @@ def test_an_arm_with_as_many_joints_as_rows_is_not_refused():
 # ---------------------------------------------------------------- command line
 
 
+def test_an_arm_that_cannot_hold_the_start_is_not_said_to_have_no_limits():
+    def statics(name, poses):
+        torque = np.full((poses, 1), 3.0)
+        return ArmStatics(name, ("a",), ("N m",), np.arange(poses), torque, torque, torque, np.array([10.0]))
+
+    left, right = statics("left", 0), statics("right", 2)
+    assert StaticTorques((left, right)).worst.arm == "right"
+    assert "without left" in StaticTorques((left, right)).summary()
+    assert "without" not in StaticTorques((right,)).summary()
+    assert StaticTorques((left,)).summary().endswith("not computed")
+
+
 def test_check_fails_where_a_drive_cannot_hold(capsys):
     words = ["check", "two-pandas-box", "--poses", "3"]
     assert main(words) == 0
@@ -289,6 +308,27 @@ def test_show_of_a_robot_lists_links_joints_limits_and_tips(by_file, capsys):
     tips = lines[lines.index("candidate tips:") + 1 :]
     assert "  panda_hand_tcp: 7 joints from the root" in tips
     assert "  panda_leftfinger: 8 joints from the root" in tips
+
+
+def test_show_and_check_urdf_take_packages_and_arguments_of_a_xacro(tmp_path, capsys):
+    pytest.importorskip("xacrodoc")
+    head = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (tmp_path / "parts" / "mass").mkdir(parents=True)
+    (tmp_path / "parts" / "mass" / "package.xml").write_text("<package><name>mass</name></package>")
+    (tmp_path / "parts" / "mass" / "tip.xacro").write_text(f'{head}<link name="$(arg tip)"/></robot>')
+    (tmp_path / "arms").mkdir()
+    file = tmp_path / "arms" / "arm.xacro"
+    include = '<xacro:include filename="$(find mass)/tip.xacro"/>'
+    file.write_text(f'{head}<xacro:arg name="tip" default="tool"/>{include}</robot>')
+    options = ["--package-dirs", str(tmp_path / "parts"), "--xacro-args", "tip:=gripper"]
+    assert main(["show", str(file), *options]) == 0
+    assert "1 links: gripper" in capsys.readouterr().out
+    assert main(["check-urdf", str(file), *options]) == 0
+    assert main(["show", str(file)]) == 2
+    assert "package_dirs" in capsys.readouterr().err
+    assert main(["check-urdf", str(file), "--xacro-args", "tip"]) == 2
+    assert main(["show", "adept-paper", "--xacro-args", "tip=a"]) == 2
+    assert capsys.readouterr().err.count("--xacro-args: ") == 2
 
 
 def test_show_suggests_scenarios_and_robots(capsys):

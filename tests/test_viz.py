@@ -168,7 +168,7 @@ def test_payload_and_ghost_follow_the_recorded_poses(replay: Replay) -> None:
     assert ghost["opacity"] < 0.5
 
 
-def test_rooted_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
+def test_welded_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
     welded = spatial.result
     cell, q = welded.scenario.cell, welded.data["configuration"].values[:5]
     payload = np.concatenate(

@@ -4,7 +4,13 @@ import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio 
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
-from coop_pin.analysis.sampled_stability import SampledStability, sampled_stability, start_stability
+from coop_pin.analysis.sampled_stability import (
+    SampledStability,
+    StepStability,
+    sampled_stability,
+    start_stability,
+    step_stability,
+)
 from coop_pin.analysis.statics import (
     ArmStatics,
     DriveTorque,
@@ -26,6 +32,7 @@ __all__ = [
     "Reachability",
     "SampledStability",
     "StaticTorques",
+    "StepStability",
     "Unreachable",
     "cell_summary",
     "maximum_reach",
@@ -35,5 +42,6 @@ __all__ = [
     "start_torques",
     "static_torques",
     "statics_along",
+    "step_stability",
     "theorem_monitor",
 ]

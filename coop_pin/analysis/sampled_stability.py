@@ -1,7 +1,8 @@
-"""Stability of a controller's damping under zero-order hold: T lambda < 2, for any controller and arms."""
+"""Stability of damping in discrete time: a controller's under zero-order hold, friction in plant steps."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -15,7 +16,13 @@ from coop_pin.simulation import Simulation
 STABILITY_LIMIT = 2.0
 """Sampled damping is stable below this: v[k+1] = (1 - value) v[k]."""
 
+REAL_STABILITY = {"rk4": 2.785293563405282, "semi-implicit-euler": 2.0}
+"""Largest h lambda for which an integrator's solution of v' = -lambda v decays: for RK4 the real root of
+x^3 - 4 x^2 + 12 x - 24."""
+
 _UNDAMPED = 1e-6
+_SLOW = 1e-6
+"""A speed at which Coulomb friction is linear, rad/s or m/s."""
 _SHARE_OF_MODE = 0.3
 
 
@@ -54,6 +61,38 @@ class SampledStability(NamedTuple):
         )
 
 
+class StepStability(NamedTuple):
+    """Stability of the plant's integration under joint friction, with the critical mode.
+
+    Attributes:
+        value: ``h lambda``, with h the plant's step and lambda the fastest decay by friction alone.
+        limit: of the integrator.
+        steps_per_tick: of the scenario.
+        joints: the joints that move most in that mode, as arm/joint.
+    """
+
+    value: float
+    limit: float
+    steps_per_tick: int
+    joints: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the friction is integrated stably."""
+        return self.value <= self.limit
+
+    def summary(self) -> str:
+        """Return the finding as text, in one line."""
+        text = f"h*lambda = {self.value:.3g} of the friction of {', '.join(self.joints)}"
+        if self.ok:
+            return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
+        steps = math.ceil(self.steps_per_tick * self.value / self.limit)
+        return (
+            f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
+            f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or lower the friction"
+        )
+
+
 def sampled_stability(scenario: Scenario) -> SampledStability:
     """Return the stability of a controller's damping under zero-order hold, linearised at the start.
 
@@ -74,23 +113,41 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
 
 def start_stability(simulation: Simulation) -> SampledStability:
     """Return the sampled stability of a simulation that has not begun; raises as sampled_stability."""
-    plant, chain = simulation.plant, simulation.plant.chain.mechanism
-    torque = _torque_of(simulation)
-    rest = np.zeros(len(plant.v))
-
-    def acceleration(v: Array) -> Array:
-        return chain.forward_dynamics(plant.q, rest, torque(v)).acceleration
-
     # Laws are linear in the speeds but for bounded signs, which cancel between opposite unit speeds.
-    speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
-    D = np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
-    eigenvalues, modes = np.linalg.eig(D)
+    eigenvalues, modes = _decay(simulation, _torque_of(simulation))
     clock = simulation.scenario.clock
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
     return SampledStability(
         float(values[worst]), clock.rate_hz, _fastest_joints(simulation, np.abs(modes[:, worst]))
     )
+
+
+def step_stability(simulation: Simulation) -> StepStability:
+    """Return the stability of the plant's steps under joint friction at the start of a simulation.
+
+    D is that of sampled_stability for the friction. Coulomb friction is steepest at rest, where its slope is
+    coulomb / coulomb_velocity.
+    """
+    friction, scenario = simulation.plant.transmission.friction, simulation.scenario
+    eigenvalues, modes = _decay(simulation, lambda v: friction(_SLOW * v) / _SLOW)
+    worst = int(np.argmax(np.abs(eigenvalues)))
+    steps = scenario.clock.steps_per_tick
+    value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
+    joints = _fastest_joints(simulation, np.abs(modes[:, worst]))
+    return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints)
+
+
+def _decay(simulation: Simulation, torque: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return eigenvalues and modes of D = -d(acceleration)/dv through a torque, with the closures closed."""
+    plant, chain = simulation.plant, simulation.plant.chain.mechanism
+    rest = np.zeros(len(plant.v))
+
+    def acceleration(v: Array) -> Array:
+        return chain.forward_dynamics(plant.q, rest, torque(v)).acceleration
+
+    speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
+    return np.linalg.eig(np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds]))
 
 
 def _stability_value(entry: complex) -> float:

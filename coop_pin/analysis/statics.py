@@ -144,12 +144,16 @@ class StaticTorques:
 
     def summary(self) -> str:
         """Return the findings as text: every drive that cannot hold, or the one closest to its limit."""
+        absent = [arm.arm for arm in self.arms if not len(arm.times)]
+        title = "static torques"
+        if absent:
+            title += f" (without {', '.join(absent)}, which cannot hold the payload at the start)"
         if self.overloaded:
             counts = f"{len(self.overloaded)} of {len(self.drives)} drives cannot hold the cell"
-            return "\n".join((f"static torques: {counts}", *(f"  ! {drive}" for drive in self.overloaded)))
+            return "\n".join((f"{title}: {counts}", *(f"  ! {drive}" for drive in self.overloaded)))
         if self.worst is None:
-            return "static torques: no drive has a limit"
-        return f"static torques: every drive can hold the cell; closest to its limit: {self.worst}"
+            return f"{title}: no drive has a limit" if self.drives else f"{title}: not computed"
+        return f"{title}: every drive can hold the cell; closest to its limit: {self.worst}"
 
 
 def _relief(drive: DriveTorque) -> float:

@@ -123,23 +123,25 @@ class ClosedChain:
     ) -> Self:
         """Close the tree of a URDF, whose root link is fixed in the world.
 
+        Its loops become closures with their names in the file; coop_pin.description.urdf.loops has the forms.
+
         Args:
-            path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text
-                itself.
-            closures: between its frames.
+            path_or_xml: path of a URDF, name of a known robot, or the XML text itself.
+            closures: between its frames, after those of the file.
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: as for the constructor.
             formulation: as for the constructor.
             mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
 
         Raises:
-            UrdfError: there is no such file; the URDF has structural defects; MimicJointError: it has mimic
-                joints.
+            UrdfError: no such file, structural defects, an unreadable loop; MimicJointError: mimic joints.
             ShapeError, OutOfRangeError: gravity is not three finite numbers.
             NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
-        model = mechanism_model(path_or_xml, gravity, mimic == "ignore")
-        return cls(model, closures, stabilisation=stabilisation, formulation=formulation)
+        require_type("closures", closures, Sequence)
+        model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore")
+        closed = [Closure(*loop) for loop in loops]
+        return cls(model, [*closed, *closures], stabilisation=stabilisation, formulation=formulation)
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
         """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).
@@ -204,8 +206,7 @@ class ClosedChain:
         """Return the motion from a state, by Runge-Kutta 4 with the KKT solver ("proximal": with that one).
 
         Args:
-            q: configuration at t = 0, shape (nq,), closed to a millimetre and a milliradian, as returned by
-                ``assemble``.
+            q: configuration at t = 0, closed to a millimetre and a milliradian (``assemble``), shape (nq,).
             v: velocity at t = 0, shape (nv,).
             duration: s.
             step: s; the last one is shorter if it does not divide duration.
@@ -218,8 +219,7 @@ class ClosedChain:
             OpenClosureError: the closures are not closed at the start.
             IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
             ArgumentError: torque is not callable.
-            ShapeError, OutOfRangeError: an argument, or the value of torque, has a wrong
-                shape, is not finite or is not positive.
+            ShapeError, OutOfRangeError: an argument, or the value of torque, has a wrong shape or size.
         """
         start, model = ChainState(self._q(q), self._v("v", v)), self.model
         time = time_grid(duration, step, 8 * (model.nq + model.nv))

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_pose, frozen
+from coop_pin.arrays import Array, as_pose, frozen, require_type
 from coop_pin.errors import FieldError
 
 RowMask = tuple[bool, bool, bool, bool, bool, bool]
@@ -43,6 +43,7 @@ class Closure:
         rows: which relative motions are held.
         X_AC: pose of C in A, shape (4, 4); identity when omitted.
         X_BC: pose of C in B, shape (4, 4); identity when omitted.
+        name: for messages; "A - B" with the names of the frames when omitted.
     """
 
     frame_a: str
@@ -50,16 +51,20 @@ class Closure:
     rows: NamedRows | Sequence[bool] = "full"
     X_AC: ArrayLike | None = None
     X_BC: ArrayLike | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
-        """Validate the poses.
+        """Validate the poses and set the default name.
 
         Raises:
+            WrongTypeError: name is not text.
             ShapeError, OutOfRangeError, NotAPoseError: X_AC or X_BC is not a pose.
         """
         for name in ("X_AC", "X_BC"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen(as_pose(name, getattr(self, name))))
+        require_type("name", self.name, str)
+        object.__setattr__(self, "name", self.name or f"{self.frame_a} - {self.frame_b}")
 
     @property
     def mask(self) -> RowMask:
@@ -87,11 +92,6 @@ class Closure:
             )
         x, y, z, rx, ry, rz = map(bool, rows)
         return (x, y, z, rx, ry, rz)
-
-    @property
-    def name(self) -> str:
-        """Name for error messages."""
-        return f"{self.frame_a} - {self.frame_b}"
 
 
 class ClosureKinematics(NamedTuple):

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
-from coop_pin.errors import NameNotFoundError
+from coop_pin.errors import FieldError, NameNotFoundError
 
+if TYPE_CHECKING:
+    from coop_pin.description.urdf import UrdfFile
+
+_Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
+_Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 
 
@@ -69,10 +75,14 @@ class Show:
     Attributes:
         what: a scenario (a name listed by 'coop-pin list', or a TOML file), or a robot (a name listed by
             'coop-pin list --robots', or a URDF or xacro file).
+        package_dirs: of a robot: folders that are searched first for its packages.
+        xacro_args: of a xacro file: its arguments.
         fields: fields of the scenario, as typed.
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    package_dirs: _Folders = ()
+    xacro_args: _Assignments = ()
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
@@ -80,15 +90,19 @@ class Show:
 
         Raises:
             NameNotFoundError: there is no such scenario or robot.
-            FieldError: a field is given for a robot.
+            FieldError: a field is given for a robot, or an option of robots for a scenario.
         """
         from coop_pin.analysis.cell_summary import cell_summary
         from coop_pin.description import scenario_names
-        from coop_pin.description.urdf import find_urdf, load_checked, robot_files
+        from coop_pin.description.urdf import load_checked, robot_files
         from coop_pin.description.urdf.robot import Robot
 
         path, robots, scenarios = Path(self.what), robot_files(), scenario_names()
         if self.what in scenarios or path.suffix == ".toml":
+            for option in ("package_dirs", "xacro_args"):
+                if getattr(self, option):
+                    message = f"is an option for robots only; give it to each arm: cell.arms.NAME.{option}"
+                    raise FieldError(message, f"--{option.replace('_', '-')}")
             scenario = load_scenario(self.what, self.fields)
             print(cell_summary(scenario.cell, scenario.start.matrix).summary())
             return OK
@@ -96,7 +110,7 @@ class Show:
             known = [*scenarios, *robots]
             raise NameNotFoundError("scenario or robot", self.what, known, "the catalogue or the file system")
         refuse_fields(self.fields, self.what)
-        file = find_urdf(self.what)
+        file = _urdf_file(self.what, self.package_dirs, self.xacro_args)
         print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
         return OK
 
@@ -107,7 +121,8 @@ class Check:
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
-    control rate. Every field of the scenario can be changed as in 'coop-pin run'.
+    control rate, and the joint friction in the plant's steps. Every field of the scenario can be changed as
+    in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -121,7 +136,9 @@ class Check:
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin.analysis import reachability, sampled_stability, statics_along
+        from coop_pin.analysis import reachability, start_stability, statics_along, step_stability
+        from coop_pin.run_scenario import build_controller
+        from coop_pin.simulation import Simulation
 
         scenario = load_scenario(self.scenario, self.fields)
         found = reachability(scenario, poses=self.poses)
@@ -131,9 +148,10 @@ class Check:
         ok = found.ok and torques.ok
         if not found.ok or scenario.controller.kind == "user":
             return OK if ok else FAILED
-        held = sampled_stability(scenario)
-        print(f"  {held.summary()}")
-        return OK if ok and held.ok else FAILED
+        simulation = Simulation(scenario, build_controller(scenario))
+        held, steps = start_stability(simulation), step_stability(simulation)
+        print(f"  {held.summary()}\n  {steps.summary()}")
+        return OK if ok and held.ok and steps.ok else FAILED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,15 +162,37 @@ class CheckUrdf:
         urdf: a URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data arm
             ("panda").
         strict: physically impossible masses and inertias are errors, not warnings.
+        package_dirs: folders that are searched first for its packages.
+        xacro_args: arguments of a xacro file.
     """
 
     urdf: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     strict: bool = False
+    package_dirs: _Folders = ()
+    xacro_args: _Assignments = ()
 
     def execute(self) -> int:
         """Print the findings; the exit code is OK if the file can be used."""
-        from coop_pin.description.urdf import check_file, find_urdf
+        from coop_pin.description.urdf import check_file
 
-        report = check_file(find_urdf(self.urdf))
+        report = check_file(_urdf_file(self.urdf, self.package_dirs, self.xacro_args))
         print(report.summary(strict=self.strict))
         return FAILED if report.errors(strict=self.strict) else OK
+
+
+def _urdf_file(urdf: str, package_dirs: Sequence[str], xacro_args: Sequence[str]) -> UrdfFile:
+    """Return the URDF with a name or path; arguments of a xacro are written NAME=VALUE or NAME:=VALUE.
+
+    Raises:
+        UrdfError: there is none.
+        FieldError: an argument is not of this form.
+    """
+    from coop_pin.description.urdf import find_urdf
+
+    values = {}
+    for word in xacro_args:
+        name, equals, value = word.replace(":=", "=", 1).partition("=")
+        if not (name and equals):
+            raise FieldError(f"is {word!r}; it must be NAME=VALUE", "--xacro-args")
+        values[name] = value
+    return find_urdf(urdf, package_dirs=package_dirs, xacro_args=values)

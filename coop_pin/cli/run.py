@@ -104,12 +104,12 @@ class Run:
 
 
 def _warn_of_start(scenario: Any, controller: Any) -> None:
-    """Warn of drives too weak to hold the cell at the start, and of gains that are unstable when sampled.
+    """Warn of drives too weak at the start, of gains unstable when sampled, and of friction in long steps.
 
     Raises:
         CoopPinError: the run cannot start.
     """
-    from coop_pin.analysis import start_stability, start_torques
+    from coop_pin.analysis import start_stability, start_torques, step_stability
     from coop_pin.simulation import Simulation
 
     simulation = Simulation(scenario, controller)
@@ -118,5 +118,7 @@ def _warn_of_start(scenario: Any, controller: Any) -> None:
         findings += map(str, start_torques(simulation).overloaded)
         if scenario.controller.kind != "user" and not (held := start_stability(simulation)).ok:
             findings.append(held.summary().removeprefix("! "))
+        if not (steps := step_stability(simulation)).ok:
+            findings.append(steps.summary().removeprefix("! "))
     for finding in findings:
         warnings.warn(finding, ScenarioWarning, stacklevel=2)

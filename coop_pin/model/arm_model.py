@@ -66,7 +66,7 @@ class ArmModel:
         require_type("name", name, str)
         self.name, self._arm = name, arm
         alone = load_arm_model(arm)
-        tip = alone.frames[frame_id(alone, arm.tip)]
+        tip = alone.frames[frame_id(alone, arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
         X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_pose("X_PE", X_PE)))
         self._tip = add_frame(self.model, "tip", tip.parentJoint, tip.placement)

@@ -112,7 +112,7 @@ def _arms_tree(cell: Cell) -> pin.Model:
     model = empty_model(cell.gravity)
     for name, arm in cell.arms.items():
         alone = load_arm_model(arm)
-        tip = alone.frames[frame_id(alone, arm.tip)].copy()
+        tip = alone.frames[frame_id(alone, arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")].copy()
         for frame in alone.frames:
             if frame.name == "grasp":  # a frame of the URDF, which must not hide the tip's
                 frame.name = "urdf/grasp"

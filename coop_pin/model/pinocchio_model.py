@@ -17,12 +17,15 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_number, require_type
 from coop_pin.description.arm import Arm
-from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
+from coop_pin.description.urdf import UrdfFile, UrdfLoop, find_urdf, load_checked, read_loops, text_checked
+from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
 
 _DRIVEN = ("revolute", "continuous", "prismatic")
 _SLACK = 1e-9
+_NO_INERTIA = 1e-18
+"""Inertia about a joint's axis, kg m^2 or kg, that is zero but for rounding."""
 
 
 def model_from_text(text: str, name: str) -> pin.Model:
@@ -44,8 +47,8 @@ def model_from_text(text: str, name: str) -> pin.Model:
     return model
 
 
-def frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of a frame.
+def frame_id(model: pin.Model, name: str, container: str = "") -> int:
+    """Return the index of a frame; messages name the container, or else the model.
 
     For an unknown name pin.Model.getFrameId returns an index beyond the last frame, which corrupts memory.
 
@@ -57,7 +60,8 @@ def frame_id(model: pin.Model, name: str) -> int:
         # Suggest links first, from the ends of the tree: a misspelt frame of an arm is most often its tip.
         frames = list(model.frames)[::-1]
         frames.sort(key=lambda frame: frame.type != pin.FrameType.BODY)
-        raise NameNotFoundError("frame", name, [frame.name for frame in frames], f"model {model.name!r}")
+        known = [frame.name for frame in frames]
+        raise NameNotFoundError("frame", name, known, container or f"model {model.name!r}")
     return int(model.getFrameId(name))
 
 
@@ -135,7 +139,7 @@ def load_arm_model(arm: Arm) -> pin.Model:
 
     Raises:
         UrdfError: the URDF does not exist; it has structural defects; a joint is locked beyond its limits, or
-            all joints are locked; a joint is planar or floating.
+            all joints are locked; a joint is planar or floating, or moves no mass.
         MimicJointError: it has mimic joints, and ``mimic`` refuses them.
         NameNotFoundError: a locked joint does not exist.
     """
@@ -158,7 +162,23 @@ def _reduced(
     ignore_mimic: bool,
 ) -> pin.Model:
     arm = _unreduced(file, dict(locked), ignore_mimic)
-    return pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
+    model = pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
+    _require_moved_mass(model, file.path.name)
+    return model
+
+
+def _require_moved_mass(model: pin.Model, name: str) -> None:
+    """Raise an error if joints move no inertia: the mass matrix is singular in every configuration.
+
+    M_jj is the inertia about joint j of all that it moves.
+
+    Raises:
+        UrdfError: with the names of the joints.
+    """
+    inertia = np.diag(pin.crba(model, model.createData(), pin.neutral(model)))
+    if joints := [model.names[1 + int(j)] for j in np.flatnonzero(inertia <= _NO_INERTIA)]:
+        message = f"{name!r} has joints that move no inertia: {listed(joints)}; add <inertial> to their links"
+        raise UrdfError(f"{message}, or lock them (locked)", "urdf", joints)
 
 
 def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) -> UnreducedArm:
@@ -181,7 +201,12 @@ def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) 
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
         raise MimicJointError(file.path.name, followers, "mimic")
-    return UnreducedArm(model, text, [joint_id(model, joint) for joint in angles], q)
+    indices = [joint_id(model, joint) for joint in angles]
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for index in indices:  # the reduced model has frames with their names, which no link may have
+        if model.names[index] in links:
+            model.names[index] += " (joint)"
+    return UnreducedArm(model, text, indices, q)
 
 
 def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
@@ -203,8 +228,10 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
         q[first] = angle
 
 
-def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False) -> pin.Model:
-    """Return the model of a URDF tree whose root link is fixed in the world.
+def mechanism_model(
+    path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False
+) -> tuple[pin.Model, tuple[UrdfLoop, ...]]:
+    """Return the model of a URDF tree whose root link is fixed in the world, and the loops of the file.
 
     Args:
         path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
@@ -212,20 +239,24 @@ def mechanism_model(path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: b
         ignore_mimic: let mimic joints move independently.
 
     Raises:
-        UrdfError: there is no such file; it has structural defects; MimicJointError: it has mimic joints.
+        UrdfError: there is no such file; it has structural defects, or loops that cannot be read;
+            MimicJointError: it has mimic joints.
         ShapeError, OutOfRangeError: gravity is not three finite numbers.
     """
     along = as_array("gravity", gravity, 3)
     require_type("path_or_xml", path_or_xml, str, Path)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
     name = "the text" if is_text else Path(path_or_xml).name
-    text = text_checked(str(path_or_xml)) if is_text else load_checked(find_urdf(path_or_xml))
+    if is_text:
+        text = text_checked(str(path_or_xml), loops=True)
+    else:
+        text = load_checked(find_urdf(path_or_xml), loops=True)
     followers = Robot(text).mimics
     if followers and not ignore_mimic:
         raise MimicJointError(name, followers, "mimic")
     model = model_from_text(text, name)
     model.gravity.linear = along
-    return model
+    return model, read_loops(text)
 
 
 def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:

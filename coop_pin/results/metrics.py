@@ -149,6 +149,8 @@ class InternalForceMetrics(NamedTuple):
 
 def internal_force(data: xr.Dataset, window: Window) -> InternalForceMetrics:
     """Return the metrics of the internal wrench over a window."""
+    if data.sizes["arm"] == 1:
+        return InternalForceMetrics(*[math.nan] * 4)
     inside = samples_of(data, window)
     axial = data["internal_axial"].values[inside]
     errors = (data[f"internal_{part}_error"].values[inside] for part in ("axial", "shear", "moment"))

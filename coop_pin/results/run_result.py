@@ -223,6 +223,8 @@ class RunResult:
             lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
         elif math.isinf(self.settling_time()):
             advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
+            if any(violation.kind == "torque" for violation in self.limit_violations()):
+                advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
             lines.append(f"  did not settle; {advice}")
         if scenario.events and self.after_event_window.is_empty:
             wait = f"{metrics.SETTLING_S:g} s after its last event"

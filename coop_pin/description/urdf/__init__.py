@@ -16,12 +16,14 @@ says.
 - joints: ``joint_type``, ``axis_zero``, ``limit_missing``, ``limit_inverted``, ``mimic_self``,
   ``mimic_unknown``
 - tree: ``no_parent``, ``no_child``, ``unknown_parent``, ``unknown_child``, ``two_parents``, ``cycle``,
-  ``no_root``, ``two_roots``, ``depth``, ``loop`` (doubtful in bundled files and example-robot-data)
+  ``no_root``, ``two_roots``, ``depth``
+- loops: ``loop`` (an arm has none; a mechanism's is read as a closure), ``loop_unread``; both are doubtful
+  for arms of bundled files and example-robot-data
 
 **Physical** findings are warnings, and errors if strict: no body has such a mass or inertia. In a user's
 file ``mass_zero`` (with an inertia), ``mass_negative``, ``inertia_not_psd`` and ``inertia_triangle`` of a
 link that joints move are **impossible**, always errors: Pinocchio would integrate a motion that no body has.
-A moved link without mass is not, as it may be locked; otherwise its run ends with MassMatrixError.
+A moved link without mass is not, as its joint may be locked; if it is not, the arm's model is refused.
 
 - ``mass_missing``, ``mass_zero``, ``mass_negative``, ``massless_body``, ``inertia_missing``,
   ``inertia_not_psd``, ``inertia_triangle``
@@ -33,17 +35,20 @@ A moved link without mass is not, as it may be locked; otherwise its run ends wi
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf, robot_files
+from coop_pin.description.urdf.loops import UrdfLoop, read_loops
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 
 __all__ = [
     "UrdfFile",
     "UrdfFinding",
+    "UrdfLoop",
     "UrdfReport",
     "bundled_urdf_folder",
     "check_file",
     "check_urdf",
     "find_urdf",
     "load_checked",
+    "read_loops",
     "robot_files",
     "text_checked",
 ]

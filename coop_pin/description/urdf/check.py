@@ -35,7 +35,7 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
     return _report(urdf, _text(urdf), urdf.package_dirs)
 
 
-def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
+def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -> str:
     """Return the text of a URDF file that Pinocchio reads as it is written.
 
     Physical and doubtful findings in a user's file are warned of (UrdfWarning), those of bundled files and
@@ -44,6 +44,7 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
     Args:
         urdf: the file.
         strict: whether physical findings are errors, in any file.
+        loops: whether the caller reads the loops that can be read as closures, by ``read_loops``.
 
     Raises:
         UrdfError: the file does not exist any more; the file has errors, all of which the message lists, or
@@ -51,19 +52,24 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False) -> str:
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
     data = _text(urdf)
-    _require_usable(_report(urdf, data), strict, warn=urdf.origin == "user")
+    _require_usable(_report(urdf, data, loops=loops), strict, warn=urdf.origin == "user")
     return data.decode("utf-8")
 
 
-def text_checked(text: str) -> str:
+def text_checked(text: str, *, loops: bool = False) -> str:
     """Return the text of a URDF unchanged if Pinocchio reads it as it is written.
 
     Physical and doubtful findings are warned of (UrdfWarning).
 
+    Args:
+        text: the URDF.
+        loops: as for load_checked.
+
     Raises:
         UrdfError: it has errors, all of which the message lists.
     """
-    _require_usable(check_urdf(text), strict=False, warn=True)
+    report = check_urdf(text)
+    _require_usable(_without_read_loops(report) if loops else report, strict=False, warn=True)
     return text
 
 
@@ -90,19 +96,30 @@ def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[
     return tuple(sorted(found, key=lambda finding: finding.line))
 
 
-def _report(urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None) -> UrdfReport:
-    """Return the findings of a file; in bundled files and example-robot-data some errors are warnings."""
+def _without_read_loops(report: UrdfReport) -> UrdfReport:
+    return UrdfReport(report.source, tuple(found for found in report.findings if found.code != "loop"))
+
+
+def _report(
+    urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None, *, loops: bool = False
+) -> UrdfReport:
+    """Return the findings of a file; in bundled files and example-robot-data some errors are warnings.
+
+    There, loops are warnings for an arm, which leaves them open, but unread ones are errors for a mechanism.
+    """
     findings = _findings(data, package_dirs)
     if urdf.origin != "user":
+        open_loops = () if loops else ("loop", "loop_unread")
         findings = tuple(
             finding._replace(kind="physical")
             if finding.kind == "impossible"
             else finding._replace(kind="doubtful")
-            if finding.code == "loop"
+            if finding.code in open_loops
             else finding
             for finding in findings
         )
-    return UrdfReport(str(urdf.path), findings)
+    report = UrdfReport(str(urdf.path), findings)
+    return _without_read_loops(report) if loops else report
 
 
 def _text(urdf: UrdfFile) -> bytes:

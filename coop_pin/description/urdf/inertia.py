@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.description.urdf.numbers import COUNTS, number
 from coop_pin.description.urdf.report import Kind, UrdfFinding
 from coop_pin.description.urdf.tree import Tree
-from coop_pin.description.urdf.xml import COUNTS, Node, number
+from coop_pin.description.urdf.xml import Node
 
 ROUNDING = 1e-6
 """Tolerance of the inequalities for rounded numbers, relative to the largest principal moment."""

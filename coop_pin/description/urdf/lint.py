@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from coop_pin.description.urdf.loops import loop_findings
+from coop_pin.description.urdf.numbers import is_unexpanded, number, number_findings, numbers
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
-from coop_pin.description.urdf.xml import EXPAND, LOOP, Node, is_unexpanded, number, number_findings, numbers
+from coop_pin.description.urdf.xml import EXPAND, LOOP, Node
 from coop_pin.errors import FileReadError
 from coop_pin.user_files import read_user_file
 
@@ -65,8 +67,7 @@ def element_findings(robot: Node) -> Iterator[UrdfFinding]:
         yield robot.finding("name", "<robot> has no name; add name=...")
     if robot.child("link") is None:
         yield robot.finding("no_links", "the robot has no links")
-    for loop in (node for node in robot.children if node.tag == LOOP):
-        yield _loop_finding(loop)
+    yield from loop_findings(robot)
     robot = robot._replace(children=[node for node in robot.children if node.tag != LOOP])
     yield from _name_findings(robot)
     joint_names = {node.name for node in robot.children if node.tag == "joint"}
@@ -76,16 +77,6 @@ def element_findings(robot: Node) -> Iterator[UrdfFinding]:
         if node.tag == "joint":
             yield from _joint_findings(node, joint_names)
             yield from _unit_findings(node)
-
-
-def _loop_finding(loop: Node) -> UrdfFinding:
-    name, tag = loop.name, loop.attributes["element"]
-    element = f"{tag} {quoted(name)}" if name else f"{tag} (unnamed)"
-    message = (
-        f"<{tag}> closes a loop, which Pinocchio leaves open; remove it, and give the loop as a Closure of"
-        " ClosedChain.from_urdf"
-    )
-    return UrdfFinding("structural", "loop", element, loop.line, message)
 
 
 def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFinding]:

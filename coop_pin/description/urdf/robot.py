@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.urdf.inertia import inertia_matrix
+from coop_pin.description.urdf.numbers import number, numbers
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.tree import Edge, Tree, read_tree
-from coop_pin.description.urdf.xml import Node, number, numbers, read_document
+from coop_pin.description.urdf.xml import Node, read_document
 from coop_pin.errors import NameNotFoundError, UrdfError
 from coop_pin.spatial import make_pose
 

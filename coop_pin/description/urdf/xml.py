@@ -1,11 +1,10 @@
-"""XML elements and numbers of a URDF, read with limits.
+"""XML elements of a URDF, read with limits.
 
 Malformed or hostile text gives a finding, never a crash or exhausted memory.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -34,11 +33,29 @@ _XML_ERRORS = {
 _READ = frozenset({"link", "joint", "material"})
 """Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
 
-_LOOPS = frozenset({"loop_joint", "constraint", "closed_loop"})
+_LOOPS = frozenset(
+    (
+        "loop_joint",
+        "loop",
+        "constraint",
+        "closed_loop",
+        "coupling",
+        "joint_constraint",
+        "drake:ball_constraint",
+        "drake:linear_bushing_rpy",
+        "drake:tendon_constraint",
+    )
+)
 """Children of <robot> by which dialects of URDF close loops; a <joint> inside <gazebo> does so, too."""
 
-LOOP = "loop"
+LOOP = "(loop)"
 """Tag of the node that stands for such an element."""
+
+TEXT = "(text)"
+"""Attribute for the text of an element inside such a node."""
+
+_SHOWN_TEXT = 1000
+"""Characters from which on more pieces of such a text are dropped; what is read has fewer."""
 
 _BROKEN_VALUE = re.compile(rb"""=\s*(?:"[^"]*?[\t\r\n]|'[^']*?[\t\r\n])""")
 """An attribute value with a tab or line break: XML reads it as a blank, Pinocchio's parser does not."""
@@ -74,7 +91,8 @@ class Node(NamedTuple):
         """Element name in findings: "link 'x'", or "robot" alone."""
         if self.tag == "robot":
             return "robot"
-        return f"{self.tag} {quoted(self.name)}" if self.name else f"{self.tag} (unnamed)"
+        tag = self.attributes["element"] if self.tag == LOOP else self.tag
+        return f"{tag} {quoted(self.name)}" if self.name else f"{tag} (unnamed)"
 
     def child(self, tag: str) -> Node | None:
         """Return the first child with a tag, as Pinocchio does."""
@@ -149,12 +167,15 @@ class _Reader:
         self.robot: Node
         self._data = data
         self._count = 0
-        self._is_gazebo = False
+        self._gazebo: dict[str, str] | None = None
+        self._is_loop = False
         self._path: list[Node | None] = []
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartDoctypeDeclHandler = self._doctype
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = lambda _: self._path.pop()
+        self._parser.buffer_text = True
+        self._parser.CharacterDataHandler = self._text
         try:
             self._parser.Parse(data, True)
         except expat.ExpatError as error:
@@ -184,12 +205,18 @@ class _Reader:
 
     def _kept(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
         parent = self._path[-1] if self._path else None
-        if len(self._path) == 1:
-            self._is_gazebo = tag == "gazebo"
-        is_joint = self._is_gazebo and len(self._path) == 2 and tag.partition(":")[0] == "joint"
-        if is_joint or (len(self._path) == 1 and tag in _LOOPS):
-            self.robot.children.append(Node(LOOP, attributes | {"element": tag}, line, False, []))
-        if self._path and (parent is None or (len(self._path) == 1 and tag not in _READ)):
+        depth = len(self._path)
+        if depth == 1:
+            self._gazebo = attributes if tag == "gazebo" else None
+            self._is_loop = tag in _LOOPS
+        elif depth == 2 and self._gazebo is not None:
+            self._is_loop = tag.partition(":")[0] == "joint"
+            if self._is_loop:
+                parent = self.robot
+                attributes = attributes | {f"gazebo_{key}": value for key, value in self._gazebo.items()}
+        if self._is_loop and depth and parent is self.robot:
+            attributes, tag = attributes | {"element": tag}, LOOP
+        elif depth and (parent is None or (depth == 1 and tag not in _READ)):
             return None
         start = self._parser.CurrentByteIndex
         broken = _BROKEN_VALUE.search(self._data, start, self._data.index(b">", start)) is not None
@@ -200,77 +227,10 @@ class _Reader:
             parent.children.append(node)
         return node
 
-
-COUNTS: dict[str, dict[str, int]] = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "mass": {"value": 1},
-    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "mimic": {"multiplier": 1, "offset": 1},
-    "dynamics": {"damping": 1, "friction": 1},
-    "calibration": {"rising": 1, "falling": 1},
-    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "mesh": {"scale": 3},
-}
-"""Number of values of each numeric attribute, by element."""
-
-_NUMBER = re.compile(
-    r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|nan|inf|infinity)",
-    re.IGNORECASE | re.ASCII,
-)
-
-
-def numbers(node: Node | None, attribute: str) -> tuple[float, ...] | None:
-    """Return the numbers of an attribute, or None if they are absent or malformed (see number_findings)."""
-    if node is None or attribute not in node.attributes:
-        return None
-    text, count = node.attributes[attribute], COUNTS[node.tag][attribute]
-    return None if _problem(text, count) else tuple(map(float, _pieces(text, count)))
-
-
-def number(node: Node | None, attribute: str) -> float | None:
-    """Return the single number of an attribute, or None if it is absent or malformed."""
-    values = numbers(node, attribute)
-    return values[0] if values else None
-
-
-def number_findings(owner: Node) -> Iterator[UrdfFinding]:
-    """Yield malformed numbers of a link or joint; Pinocchio silently reads many of them as zero."""
-    # Pinocchio never reads the axis of a joint that has none, and many files have "0 0 0" there.
-    unread = owner.child("axis") if owner.attributes.get("type") in ("fixed", "floating") else None
-    for node in owner.family():
-        for attribute, count in COUNTS.get(node.tag, {}).items():
-            text = node.attributes.get(attribute)
-            if text is None or node is unread or is_unexpanded(text):
-                continue
-            if problem := _problem(text, count):
-                code, message = problem
-                yield owner.finding(code, f"{attribute} of <{node.tag}> is {quoted(text)}{message}", at=node)
-
-
-def is_unexpanded(text: str) -> bool:
-    """Return whether the value of an attribute is a xacro expression."""
-    return "${" in text or "$(" in text
-
-
-def _pieces(text: str, count: int) -> list[str]:
-    # A trailing blank is harmless in a vector; Pinocchio's parser does not read a scalar that has one.
-    return [text.lstrip(" ")] if count == 1 else [piece for piece in text.split(" ") if piece]
-
-
-def _problem(text: str, count: int) -> tuple[str, str] | None:
-    """Return code and message of the first malformed number, or None."""
-    pieces = _pieces(text, count)
-    if len(pieces) != count:
-        return "count", f": {len(pieces)} numbers; it must have {count}, separated by blanks"
-    for piece in pieces:
-        if not _NUMBER.fullmatch(piece):
-            return "number", "; it must be a plain decimal number without trailing blanks"
-        if not math.isfinite(float(piece)):
-            return "not_finite", "; it must be finite and within the range of a float"
-    return None
+    def _text(self, text: str) -> None:
+        """Keep the text of an element inside a loop, in which SDFormat has its values."""
+        node = self._path[-1]
+        if self._is_loop and node is not None and node.tag != LOOP:
+            before = node.attributes.get(TEXT, "")
+            if len(before) < _SHOWN_TEXT:
+                node.attributes[TEXT] = before + text
