@@ -39,9 +39,12 @@ def read_user_file(path: str | Path, *, limit: int, kind: str) -> bytes:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise FileReadError(f"is no regular file; give the path of {kind}", str(path))
-            content = b"" if status.st_size > limit else file.read(limit + 1) or b""
+            # Not up to the limit: read() allocates as much as it is asked for.
+            content = b"" if status.st_size > limit else file.read(status.st_size) or b""
     except OSError as error:
         raise FileReadError(f"cannot be read as {kind}: {error.strerror or error}", str(path)) from error
+    except MemoryError:
+        raise FileReadError(f"has {status.st_size} bytes, more than the free memory", str(path)) from None
     except ValueError as error:  # NUL in the name, or a lone surrogate
         raise FileReadError(f"cannot be read as {kind}: {error}", ascii(str(path))) from None
     if content.startswith(_PACKED):

@@ -139,6 +139,24 @@ def test_times_that_no_spline_can_lead_through_are_refused(tmp_path, times):
         cp.WaypointsMotion(points=points)
 
 
+@pytest.mark.parametrize(
+    "read",
+    [
+        cp.Scenario.load,
+        cp.RunResult.load,
+        cp.SweepResult.load,
+        cp.SweepPlan.load,
+        cp.Arm.from_urdf,
+        lambda path: cp.Payload.mesh(path, mass=1.0),
+        lambda path: cp.CsvMotion(path=path).at(0.0),
+    ],
+    ids=["scenario", "result", "sweep", "plan", "urdf", "mesh", "csv"],
+)
+def test_a_name_that_is_too_long_for_a_file_is_refused(read):
+    with pytest.raises(errors.CoopPinError):
+        read("x" * 5000)
+
+
 @pytest.mark.parametrize("wrong", [None, "a", [1.0], np.zeros(3), np.zeros((3, 4))], ids=repr)
 def test_functions_of_spatial_refuse_wrong_shapes(wrong):
     for call in (

@@ -2,7 +2,9 @@
 
 import os
 import random
+import resource
 import sys
+import time
 import zipfile
 
 import numpy as np
@@ -11,6 +13,7 @@ from cells import SCENARIOS, planar_scenario
 
 import coop_pin as cp
 from coop_pin.description.payload import read_mesh
+from coop_pin.description.urdf import xacro
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.reference import CsvMotion
 from coop_pin.sweeps import SweepPlan
@@ -207,3 +210,33 @@ def test_xacro_sees_no_environment(tmp_path, monkeypatch):
     (tmp_path / "arm" / "arm.xacro").unlink()
     arm = _xacro(tmp_path / "arm", "$(optenv SECRET 3)")
     assert cp.ArmModel(arm).model.inertias[1].mass == 3.0
+
+
+DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(
+    "".join(
+        f'<xacro:macro name="m{i}"><xacro:m{i - 1}/><xacro:m{i - 1}/></xacro:macro>' for i in range(1, 41)
+    )
+)
+"""2^40 calls of m0."""
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        DOUBLED,
+        '<xacro:property name="p" value="${9**9**9}"/>${p}',
+        '<xacro:property name="p" value="${[0] * 10**11}"/>${p}',
+        '<xacro:macro name="m"><link name="x"/><xacro:m/></xacro:macro><xacro:m/>',
+        """<xacro:property name="p" value="${'x' * 3000000}"/><a b="${p}" c="${p}"/>""",
+    ],
+    ids=["doubled", "power", "list", "recursive", "large"],
+)
+def test_an_expansion_without_end_is_refused(before, tmp_path, monkeypatch):
+    pytest.importorskip("xacrodoc")
+    assert xacro._CPU_S < 5
+    monkeypatch.setattr(xacro, "_CPU_S", 1)
+    started = time.monotonic()
+    with pytest.raises(UrdfError, match=r"arm\.xacro"):
+        _xacro(tmp_path / "arm", 1, before)
+    assert time.monotonic() - started < 10.0  # on a crowded machine, too
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 2**21  # 2 GiB, in KiB

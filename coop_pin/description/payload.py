@@ -241,8 +241,6 @@ def read_mesh(path: Path) -> Any:
     """
     import trimesh  # a tenth of a second, only for payloads that are meshes
 
-    if not path.exists():
-        raise FieldError(f"there is no mesh at {path}", "mesh_file")
     try:
         # As bytes: a mesh that names further files does not get them.
         content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
