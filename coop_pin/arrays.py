@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -28,6 +30,13 @@ Entry = TypeVar("Entry", bound=np.generic)
 
 Mask: TypeAlias = NDArray[np.bool_]
 """A boolean array."""
+
+_CGROUP_LIST, _CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
+_CGROUP_FILES = {
+    "": ("memory.max", "memory.current", "inactive_file"),
+    "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
+"""Files of limit, use and the cache that can be given back: of version 2, which has one tree, and of 1."""
 
 POSE_ALLOWED = 1e-6
 """Largest accepted entry of R^T R - I: poses typed to seven digits pass."""
@@ -114,17 +123,18 @@ def require_path(name: str, value: object) -> None:
 
     Raises:
         WrongTypeError: it is neither a text nor a path.
-        ArgumentError: it has a NUL character, or one that cannot be encoded.
+        ArgumentError: it has a NUL character, or one that cannot be encoded, or is too long.
     """
     require_type(name, value, str, os.PathLike)
     try:
-        has_nul = b"\0" in os.fsencode(cast("str | os.PathLike[str]", value))
-    except (UnicodeEncodeError, TypeError):
-        has_nul = True
-    if has_nul:
+        Path(cast("str | os.PathLike[str]", value)).stat()
+    except (ValueError, TypeError):
         raise ArgumentError(
             f"{name} is {value!r}, which no file can be called; remove the special characters"
-        )
+        ) from None
+    except OSError as error:  # most have a meaning for whoever opens the file: it may yet be written
+        if error.errno == errno.ENAMETOOLONG:
+            raise ArgumentError(f"{name} is longer than the name of a file can be; shorten it") from None
 
 
 def as_count(name: str, value: object, least: int = 0) -> int:
@@ -194,7 +204,15 @@ def require_memory(what: str, needed: float, remedy: str) -> None:
 
 
 def free_memory() -> int:
-    """Return the memory that is available without swapping, bytes; sys.maxsize where it cannot be read."""
+    """Return the memory that is available without swapping, bytes; sys.maxsize where it cannot be read.
+
+    It is the least of what the system, the control groups of the process (containers, batch jobs) and its
+    limit of the address space leave.
+    """
+    return max(0, min(_system_memory(), _address_space(), *_cgroup_memory()))
+
+
+def _system_memory() -> int:
     try:
         lines = Path("/proc/meminfo").read_text("ascii").splitlines()  # Linux; what caches give back is free
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
@@ -204,6 +222,34 @@ def free_memory() -> int:
         with contextlib.suppress(AttributeError, OSError, ValueError):  # no such name, or not on this system
             return int(os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE"))
     return sys.maxsize
+
+
+def _address_space() -> int:
+    """Return what the limit of the address space (ulimit -v) leaves, bytes."""
+    with contextlib.suppress(ImportError, OSError):
+        import resource  # not on Windows
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+            return limit - pages * resource.getpagesize()
+    return sys.maxsize
+
+
+def _cgroup_memory() -> Iterator[int]:
+    """Yield what the limits of the process's control groups and of the groups around them leave, bytes."""
+    try:
+        groups = [line.split(":", 2)[1:] for line in _CGROUP_LIST.read_text("utf-8").splitlines()]
+    except OSError:  # not Linux
+        return
+    for controller, path in groups:
+        limit, used, cache = _CGROUP_FILES.get(controller, ("", "", ""))
+        group = _CGROUPS / controller / path.lstrip("/")
+        for folder in (group, *group.parents) if limit else ():
+            with contextlib.suppress(OSError, ValueError):  # no such file or number: the group has no limit
+                counts = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))
+                taken = int((folder / used).read_text("ascii")) - int(counts.get(cache, 0))
+                yield int((folder / limit).read_text("ascii")) - taken
 
 
 def frozen(array: NDArray[Entry]) -> NDArray[Entry]:

@@ -15,6 +15,7 @@ from coop_pin.errors import FileReadError
 
 _MAX_TOML_BYTES = 2_000_000
 _MAX_NESTING = 50
+_HEAD_BYTES = 2000
 _PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
 """First bytes of gzip, bzip2, xz and zstd."""
 _LONG_KEY = re.compile(rf"(?:[\w\"'-]{{1,99}}[ \t]{{0,9}}\.[ \t]{{0,9}}){{{_MAX_NESTING}}}")
@@ -34,21 +35,39 @@ def read_user_file(path: str | Path, *, limit: int, kind: str) -> bytes:
     Raises:
         FileReadError: it is missing, no regular file, too large, unreadable, or packed other than by ZIP.
     """
+    content, _ = _read(path, limit, limit, kind)
+    if (size := _unzipped_size(content)) > limit:
+        raise FileReadError(f"unpacks to {size} bytes; {kind} has at most {limit}", str(path))
+    return content
+
+
+def head_of_user_file(path: str | Path, *, limit: int, kind: str) -> tuple[bytes, int]:
+    """Return the first 2000 bytes of a regular file and its size, bytes; as read_user_file otherwise."""
+    return _read(path, _HEAD_BYTES, limit, kind)
+
+
+def _read(path: str | Path, count: int, limit: int, kind: str) -> tuple[bytes, int]:
+    """Return the first bytes of a regular file, at most ``count``, and its size."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise FileReadError(f"is no regular file; give the path of {kind}", str(path))
-            content = b"" if status.st_size > limit else file.read(limit + 1) or b""
+            if status.st_size > limit:
+                raise FileReadError(f"has {status.st_size} bytes; {kind} has at most {limit}", str(path))
+            # Not up to the limit: read() allocates as much as it is asked for.
+            content = file.read(min(count, status.st_size)) or b""
     except OSError as error:
         raise FileReadError(f"cannot be read as {kind}: {error.strerror or error}", str(path)) from error
+    except MemoryError:
+        raise FileReadError(f"has {status.st_size} bytes, more than the free memory", str(path)) from None
+    except FileReadError:
+        raise
     except ValueError as error:  # NUL in the name, or a lone surrogate
         raise FileReadError(f"cannot be read as {kind}: {error}", ascii(str(path))) from None
     if content.startswith(_PACKED):
         raise FileReadError(f"is a packed file; unpack it to get {kind}", str(path))
-    if (size := max(status.st_size, len(content), _unzipped_size(content))) > limit:
-        raise FileReadError(f"has {size} bytes; {kind} has at most {limit}", str(path))
-    return content
+    return content, status.st_size
 
 
 def _unzipped_size(content: bytes) -> int:

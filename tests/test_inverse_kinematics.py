@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS, cell_and_start, planar_scenario
+from malformed_urdf import arm as urdf_text
 from numpy.testing import assert_allclose
 
-from coop_pin.chain import solve_ik
+from coop_pin.analysis import cell_summary
+from coop_pin.chain import CellChain, solve_ik
+from coop_pin.description import Arm, Cell, Payload, Pose
 from coop_pin.errors import OutOfRangeError, ShapeError, UnreachablePoseError
 from coop_pin.model import ArmModel
 from coop_pin.spatial import make_pose, pose_error
@@ -55,6 +58,25 @@ def test_the_posture_chooses_the_elbow_of_the_spatial_arm(elbow):
     q = solve_ik(arm, start, posture=up if elbow > 0.0 else down)
     assert np.sign(q[ELBOW["spatial"]]) == elbow * np.sign(up[ELBOW["spatial"]])
     assert_allclose(pose_error(arm.payload_pose(q), start), np.zeros(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)], ids=["planar", "spatial"])
+def test_an_arm_with_one_joint_has_jacobians_of_one_column(axis, tmp_path):
+    """Pinocchio returns them flat. J = [n x p; n], and X(q) = exp(n q) X(0)."""
+    joint = f'<axis xyz="{axis[0]} {axis[1]} {axis[2]}"/>'
+    (tmp_path / "arm.urdf").write_text(urdf_text(joint_2='<joint name="two" type="fixed">', axis_1=joint))
+    arm = Arm.from_urdf(tmp_path / "arm.urdf", tip="c")
+    grasp = Pose(xyz=(-0.4, 0.1, 0.05), rpy=(0.3, -0.2, 0.1))
+    cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.2, 0.3)), grasps={"only": grasp})
+    model, chain = ArmModel.from_cell(cell, "only"), CellChain(cell)
+    X = model.payload_pose([0.4])
+    n = make_pose((0.0, 0.0, 0.5), (0.0, 0.0, 1.5))[:3, :3] @ axis
+    assert_allclose(solve_ik(model, X, posture=[0.0]), [0.4], atol=1e-8)
+    assert_allclose(chain.configuration(X), [0.4], atol=1e-8)
+    expected = np.concatenate((np.cross(n, X[:3, 3] - (0.0, 0.0, 0.5)), n))[:, None]
+    for J in (model.payload_jacobian([0.4]), chain.payload_jacobian([0.4])):
+        assert_allclose(J, expected, atol=1e-12)
+    assert cell_summary(cell, X).freedom == 1
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -1,12 +1,15 @@
 """Arguments that used to end in a bare exception from deep inside are refused by name."""
 
+import io
 import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import trimesh
 from cells import SCENARIOS
+from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin import errors, spatial
@@ -127,6 +130,29 @@ def test_a_mesh_scale_that_gives_no_body_is_refused(tmp_path, scale):
     assert caught.value.path == "scale"
 
 
+def test_a_gltf_with_buffers_in_other_files_is_refused_with_what_to_do(tmp_path):
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    for name, content in trimesh.exchange.gltf.export_gltf(box).items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(errors.FieldError, match=r"\.glb"):
+        cp.Payload.mesh(tmp_path / "model.gltf", mass=1.0)
+    box.export(tmp_path / "model.glb")
+    assert_allclose(cp.Payload.mesh(tmp_path / "model.glb", mass=1.0).size, (0.1, 0.2, 0.3), atol=1e-7)
+
+
+def test_a_mesh_whose_triangles_have_no_corners_is_refused(tmp_path):
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {}\n"
+    (tmp_path / "nan.obj").write_text(corners.format("nan") + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    content = trimesh.creation.box((0.1, 0.2, 0.3)).export(file_type="glb")
+    faces = trimesh.load(io.BytesIO(content), file_type="glb", force="mesh").faces
+    indices = np.asarray(faces, dtype="<u4").tobytes()
+    assert content.count(indices) == 1
+    (tmp_path / "far.glb").write_bytes(content.replace(indices, b"\xff\xff\xff\xff" + indices[4:]))
+    for name in ("nan.obj", "far.glb"):
+        with pytest.raises(errors.FieldError, match=name):
+            cp.Payload.mesh(tmp_path / name, mass=1.0)
+
+
 @pytest.mark.parametrize("times", [(0.0, 5e-324, 1e-323), (0.0, 1e-310, 1.0), (0.0, 1e300, 2e300)])
 def test_times_that_no_spline_can_lead_through_are_refused(tmp_path, times):
     rows = "".join(f"{time!r},{index / 10},0,0,0,0,0\n" for index, time in enumerate(times))
@@ -137,6 +163,24 @@ def test_times_that_no_spline_can_lead_through_are_refused(tmp_path, times):
     points = tuple(cp.Waypoint(time=time, xyz=(index / 10, 0.0, 0.0)) for index, time in enumerate(times))
     with pytest.raises(errors.FieldError):
         cp.WaypointsMotion(points=points)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        cp.Scenario.load,
+        cp.RunResult.load,
+        cp.SweepResult.load,
+        cp.SweepPlan.load,
+        cp.Arm.from_urdf,
+        lambda path: cp.Payload.mesh(path, mass=1.0),
+        lambda path: cp.CsvMotion(path=path).at(0.0),
+    ],
+    ids=["scenario", "result", "sweep", "plan", "urdf", "mesh", "csv"],
+)
+def test_a_name_that_is_too_long_for_a_file_is_refused(read):
+    with pytest.raises(errors.CoopPinError):
+        read("x" * 5000)
 
 
 @pytest.mark.parametrize("wrong", [None, "a", [1.0], np.zeros(3), np.zeros((3, 4))], ids=repr)

@@ -1,6 +1,8 @@
 """Sizes: a run is measured against the free memory before it starts, and long runs keep every n-th tick."""
 
 import itertools
+import subprocess
+import sys
 import time
 import tracemalloc
 
@@ -9,7 +11,7 @@ import pytest
 from cells import SCENARIOS
 from linkages import bennett
 
-from coop_pin import errors
+from coop_pin import arrays, errors
 from coop_pin.arrays import free_memory
 from coop_pin.description import Clock, Scenario
 from coop_pin.run_scenario import build_controller
@@ -73,6 +75,51 @@ def test_a_motion_of_a_billion_steps_is_refused():
 
 def test_free_memory_is_between_nothing_and_everything():
     assert 1 << 20 < free_memory() < 1 << 60
+
+
+def test_free_memory_is_within_the_limit_of_the_address_space():
+    script = """
+import resource
+from pathlib import Path
+from coop_pin.arrays import free_memory
+limit = 1 << 30
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+assert 0 < free_memory() <= limit - used, (free_memory(), limit - used)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+@pytest.mark.parametrize(
+    ("listed", "folder", "names"),
+    [
+        ("0::/batch/job", "", ("memory.max", "memory.current", "inactive_file")),
+        (
+            "9:cpu:/batch/job\n4:memory:/batch/job",
+            "memory",
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+        ),
+    ],
+    ids=["version 2", "version 1"],
+)
+def test_free_memory_is_within_the_limits_of_every_control_group(
+    listed, folder, names, tmp_path, monkeypatch
+):
+    limit, used, cache = names
+    (tmp_path / "list").write_text(listed + "\n")
+    monkeypatch.setattr(arrays, "_CGROUP_LIST", tmp_path / "list")
+    monkeypatch.setattr(arrays, "_CGROUPS", tmp_path / "cgroup")
+    job = tmp_path / "cgroup" / folder / "batch" / "job"
+    job.mkdir(parents=True)
+    for group, text in ((job, "max" if not folder else str(2**63 - 4096)), (job.parent, "9000000")):
+        (group / limit).write_text(text + "\n")
+        (group / used).write_text("3000000\n")
+        (group / "memory.stat").write_text(f"anon 1\n{cache} 2000000\n")
+    assert free_memory() == 9_000_000 - 3_000_000 + 2_000_000
+    (job / limit).write_text("4000000\n")
+    assert free_memory() == 3_000_000
+    (job / used).write_text("8000000\n")
+    assert free_memory() == 0
 
 
 def test_steps_of_a_tick_are_made_one_at_a_time():

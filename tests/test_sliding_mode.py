@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import ArmMeasurement, ArmReference, Saturation, Sign, SlidingModeController, Tanh
-from coop_pin.errors import FieldError, SingularJacobianError
+from coop_pin.control.terms import jacobian_inverse
+from coop_pin.errors import ArgumentError, FieldError, SingularJacobianError
 from coop_pin.run_scenario import build_controller
 from coop_pin.spatial import make_pose, pose_error, task_rows
 
@@ -157,6 +158,12 @@ def test_singular_jacobian_is_refused_with_numbers():
         law.init(m._replace(payload_jacobian=J), r)
     assert caught.value.time == 1.5
     assert caught.value.condition > 1e6
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (6, 3)])
+def test_a_jacobian_that_is_not_square_is_refused(shape):
+    with pytest.raises(ArgumentError, match=str(shape[1])):
+        jacobian_inverse(np.ones(shape), 0.0)
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.2])

@@ -128,6 +128,8 @@ def test_a_corrupt_mesh_is_an_error_of_the_check(content, tmp_path):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "part.stl").write_bytes(content)
     assert [finding.code for finding in check_file(file).errors()] == ["mesh_unreadable"]
+    with pytest.raises(UrdfError, match="mesh_unreadable"):
+        load_checked(file)
     (tmp_path / "here" / "part.stl").write_bytes(b"solid a\nfacet normal 0 0 1\nendfacet\nendsolid")
     assert check_file(file).errors() == ()
 
@@ -176,6 +178,9 @@ def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     file = _file(tmp_path, arm(link_c=f'<link name="c">{visuals}</link>'))
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "part.stl").write_bytes(_stl(1, claimed=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_checked(file)
     missing = [finding for finding in check_file(file).findings if finding.kind == "doubtful"]
     assert [(finding.code, finding.element) for finding in missing] == [("mesh_missing", "link 'c'")]
     assert "'package://gone/part.stl'" in missing[0].message

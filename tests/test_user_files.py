@@ -2,6 +2,7 @@
 
 import os
 import random
+import resource
 import sys
 import zipfile
 
@@ -11,8 +12,10 @@ from cells import SCENARIOS, planar_scenario
 
 import coop_pin as cp
 from coop_pin.description.payload import read_mesh
+from coop_pin.description.urdf import xacro
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.reference import CsvMotion
+from coop_pin.results import netcdf
 from coop_pin.sweeps import SweepPlan
 from coop_pin.user_files import parse_toml, read_user_file
 
@@ -105,22 +108,43 @@ def saved(request, tmp_path_factory):
     return result, path.read_bytes()
 
 
-def test_a_flipped_bit_is_refused_or_changes_nothing(saved, tmp_path):
+def refused(path, damaged, result):
+    """Whether a damaged result is refused; otherwise it must be what was written."""
+    path.write_bytes(damaged)
+    try:
+        loaded = cp.RunResult.load(path)
+    except FileReadError as error:
+        return "result.nc" in str(error)
+    assert loaded.data.identical(result.data)
+    assert loaded.scenario == result.scenario
+    return False
+
+
+def flipped(data, place, bit):
+    return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(10**9, marks=pytest.mark.slow)], ids=["some", "all"])
+def test_a_flipped_bit_is_refused(saved, count, tmp_path):
+    """One bit of every byte; those of the marker of the checksum alone make it a file without one."""
     result, whole = saved
-    path, seeded = tmp_path / "result.nc", random.Random(7)
-    refused = 0
-    for place in seeded.sample(range(len(whole)), 25):
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << seeded.randrange(8)
-        path.write_bytes(damaged)
-        try:
-            loaded = cp.RunResult.load(path)
-        except FileReadError as error:
-            refused += "result.nc" in str(error)
-        else:
-            assert loaded.data.identical(result.data)
-            assert loaded.scenario == result.scenario
-    assert refused > 5
+    seeded, path = random.Random(7), tmp_path / "result.nc"
+    places = seeded.sample(range(len(whole)), min(count, len(whole)))
+    kept = [
+        place for place in places if not refused(path, flipped(whole, place, seeded.randrange(8)), result)
+    ]
+    marker = whole.rindex(netcdf._SEAL)
+    assert all(marker <= place < marker + len(netcdf._SEAL) for place in kept)
+
+
+@pytest.mark.parametrize("count", [10, pytest.param(1000, marks=pytest.mark.slow)])
+def test_a_flipped_bit_of_a_copy_is_refused_or_changes_nothing(saved, count, tmp_path):
+    """Another program's copy has no checksum of its bytes: HDF5 reads what is damaged."""
+    result, whole = saved
+    copy, seeded, path = whole[: whole.rindex(netcdf._SEAL)], random.Random(7), tmp_path / "result.nc"
+    places = seeded.sample(range(len(copy)), count)
+    found = [refused(path, flipped(copy, place, seeded.randrange(8)), result) for place in places]
+    assert sum(found) > 0.2 * count
 
 
 @pytest.mark.parametrize(
@@ -207,3 +231,34 @@ def test_xacro_sees_no_environment(tmp_path, monkeypatch):
     (tmp_path / "arm" / "arm.xacro").unlink()
     arm = _xacro(tmp_path / "arm", "$(optenv SECRET 3)")
     assert cp.ArmModel(arm).model.inertias[1].mass == 3.0
+
+
+DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(
+    "".join(
+        f'<xacro:macro name="m{i}"><xacro:m{i - 1}/><xacro:m{i - 1}/></xacro:macro>' for i in range(1, 41)
+    )
+)
+"""2^40 calls of m0."""
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        DOUBLED,
+        '<xacro:property name="p" value="${9**9**9}"/>${p}',
+        '<xacro:property name="p" value="${[0] * 10**11}"/>${p}',
+        '<xacro:macro name="m"><link name="x"/><xacro:m/></xacro:macro><xacro:m/>',
+        """<xacro:property name="p" value="${'x' * 3000000}"/><a b="${p}" c="${p}"/>""",
+    ],
+    ids=["doubled", "power", "list", "recursive", "large"],
+)
+def test_an_expansion_without_end_is_refused(before, tmp_path, monkeypatch):
+    pytest.importorskip("xacrodoc")
+    assert xacro._CPU_S < 5
+    monkeypatch.setattr(xacro, "_CPU_S", 1)
+    earlier = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with pytest.raises(UrdfError, match=r"arm\.xacro"):
+        _xacro(tmp_path / "arm", 1, before)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert used.ru_utime + used.ru_stime - earlier.ru_utime - earlier.ru_stime < 2.0
+    assert used.ru_maxrss < 2**21  # 2 GiB, in KiB

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 import umsgpack
 import yourdfpy
 import zmq
@@ -25,6 +26,7 @@ from coop_pin import run
 from coop_pin.description import Arm, Cell, Payload, Pose
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import UrdfWarning
+from coop_pin.model import geometry
 from coop_pin.model.shapes import Mesh
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
@@ -459,6 +461,31 @@ def test_links_beyond_a_locked_joint_are_drawn_at_the_locked_position() -> None:
 
 
 # ---------------------------------------------------------------- unreadable meshes
+
+
+BOX = trimesh.creation.box()
+HOSTILE = {
+    "crash.ply": BOX.export(file_type="ply")[:-1],
+    "endless.dae": BOX.export(file_type="dae").replace(b"<p>1 1", b"<p>1 nan"),
+    "nan.obj": BOX.export(file_type="obj").replace("0.5", "nan", 1).encode(),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_mesh_that_would_end_or_stop_the_process_or_is_not_finite_is_not_drawn(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(geometry, "_CPU_S", 1)
+    (tmp_path / name).write_bytes(HOSTILE[name])
+    text = find_urdf("adept_3dof").path.read_text()
+    mesh = f'<mesh filename="package://{tmp_path.name}/{name}"/>'
+    path = tmp_path / "hostile.urdf"
+    path.write_text(text.replace('<box size="0.05 0.044 0.0275"/>', mesh))
+    cell = planar_scenario().cell
+    arm = cell.arms["left"].replace(urdf=str(path))
+    with pytest.warns(UrdfWarning, match=r"hostile\.urdf"):
+        bodies = CellVisuals(cell.replace(arms={**cell.arms, "left": arm}), "welded").bodies
+    drawn = {body.name: len(body.visuals) for body in bodies}
+    assert drawn["left/joint_3"] == drawn["right/joint_3"] - 1
+    assert drawn["left/joint_2"] == drawn["right/joint_2"]
 
 
 def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None:

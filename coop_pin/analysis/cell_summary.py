@@ -18,7 +18,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.model.pinocchio_model import frame_id, load_arm_model
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, load_arm_model
 
 _SEEDS = 8
 
@@ -39,7 +39,7 @@ def maximum_reach(arm: Arm) -> float:
     def objective(angles: Array) -> tuple[float, Array]:
         """Return minus the distance and its gradient."""
         q = limits.joints.configuration(angles)
-        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        J = jacobian_matrix(pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED))
         p = pin.updateFramePlacement(model, data, tip).translation - origin
         distance = float(np.linalg.norm(p))
         return -distance, -(p @ J[:3]) / max(distance, 1e-12)

@@ -23,7 +23,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import NameNotFoundError, OpenClosureError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, symmetric
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _NO_WRENCH = np.zeros(6)
@@ -151,10 +151,9 @@ class CellChain:
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP with V_WP = J_WP v for the velocity v of the tree, shape (6, nv)."""
-        J: Array = pin.computeFrameJacobian(
-            self.mechanism.model, self._data, self._q(q), self.model.payload_frame, pin.LOCAL_WORLD_ALIGNED
-        )
-        return J
+        model, payload = self.mechanism.model, self.model.payload_frame
+        J = pin.computeFrameJacobian(model, self._data, self._q(q), payload, pin.LOCAL_WORLD_ALIGNED)
+        return jacobian_matrix(J)
 
     def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return V_WP, shape (6,)."""

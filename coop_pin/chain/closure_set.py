@@ -13,7 +13,7 @@ from coop_pin.arrays import Array, require_type
 from coop_pin.chain.closure import Closure, error_function
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.errors import NameNotFoundError
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
 
 _UNIVERSE = 0
 
@@ -60,7 +60,7 @@ class ClosureFrame:
         if self.joint == _UNIVERSE:
             return
         A = A.dot(self._to_frame)
-        jacobian += A.dot(pin.getJointJacobian(model, data, self.joint, pin.LOCAL))
+        jacobian += A.dot(jacobian_matrix(pin.getJointJacobian(model, data, self.joint, pin.LOCAL)))
         drift += A.dot(data.a[self.joint].vector)
 
 

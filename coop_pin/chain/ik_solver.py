@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dposv
 
 from coop_pin.arrays import Array
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
 
 CLOSED = 1e-9
 """A pose error below this counts as closed, m and rad."""
@@ -227,7 +227,7 @@ class IKSolver:
         # Not computeFrameJacobian, which in local axes does not update the placements.
         pin.computeJointJacobians(self.model, self._data, q)
         X_EE_d = pin.updateFramePlacement(self.model, self._data, self._tip).actInv(target)
-        J = pin.getFrameJacobian(self.model, self._data, self._tip, pin.LOCAL)
+        J = jacobian_matrix(pin.getFrameJacobian(self.model, self._data, self._tip, pin.LOCAL))
         gap = np.concatenate((X_EE_d.translation, pin.log3(X_EE_d.rotation)))
         A = np.empty_like(J)
         A[:3] = J[:3] - pin.skew(X_EE_d.translation) @ J[3:]

@@ -29,8 +29,14 @@ def jacobian_inverse(J: Array, time: float) -> Array:
         time: for the message, s.
 
     Raises:
+        ArgumentError: J is not square.
         SingularJacobianError: the condition number exceeds 1e6 (Assumption 2 of the paper, eq. (22), fails).
     """
+    if J.shape[0] != J.shape[1]:
+        raise ArgumentError(
+            f"the payload Jacobian has {J.shape[1]} columns (joints) and {J.shape[0]} rows; it must be"
+            " square: choose other rows, or a law for redundant arms"
+        )
     J_inverse: Array
     _, _, J_inverse, zero_pivot = dgesv(J, _identity(len(J)))
     if zero_pivot:

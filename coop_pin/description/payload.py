@@ -241,16 +241,17 @@ def read_mesh(path: Path) -> Any:
     """
     import trimesh  # a tenth of a second, only for payloads that are meshes
 
-    if not path.exists():
-        raise FieldError(f"there is no mesh at {path}", "mesh_file")
     try:
         # As bytes: a mesh that names further files does not get them.
         content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
         mesh = trimesh.load(io.BytesIO(content), file_type=path.suffix[1:].lower(), force="mesh")
     except Exception as error:  # the readers of many formats have no common base of their errors
-        raise FieldError(f"{path} cannot be read as a mesh: {error}", "mesh_file") from error
+        alone = "; one file must hold it all: save it as .glb" if path.suffix.lower() == ".gltf" else ""
+        raise FieldError(f"{path} cannot be read as a mesh: {error}{alone}", "mesh_file") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise FieldError(f"{path} holds no triangles", "mesh_file")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices) or not np.isfinite(mesh.vertices).all():
+        raise FieldError(f"{path} is damaged: a triangle has a corner that is no finite point", "mesh_file")
     return mesh
 
 

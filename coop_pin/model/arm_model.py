@@ -20,6 +20,7 @@ from coop_pin.model.pinocchio_model import (
     append_arm,
     empty_model,
     frame_id,
+    jacobian_matrix,
     load_arm_model,
     symmetric,
     without_inertia,
@@ -161,7 +162,7 @@ class ArmModel:
         J = pin.computeFrameJacobian(
             self.model, self._data, self._q(q), self._payload, pin.LOCAL_WORLD_ALIGNED
         )
-        return require_finite("J_WP", np.array(J))
+        return require_finite("J_WP", jacobian_matrix(np.array(J)))
 
     def payload_acceleration_bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return Jdot v, the part of d/dt V_WP without joint accelerations (eq. (3)), shape (6,)."""
@@ -210,6 +211,8 @@ class ArmKinematics:
 
     def view(self, q: Array) -> PayloadKinematics:
         """Return the payload pose and Jacobian at q, shape (nq,)."""
-        J = pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
+        J = jacobian_matrix(
+            pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
+        )
         pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
         return PayloadKinematics(pose, self._rows.select(J).dot(self._to_joint_rates))

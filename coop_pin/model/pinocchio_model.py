@@ -110,6 +110,11 @@ def without_inertia(model: pin.Model) -> pin.Model:
     return copy
 
 
+def jacobian_matrix(J: Array) -> Array:
+    """Return a Jacobian of Pinocchio, shape (6, nv), which is flat for a model with one degree of freedom."""
+    return J.reshape(6, -1)
+
+
 def symmetric(upper: Array) -> Array:
     """Return the full symmetric matrix from its upper triangle, which is all that pin.crba fills."""
     triangle = np.triu(upper)

@@ -72,7 +72,7 @@ def half_extents(shape: Shape) -> Array:
         case Sphere(radius):
             return np.full(3, radius)
         case Mesh(vertices, _):
-            return np.abs(vertices).max(axis=0)
+            return np.abs(vertices).max(axis=0, initial=0.0)
 
 
 def shape_of(geometry: Any) -> Shape | None:

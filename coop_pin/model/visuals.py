@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -13,10 +12,12 @@ import pinocchio as pin
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
+from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import UrdfWarning
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
+from coop_pin.model.geometry import can_be_read, visual_geometry, without_meshes
 from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
-from coop_pin.model.shapes import Shape, shape_of
+from coop_pin.model.shapes import Shape, half_extents, shape_of
 
 
 class Visual(NamedTuple):
@@ -106,7 +107,7 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
     """Return the shapes of an arm by the joint that moves them; "universe" for the fixed ones."""
     whole = load_unreduced_arm(arm)
     geometry = pin.GeometryModel()
-    for part in _geometries(whole, [str(folder) for folder in arm.file.package_dirs], arm.urdf):
+    for part in _geometries(whole, arm):
         geometry.addGeometryObject(part)
     model = whole.model
     if whole.locked:
@@ -117,6 +118,9 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
         if shape is None:
             _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
             continue
+        if not np.isfinite(half_extents(shape)).all():
+            _warn(arm.urdf, part.name, "its size is not finite")
+            continue
         red, green, blue, opacity = (float(share) for share in part.meshColor)
         visual = Visual(part.name, shape, np.array(part.placement.homogeneous), (red, green, blue, opacity))
         joint = str(model.names[part.parentJoint])
@@ -124,36 +128,23 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
     return visuals
 
 
-def _geometries(whole: UnreducedArm, folders: list[str], urdf: str) -> Iterator[Any]:
-    """Yield Pinocchio's visual geometry objects; if one cannot be read, those of the other links."""
-    try:
-        yield from _build(whole.model, whole.text, folders)
-    except (ValueError, RuntimeError):  # one bad mesh fails the whole file: read it link by link
-        names = [
-            link.get("name", "")
-            for link in ElementTree.fromstring(whole.text).iter("link")
-            if link.find("visual") is not None
-        ]
-        for name in names:
-            try:
-                yield from _build(whole.model, _only_visuals_of(name, whole.text), folders)
-            except (ValueError, RuntimeError) as error:
-                _warn(urdf, f"link {name!r}", str(error))
-
-
-def _build(model: pin.Model, text: str, folders: list[str]) -> list[Any]:
-    # Without the geometry model as an argument, pin 4.1 warns that passing folders is deprecated.
-    geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), folders)
-    return list(geometry.geometryObjects)
-
-
-def _only_visuals_of(name: str, text: str) -> str:
-    robot = ElementTree.fromstring(text)
-    for link in robot.iter("link"):
-        if link.get("name") != name:
-            for visual in link.findall("visual"):
-                link.remove(visual)
-    return ElementTree.tostring(robot, encoding="unicode")
+def _geometries(whole: UnreducedArm, arm: Arm) -> list[Any]:
+    """Return Pinocchio's visual geometry objects, those that can be read."""
+    text, file = whole.text, arm.file
+    folders = list(map(str, file.package_dirs))
+    files = Robot(text).mesh_files(file.package_dirs) if file.origin == "user" else []
+    if files and not can_be_read(text, folders, sum(path.stat().st_size for path in files)):
+        names = ", ".join(sorted({path.name for path in files}))
+        _warn(
+            arm.urdf,
+            names,
+            "reading one of these meshes ends the process or takes too long or too much memory",
+        )
+        text = without_meshes(text)
+    objects, problems = visual_geometry(whole.model, text, folders)
+    for link, problem in problems.items():
+        _warn(arm.urdf, f"link {link!r}", problem)
+    return objects
 
 
 def _warn(urdf: str, what: str, why: str) -> None:

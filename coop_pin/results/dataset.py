@@ -6,12 +6,8 @@ arrays by the table and the dataset is labelled by it; snapshots, metrics and fi
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import math
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,13 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FileReadError
 from coop_pin.spatial import internal_wrenches, rotate_vector6
-from coop_pin.user_files import read_user_file
-
-_MAX_BYTES = 2**32
-"""Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
-_SLACK_BYTES = 2**20
 
 Samples: TypeAlias = dict[str, NDArray[Any]]
 """Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
@@ -251,48 +241,3 @@ def dataset(
         "quaternion": ["x", "y", "z", "w"],
     }
     return xr.Dataset(variables, coordinates, {"title": scenario.summary or scenario.name})
-
-
-def content_digest(data: xr.Dataset) -> str:
-    """Return the SHA-256 of all names, dimensions, types, values and attributes of a dataset."""
-    digest = hashlib.sha256(_attributes(data.attrs))
-    for name in sorted(map(str, data.variables)):
-        variable = data.variables[name]
-        values = np.ascontiguousarray(variable.values)
-        is_text = values.dtype.kind in "OUT"
-        kind = "text" if is_text else values.dtype.newbyteorder("=").str
-        digest.update(json.dumps([name, variable.dims, values.shape, kind]).encode())
-        digest.update(_attributes(variable.attrs))
-        digest.update(json.dumps(values.astype(str).tolist()).encode() if is_text else values.tobytes())
-    return digest.hexdigest()
-
-
-def _attributes(attributes: Mapping[Hashable, Any]) -> bytes:
-    texts = {str(name): str(np.asarray(value).tolist()) for name, value in attributes.items()}
-    return json.dumps(texts, sort_keys=True).encode()
-
-
-def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
-    """Return the arrays of a file and the text of its scenario if both are those that were saved."""
-    content = read_user_file(path, limit=_MAX_BYTES, kind="a result")
-    try:
-        with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
-            # Results are not compressed: only a foreign file unpacks to more than it has.
-            size = file.nbytes
-            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
-    # The errors of xarray, h5netcdf and h5py have no common base class.
-    except Exception as error:
-        raise FileReadError(
-            f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
-        ) from None
-    text = data.attrs.get("coop_pin_scenario")
-    if not isinstance(text, str):
-        raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
-    digest = data.attrs.pop("coop_pin_sha256", "missing")
-    if digest != content_digest(data):
-        raise FileReadError(
-            f"{path} is damaged, changed or of another version of coop_pin: its checksum is {digest}; run its"
-            " scenario again"
-        )
-    del data.attrs["coop_pin_scenario"]
-    return data, text

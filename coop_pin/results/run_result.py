@@ -15,7 +15,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import QUANTITIES, content_digest, read_dataset
+from coop_pin.results.dataset import QUANTITIES
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
@@ -24,6 +24,7 @@ from coop_pin.results.metrics import (
     Window,
     metric_text,
 )
+from coop_pin.results.netcdf import read_dataset, to_netcdf
 from coop_pin.results.trust import Breach, TrustMonitor
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -254,10 +255,7 @@ class RunResult:
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
         require_path("path", path)
-        data = self.data.assign_attrs(coop_pin_scenario=self.scenario.to_toml())
-        data.attrs["coop_pin_sha256"] = content_digest(data)
-        # In memory first: HDF5 that meets a full disk takes the process down.
-        content = data.to_netcdf(engine="h5netcdf")
+        content = to_netcdf(self.data, self.scenario.to_toml())
         write_atomically(Path(path), lambda part: part.write_bytes(content))
 
     @classmethod

@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from coop_pin.arrays import require_path
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
     FieldError,
@@ -172,6 +173,7 @@ class SweepPlan(Description):
             FileReadError: it is not TOML.
             ScenarioError: it has mistakes.
         """
+        require_path("path", path)
         path = Path(path)
         if not path.is_file():
             raise NameNotFoundError("sweep file", str(path), [], "the file system")

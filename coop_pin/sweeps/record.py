@@ -34,7 +34,12 @@ def from_checksummed_json(data: bytes) -> dict[str, Any]:
     body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise FileReadError("the file is damaged: its checksum does not match its content")
-    content: dict[str, Any] = json.loads(body)
+    try:
+        content = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise FileReadError(f"the file is no JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise FileReadError("the file holds no table")
     return content
 
 
@@ -105,10 +110,13 @@ class Record(NamedTuple):
         content = from_checksummed_json(data)
         if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
             raise FileReadError("the file is not a record of a run, or one of another version")
-        failure = content["failure"]
-        if failure is not None:
-            failure = Failure(**failure | {"numbers": _read(failure["numbers"])})
-        return cls(**content | {"metrics": _read(content["metrics"]), "failure": failure})
+        try:
+            failure = content["failure"]
+            if failure is not None:
+                failure = Failure(**failure | {"numbers": _read(failure["numbers"])})
+            return cls(**content | {"metrics": _read(content["metrics"]), "failure": failure})
+        except (TypeError, ValueError, AttributeError, KeyError) as error:
+            raise FileReadError(f"the file is not a record of a run: {error}") from None
 
 
 def _written(numbers: Mapping[str, float]) -> dict[str, float | str]:

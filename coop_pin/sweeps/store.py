@@ -20,6 +20,7 @@ from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.record import Record, from_checksummed_json, to_checksummed_json
+from coop_pin.user_files import read_user_file
 
 
 class FolderLock:
@@ -74,6 +75,8 @@ class FolderLock:
             os.pwrite(self._file.fileno(), text.encode(), 0)
 
 
+_MAX_BYTES = 2**32
+"""Size limit of each file; one hour of two arms at 80 Hz has 0.4 GB."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 _RECORD = re.compile(r"[0-9a-f]{64}\.json")
 _RESULT = re.compile(r"[0-9a-f]{64}\.nc")
@@ -111,13 +114,12 @@ class SweepStore:
         Raises:
             FileReadError: the file is damaged or foreign.
         """
-        try:
-            data = self.record_path(key).read_bytes()
-        except FileNotFoundError:
+        path = self.record_path(key)
+        if not os.path.lexists(path):
             return None
-        record = Record.from_bytes(data)
+        record = Record.from_bytes(read_user_file(path, limit=_MAX_BYTES, kind="a record of a run"))
         if record.key != key:
-            raise FileReadError(f"{self.record_path(key)} holds the record of another run")
+            raise FileReadError(f"{path} holds the record of another run")
         return record
 
     def read_or_quarantine(self, key: str, *, with_result: bool = False) -> Record | None:
@@ -132,7 +134,7 @@ class SweepStore:
         """
         try:
             record = self.read(key)
-        except (FileReadError, IsADirectoryError) as error:
+        except FileReadError as error:
             self._quarantine(self.record_path(key))
             _LOG.warning("a run is repeated: %s; its file was moved to quarantine", error)
             return None
@@ -158,8 +160,8 @@ class SweepStore:
 
     def _has_result(self, record: Record) -> bool:
         try:
-            data = self.result_path(record.key).read_bytes()
-        except OSError:
+            data = read_user_file(self.result_path(record.key), limit=_MAX_BYTES, kind="a result")
+        except FileReadError:
             return False
         return bool(record.result_digest) and hashlib.sha256(data).hexdigest() == record.result_digest
 
@@ -176,10 +178,11 @@ class SweepStore:
             FileReadError: the folder is not that of a sweep, or its plan is damaged.
         """
         path = self.folder / "plan.json"
+        if not os.path.lexists(path):
+            raise FileReadError(f"{self.folder} holds no sweep: there is no {path.name}")
         try:
-            return SweepPlan(**from_checksummed_json(path.read_bytes()))
-        except FileNotFoundError:
-            raise FileReadError(f"{self.folder} holds no sweep: there is no {path.name}") from None
+            content = from_checksummed_json(read_user_file(path, limit=_MAX_BYTES, kind="a plan"))
+            return SweepPlan(**content)
         except (FileReadError, ScenarioError) as error:
             raise FileReadError(
                 f"{path} cannot be used ({error}); run the sweep's command again: finished runs are kept"

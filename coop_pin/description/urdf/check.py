@@ -39,7 +39,8 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
     """Return the text of a URDF file that Pinocchio reads as it is written.
 
     Physical and doubtful findings in a user's file are warned of (UrdfWarning), those of bundled files and
-    of example-robot-data are not.
+    of example-robot-data are not. Meshes of a user's file that cannot be read are errors; missing ones are
+    not, because only drawings need them, and warn of it.
 
     Args:
         urdf: the file.
@@ -51,8 +52,10 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
             cannot be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
-    data = _text(urdf)
-    _require_usable(_report(urdf, data, loops=loops), strict, warn=urdf.origin == "user")
+    data, is_users = _text(urdf), urdf.origin == "user"
+    report = _report(urdf, data, urdf.package_dirs if is_users else None, loops=loops)
+    findings = tuple(finding for finding in report.findings if finding.code != "mesh_missing")
+    _require_usable(UrdfReport(report.source, findings), strict, warn=is_users)
     return data.decode("utf-8")
 
 

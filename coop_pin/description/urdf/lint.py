@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from coop_pin.description.urdf.loops import loop_findings
@@ -11,7 +12,7 @@ from coop_pin.description.urdf.numbers import is_unexpanded, number, number_find
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.xml import EXPAND, LOOP, Node
 from coop_pin.errors import FileReadError
-from coop_pin.user_files import read_user_file
+from coop_pin.user_files import head_of_user_file
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
@@ -87,39 +88,42 @@ def mesh_findings(robot: Node, package_dirs: Iterable[Path]) -> Iterator[UrdfFin
         package_dirs: folders that are searched for the packages of package://.
     """
     folders = tuple(package_dirs)
+    for link, mesh, path in meshes(robot, folders):
+        name = mesh.attributes.get("filename", "")
+        if path is not None and (problem := _mesh_problem(path)):
+            yield link.finding("mesh_unreadable", f"the mesh {quoted(name)} {problem}", at=mesh)
+        if path is None:
+            searched = f" in {listed(map(str, folders))}" if name.startswith(_PACKAGES) else ""
+            message = f"there is no mesh {quoted(name)}{searched}; only drawings need it, and omit it"
+            yield link.finding("mesh_missing", message, at=mesh, kind="doubtful")
+
+
+def meshes(robot: Node, package_dirs: Sequence[Path]) -> Iterator[tuple[Node, Node, Path | None]]:
+    """Yield the link, the <mesh> and the file, if there is one, of every visual that is a mesh."""
     for link in robot.children:
         for visual in link.children if link.tag == "link" else ():
             geometry = visual.child("geometry") if visual.tag == "visual" else None
             mesh = None if geometry is None else geometry.child("mesh")
-            if mesh is None:
-                continue
-            name = mesh.attributes.get("filename", "")
-            paths, searched = [Path(name.removeprefix("file://"))], ""
-            if name.startswith(_PACKAGES):
-                paths = [folder / name.partition("://")[2] for folder in folders]
-                searched = f" in {listed(map(str, folders))}"
-            found = next((path for path in paths if path.is_file()), None)
-            if found is not None and (problem := _mesh_problem(found)):
-                yield link.finding("mesh_unreadable", f"the mesh {quoted(name)} {problem}", at=mesh)
-            if found is None:
-                message = f"there is no mesh {quoted(name)}{searched}; only drawings need it, and omit it"
-                yield link.finding("mesh_missing", message, at=mesh, kind="doubtful")
+            if mesh is not None:
+                name = mesh.attributes.get("filename", "")
+                paths = [Path(name.removeprefix("file://"))]
+                if name.startswith(_PACKAGES):
+                    paths = [folder / name.partition("://")[2] for folder in package_dirs]
+                yield link, mesh, next((path for path in paths if os.path.lexists(path)), None)
 
 
 def _mesh_problem(path: Path) -> str:
     """Return what is wrong with the size of a mesh file, or of the triangles that a binary STL claims."""
     try:
-        content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
+        head, size = head_of_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
     except FileReadError as error:
         return f"cannot be read: {error}"
-    if not content:
+    if not size:
         return "is empty"
-    if path.suffix.lower() != ".stl" or (
-        content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:2000]
-    ):
+    if path.suffix.lower() != ".stl" or (head.lstrip()[:5].lower() == b"solid" and b"facet" in head):
         return ""
-    triangles = int.from_bytes(content[80:_STL_HEADER], "little")
-    held = (len(content) - _STL_HEADER) // _STL_TRIANGLE
+    triangles = int.from_bytes(head[80:_STL_HEADER], "little")
+    held = (size - _STL_HEADER) // _STL_TRIANGLE
     if 0 < triangles <= held:
         return ""
     return f"claims {triangles} triangles and holds {max(held, 0)}; export it again"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.urdf.inertia import inertia_matrix
+from coop_pin.description.urdf.lint import meshes
 from coop_pin.description.urdf.numbers import number, numbers
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.tree import Edge, Tree, read_tree
@@ -47,7 +49,8 @@ class Robot:
 
     def __init__(self, text: str) -> None:
         """Read the text of a URDF as load_checked returns it."""
-        self._tree = read_tree(_root(text))
+        self._root = _root(text)
+        self._tree = read_tree(self._root)
         edges = _depth_first(self._tree)
         self.joints = {edge.joint.name: edge.joint.attributes["type"] for edge in edges if not edge.is_fixed}
         self.leaves = tuple(link for link in self._tree.links if not self._tree.below.get(link))
@@ -55,6 +58,10 @@ class Robot:
         self._ends = {edge.joint.name: edge.child for edge in edges} | {
             link: link for link in self._tree.links
         }
+
+    def mesh_files(self, package_dirs: Sequence[Path]) -> list[Path]:
+        """Return the files of the visuals that are meshes, those that exist."""
+        return [path for _, _, path in meshes(self._root, package_dirs) if path is not None]
 
     def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
         """Return the angles of locked joints and of joints that mimic them, directly or through others."""

@@ -1,0 +1,91 @@
+"""The netCDF file of a result: checksums of its content and of its bytes, and its reading."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from coop_pin.errors import FileReadError
+from coop_pin.user_files import read_user_file
+
+_MAX_BYTES = 2**32
+"""Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
+_SLACK_BYTES = 2**20
+_SEAL = b"coop_pin sha256 "
+_SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
+
+
+def to_netcdf(data: xr.Dataset, scenario: str) -> bytes:
+    """Return the netCDF file of a dataset and the text of its scenario.
+
+    The checksum of the content survives a copy by another program. That of the bytes stands behind the end of
+    the netCDF, where its readers do not look: a damaged file is refused before HDF5 reads it.
+    """
+    data = data.assign_attrs(coop_pin_scenario=scenario)
+    data.attrs["coop_pin_sha256"] = content_digest(data)
+    # In memory first: HDF5 that meets a full disk takes the process down.
+    content = bytes(data.to_netcdf(engine="h5netcdf"))
+    return content + _seal(content)
+
+
+def _seal(content: bytes) -> bytes:
+    return _SEAL + hashlib.sha256(content).digest()
+
+
+def content_digest(data: xr.Dataset) -> str:
+    """Return the SHA-256 of all names, dimensions, types, values and attributes of a dataset."""
+    digest = hashlib.sha256(_attributes(data.attrs))
+    for name in sorted(map(str, data.variables)):
+        variable = data.variables[name]
+        values = np.ascontiguousarray(variable.values)
+        is_text = values.dtype.kind in "OUT"
+        kind = "text" if is_text else values.dtype.newbyteorder("=").str
+        digest.update(json.dumps([name, variable.dims, values.shape, kind]).encode())
+        digest.update(_attributes(variable.attrs))
+        digest.update(json.dumps(values.astype(str).tolist()).encode() if is_text else values.tobytes())
+    return digest.hexdigest()
+
+
+def _attributes(attributes: Mapping[Hashable, Any]) -> bytes:
+    texts = {str(name): str(np.asarray(value).tolist()) for name, value in attributes.items()}
+    return json.dumps(texts, sort_keys=True).encode()
+
+
+def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
+    """Return the arrays of a file and the text of its scenario if both are those that were saved.
+
+    Raises:
+        FileReadError: the file is damaged, or not the result of a run.
+    """
+    content = read_user_file(path, limit=_MAX_BYTES, kind="a result")
+    seal = content[-_SEAL_BYTES:]
+    if seal.startswith(_SEAL) and seal != _seal(content[:-_SEAL_BYTES]):
+        raise FileReadError(f"{path} is damaged: its checksum does not match; run its scenario again")
+    try:
+        with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
+            # Results are not compressed: only a foreign file unpacks to more than it has.
+            size = file.nbytes
+            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
+    # The errors of xarray, h5netcdf and h5py have no common base class.
+    except Exception as error:
+        raise FileReadError(
+            f"{path} cannot be read as netCDF ({error}); it is damaged, or is not the result.nc of a run"
+        ) from None
+    text = data.attrs.get("coop_pin_scenario")
+    if not isinstance(text, str):
+        raise FileReadError(f"{path} holds no coop_pin scenario; it was not written by coop_pin")
+    digest = data.attrs.pop("coop_pin_sha256", "missing")
+    if digest != content_digest(data):
+        raise FileReadError(
+            f"{path} is damaged, changed or of another version of coop_pin: its checksum is {digest}; run its"
+            " scenario again"
+        )
+    del data.attrs["coop_pin_scenario"]
+    return data, text
