@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 _PUBLIC = {
+    "Actuators": "coop_pin.description",
     "Arm": "coop_pin.description",
     "ArmCommand": "coop_pin.control",
     "ArmController": "coop_pin.control",
@@ -37,6 +38,7 @@ _PUBLIC = {
     "ExponentialMotion": "coop_pin.reference",
     "FunctionMotion": "coop_pin.reference",
     "FunctionSqueeze": "coop_pin.reference",
+    "GravityCompensation": "coop_pin.description",
     "HoldMotion": "coop_pin.reference",
     "JointFriction": "coop_pin.description",
     "LateForcePath": "coop_pin.description",

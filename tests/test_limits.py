@@ -14,7 +14,8 @@ from coop_pin.errors import DivergedError, FieldError, ShapeError
 from coop_pin.model import ArmModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.actuation import Actuation, Transmission, friction
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.simulation.transmission import Transmission, friction
 
 XARM = Arm.from_urdf("xarm7", "link_eef")
 XARM_DAMPING, XARM_COULOMB = np.array((10.0, 10.0, 5.0, 5.0, 5.0, 2.0, 2.0)), np.ones(7)
@@ -154,12 +155,12 @@ def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
 
 
 def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
-    cell, _ = catalogue_cell("panda-ur5-bar")
-    limits = [JointLimits(cell.arms["left"]), JointLimits(cell.arms["right"].replace(torque_limits="none"))]
-    transmission = Transmission(cell, CellChain(cell).model.arms, CellChain(cell).mechanism.model.nv)
-    motors, rng = Actuation(cell, limits, transmission), np.random.default_rng(0)
+    scenario = cp.Scenario.load("panda-ur5-bar", {"cell.arms.right.torque_limits": "none"})
+    simulation = Simulation(scenario, Given(nothing))
+    motors, q, transmission = simulation.actuation, simulation.plant.q, simulation.plant.transmission
+    limits, rng = [JointLimits(arm) for arm in scenario.cell.arms.values()], np.random.default_rng(0)
     applied = motors.apply(
-        0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None)
+        0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None), q
     )
     commands = applied.commanded
     assert_allclose(
@@ -168,12 +169,12 @@ def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     assert list(applied.saturated[0]) == list(np.abs(commands[0]) > limits[0].torque)
     assert applied.saturated[0].any()
     assert_allclose(applied.torques[1], commands[1], rtol=0, atol=0)
-    again = motors.apply(0.0, CellCommand(applied.torques, None))
+    again = motors.apply(0.0, CellCommand(applied.torques, None), q)
     assert not again.saturated[0].any()
     assert_allclose(again.torques[0], applied.torques[0], rtol=0, atol=0)
     assert_allclose(again.force, transmission.torque(applied.torques), rtol=0, atol=0)
     with pytest.raises(DivergedError, match="left") as caught:
-        motors.apply(2.5, CellCommand([np.full(7, np.nan), np.zeros(6)], None))
+        motors.apply(2.5, CellCommand([np.full(7, np.nan), np.zeros(6)], None), q)
     assert caught.value.time == 2.5
 
 

@@ -4,21 +4,25 @@ import numpy as np
 import pytest
 from cells import SCENARIOS
 
+from coop_pin.control import CellCommand
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.noise import generator
 from coop_pin.spatial import internal_wrenches
 
 
+@pytest.mark.parametrize("robot", [None, {"mass_error": 0.0}, {"mass_error": -0.2}])
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name):
-    scenario = SCENARIOS[name]().override({"cell.gravity": [0.0, -3.0, -9.81]})
+def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, robot):
+    """As commands: the robot's own gravity compensation acts as well."""
+    actuators = {"gravity_compensation": robot, "lag": 0.02}
+    scenario = SCENARIOS[name]().override({"cell.gravity": [0.0, -3.0, -9.81], "actuators": actuators})
     simulation = Simulation(scenario, build_controller(scenario))
     plant, rows = simulation.plant, scenario.cell.task_rows
     first = simulation.sensing.start(plant.q, plant.v, simulation.references(0.0))
     torques = [measurement.holding_torque for measurement in first]
     assert max(np.abs(torque).max() for torque in torques) > 1.0
-    plant.hold(plant.transmission.torque(torques))
+    plant.hold(simulation.actuation.apply(0.0, CellCommand(torques, None), plant.q).force)
     acceleration = plant.chain.mechanism.solver.acceleration(plant.q, plant.v, plant.generalised_force())
     assert np.abs(acceleration).max() < 1e-10
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)

@@ -15,8 +15,8 @@ from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.run_scenario import build_controller
-from coop_pin.simulation.actuation import Transmission
 from coop_pin.simulation.timeline import Timeline
+from coop_pin.simulation.transmission import Transmission
 from coop_pin.spatial import internal_wrenches
 
 

@@ -101,7 +101,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     if ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
-        scenario: what would be run. Friction, torque limits and integral terms are not considered.
+        scenario: what would be run. Friction, actuators and integral terms are not considered.
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.

@@ -165,8 +165,10 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     """Return the torques that hold a scenario's cell at rest at every pose of its reference.
 
     ``tau = g(q) - J^T (c_i m g + f_d_i)``, in drive coordinates: the arm's own weight, its share of the
-    payload's weight about P, and its desired internal wrench. Acceleration, friction, wrench pulses and what
-    a controller adds to the squeeze are not considered; changes of the payload's mass are.
+    payload's weight about P, and its desired internal wrench. These are whole drive torques, whether the
+    controller commands them or the robot compensates gravity itself. Acceleration, friction, wrench pulses,
+    lost torques and what a controller adds to the squeeze are not considered; changes of the payload's mass
+    are.
 
     Args:
         scenario: what would be run.

@@ -36,7 +36,8 @@ class ArmMeasurement(NamedTuple):
             as its own kinematics see them, shape (k_0,); None without a wrist sensor.
         interaction_wrench_age: ticks since it was sampled; inf before the first sample.
         holding_torque: torque that each drive reports at rest before the controller takes over, N m, shape
-            (k,); in the first measurement only.
+            (k,), without the robot's own gravity compensation: as commands they hold the cell; in the first
+            measurement only.
     """
 
     time: float

@@ -1,5 +1,6 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
+from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
@@ -23,9 +24,11 @@ from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
 __all__ = [
+    "Actuators",
     "Arm",
     "Cell",
     "Clock",
+    "GravityCompensation",
     "JointFriction",
     "LateForcePath",
     "LowPassForcePath",

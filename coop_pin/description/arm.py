@@ -27,20 +27,29 @@ from coop_pin.schema.pose import Pose
 
 
 class JointFriction(Description):
-    """Viscous and smoothed Coulomb friction at the drives of an arm, in drive coordinates.
+    """Viscous, smoothed Coulomb and Stribeck friction at the drives of an arm, in drive coordinates.
 
-    ``tau_friction = -(viscous * v + coulomb * tanh(v / coulomb_velocity))``
+        tau_friction = -(viscous v + level tanh(v / coulomb_velocity))
+        level = coulomb + (stiction - coulomb) exp(-(v / stribeck_velocity)^2)
+
+    A smooth law never sticks: below coulomb_velocity a load creeps. Keep stribeck_velocity several times
+    larger, otherwise the smoothing hides the peak of stiction.
 
     Attributes:
         viscous: N m s/rad, one value for all joints or one for each.
         coulomb: N m, one value for all joints or one for each.
         coulomb_velocity: speed within which Coulomb friction changes sign, rad/s. A discontinuity would
             reduce the order of RK4.
+        stiction: level of the friction towards zero speed, N m, not below ``coulomb``; one value for all
+            joints or one for each; as ``coulomb`` when omitted.
+        stribeck_velocity: speed at which the level falls from stiction to Coulomb friction, rad/s.
     """
 
     viscous: NumberOrVector = 0.0
     coulomb: NumberOrVector = 0.0
     coulomb_velocity: Positive = 0.05
+    stiction: NumberOrVector | None = None
+    stribeck_velocity: Positive = 0.2
 
     @field_validator("viscous", "coulomb")
     @classmethod
@@ -48,6 +57,18 @@ class JointFriction(Description):
         if np.min(value) < 0.0:
             raise FieldError(f"is {value}; friction coefficients must not be negative")
         return value
+
+    @field_validator("stiction")
+    @classmethod
+    def _not_below_coulomb(
+        cls, stiction: float | tuple[float, ...] | None, earlier: ValidationInfo
+    ) -> float | tuple[float, ...] | None:
+        coulomb = earlier.data.get("coulomb", 0.0)
+        sizes = {len(value) for value in (stiction, coulomb) if isinstance(value, tuple)}
+        # Sizes that disagree are left to the arm, which names all of them.
+        if stiction is not None and len(sizes) < 2 and np.less(stiction, coulomb).any():
+            raise FieldError(f"is {stiction}; it must be at least coulomb, {coulomb}")
+        return stiction
 
 
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
@@ -160,7 +181,10 @@ class Arm(Description):
             "torque_limits": self.torque_limits,
         }
         if isinstance(self.friction, JointFriction):
-            sizes |= {"friction.viscous": self.friction.viscous, "friction.coulomb": self.friction.coulomb}
+            sizes |= {
+                f"friction.{name}": getattr(self.friction, name)
+                for name in ("viscous", "coulomb", "stiction")
+            }
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
             raise FieldError(

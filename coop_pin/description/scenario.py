@@ -12,12 +12,13 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
+from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
@@ -58,6 +59,8 @@ class Scenario(Description):
         events: changes of the payload and wrenches on it during the run.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
+        actuators: what the drives of every arm make of their commands.
+        arm_actuators: actuators of single arms, in place of ``actuators``.
         trust: thresholds beyond which the run is not trustworthy.
         seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
     """
@@ -76,6 +79,8 @@ class Scenario(Description):
     events: tuple[Event, ...] = ()
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
+    actuators: Actuators = Actuators()
+    arm_actuators: dict[str, Actuators] = Field(default_factory=dict)
     trust: TrustThresholds = TrustThresholds()
     seed: int = Field(default=0, ge=0, lt=2**63)
 
@@ -120,6 +125,35 @@ class Scenario(Description):
         if late:
             raise one_or_all(late, "the events")
         return events
+
+    @field_validator("actuators", "arm_actuators")
+    @classmethod
+    def _lost_within_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
+        duration = earlier.data.get("duration", np.inf)
+        table = value if isinstance(value, dict) else {"": value}
+        wanted = f"the run ends at {duration:g} s: lengthen it, or lose the torque earlier"
+        late = [
+            FieldError(f"is {actuators.torque_lost_at:g} s; {wanted}", f"{name}.torque_lost_at".lstrip("."))
+            for name, actuators in table.items()
+            if actuators.torque_lost_at is not None and actuators.torque_lost_at > duration
+        ]
+        if late:
+            raise one_or_all(late, "the actuators")
+        return value
+
+    @field_validator("arm_actuators")
+    @classmethod
+    def _of_known_arms(cls, table: dict[str, Actuators], earlier: ValidationInfo) -> dict[str, Actuators]:
+        arms = list(earlier.data["cell"].arms) if "cell" in earlier.data else list(table)
+        if strangers := [name for name in table if name not in arms]:
+            raise FieldError(
+                f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
+            )
+        return table
+
+    def actuators_of(self, arm: str) -> Actuators:
+        """Return the actuators of one arm."""
+        return self.arm_actuators.get(arm, self.actuators)
 
     @property
     def squeeze_wrenches(self) -> Array:

@@ -1,4 +1,7 @@
-"""Actuation: from commanded drive torques to generalised forces (limits, transmission, friction)."""
+"""Actuation: from commanded drive torques to the torques that act, see description/actuators.py.
+
+Like the plant, the actuation holds state that changes in place: last commands, torques in lag, lost arms.
+"""
 
 from __future__ import annotations
 
@@ -9,65 +12,31 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import CellCommand
-from coop_pin.description.arm import Arm, JointFriction
-from coop_pin.description.cell import Cell
+from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, ShapeError
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, per_joint
-from coop_pin.model.pinocchio_model import load_arm_model
-
-
-class Friction(NamedTuple):
-    """Coefficients of ``tau = -A^T (viscous w + coulomb tanh(w / coulomb_velocity))`` with ``w = A v``.
-
-    Attributes:
-        axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape
-            (k, k).
-        viscous: N m s/rad, shape (k,).
-        coulomb: N m, shape (k,).
-        coulomb_velocity: rad/s.
-    """
-
-    axes: Array
-    viscous: Array
-    coulomb: Array
-    coulomb_velocity: float
-
-
-def friction(arm: Arm, name: str = "arm") -> Friction:
-    """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.
-
-    Args:
-        arm: the description.
-        name: its name in the cell, for the path in error messages.
-
-    Raises:
-        FieldError: the number of coefficients differs from the number of joints.
-    """
-    model, chosen = load_arm_model(arm), arm.friction
-    joints = int(model.nv)
-    if isinstance(chosen, JointFriction):
-        path = f"cell.arms.{name}.friction"
-        viscous = per_joint(np.array(chosen.viscous), joints, f"{path}.viscous")
-        coulomb = per_joint(np.array(chosen.coulomb), joints, f"{path}.coulomb")
-        return Friction(arm.drive_matrix(joints), viscous, coulomb, chosen.coulomb_velocity)
-    share = 1.0 if chosen == "urdf" else 0.0
-    return Friction(
-        np.eye(joints), share * model.damping, share * model.friction, JointFriction().coulomb_velocity
-    )
-
+from coop_pin.simulation.noise import generator
+from coop_pin.simulation.plant import Plant
 
 _TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m."""
 
+_NO_LAG, _NO_RATE_LIMIT = 1e-30, 1e300
+"""Stand for none in the equations of TorqueResponse: their product is large, too."""
+
+_SAME = 1e-9
+"""Two times closer than this part of a tick are the same instant."""
+
 
 class Applied(NamedTuple):
-    """Torques of one tick, for each arm, N m, shape (k,).
+    """Torques at a tick, for each arm, N m, shape (k,).
 
     Attributes:
         commanded: by the controller.
-        torques: after the torque limits.
-        saturated: which of them were cut at their limits; read-only.
+        torques: that act at the tick.
+        saturated: which of them the torque limits cut, or their rate limits over the whole tick; read-only.
         force: the generalised force of the torques, N m, shape (nv,).
     """
 
@@ -77,66 +46,169 @@ class Applied(NamedTuple):
     force: Array
 
 
-class Transmission:
-    """Constant transmission of a cell, between drives and joint velocities, with its friction.
+class ArmActuation:
+    """What one arm makes of a command before lag: missed ticks, gravity compensation, torque limits.
 
-    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place.
+    Attributes:
+        limit: of the torques, N m, shape (k,).
     """
 
-    def __init__(self, cell: Cell, arms: Sequence[ArmPlace], nv: int) -> None:
-        """Collect transmission matrices and friction.
+    def __init__(self, scenario: Scenario, place: ArmPlace, limit: Array, q: Array) -> None:
+        """Start with the command that holds the arm at q, the configuration of the cell."""
+        options, cell, self.limit = scenario.actuators_of(place.name), scenario.cell, limit
+        self._place, self._model = place, ArmModel.from_cell(cell, place.name)
+        weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
+        self._load = cell.shares[list(cell.arms).index(place.name)] * weight
+        robot, self._missed = options.gravity_compensation, options.missed_ticks
+        self._carried = 0.0 if robot is None else 1.0 + robot.mass_error
+        self._random = generator(scenario.seed, f"{place.name}/missed_ticks") if self._missed else None
+        self._last = self.holding_command(q) if self._missed else limit
 
-        Raises:
-            FieldError: a friction coefficient does not fit its arm.
-        """
-        edges = np.cumsum([0, *(len(arm.drive) for arm in arms)])
-        drives = edges[-1]
-        self._map, axes = np.zeros((drives, nv)), np.zeros((drives, nv))
-        viscous, coulomb, speeds = np.zeros((3, drives))
-        for arm, start, end in zip(arms, edges[:-1], edges[1:], strict=True):
-            rows, found = slice(start, end), friction(cell.arms[arm.name], arm.name)
-            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, found.axes
-            viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
-        self._viscous = -axes.T @ np.diag(viscous) @ axes
-        self._to_scaled_speed = axes / speeds[:, None]
-        self._coulomb = -axes.T * coulomb
-        self._has_coulomb = bool(coulomb.any())
+    def holding_torque(self, q: Array) -> Array:
+        """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""
+        rest = np.zeros(len(self.limit))
+        return self._at_drives(self._model.inverse_dynamics(q[self._place.q_slice], rest, rest, self._load))
 
-    def torque(self, drive_torques: Sequence[Array]) -> Array:
-        """Return the generalised force of drive torques, N m, shape (nv,)."""
-        return self._map.T.dot(np.concatenate(drive_torques))
+    def holding_command(self, q: Array) -> Array:
+        """Return the command that makes the drives hold: without what the robot itself adds, shape (k,)."""
+        torque = self.holding_torque(q)
+        return torque - self._carried_weight(q) if self._carried else torque
 
-    def friction(self, v: Array) -> Array:
-        """Return -A^T (viscous w + coulomb tanh(w / coulomb_velocity)) with w = A v, N m, shape (nv,).
+    def torque(self, command: Array, q: Array) -> tuple[Array, Mask]:
+        """Return the torque at the limits or within, and where it was cut, read-only, shape (k,) each."""
+        if self._random is not None:
+            if self._random.random() < self._missed:
+                command = self._last
+            self._last = command = command.copy()
+        asked = command + self._carried_weight(q) if self._carried else command
+        torque: Array = np.minimum(np.maximum(asked, -self.limit), self.limit)
+        return torque, frozen(torque != asked)
 
-        A is D for friction at the drives; for friction of the URDF it picks the joint velocities.
-        """
-        viscous: Array = self._viscous.dot(v)
-        if not self._has_coulomb:
-            return viscous
-        return viscous + self._coulomb.dot(np.tanh(self._to_scaled_speed.dot(v)))
+    def _carried_weight(self, q: Array) -> Array:
+        """Return (1 + mass_error) T^-T g(q): the arm's weight by the robot's model of itself, (k,)."""
+        rest = np.zeros(len(self.limit))
+        return self._carried * self._at_drives(self._model.nonlinear_effects(q[self._place.q_slice], rest))
+
+    def _at_drives(self, tau: Array) -> Array:
+        """Return T^-T tau, shape (k,)."""
+        return np.asarray(np.linalg.solve(self._place.drive.T, tau), dtype=np.float64)
+
+
+class TorqueResponse:
+    """Torques of drives with lag and rate limit: d tau/dt = clip((u - tau) / lag, -rate, rate).
+
+    With e = u - tau(t_k) they first change by D = max(|e| - rate lag, 0) at the largest rate, then decay:
+
+        tau(t_k + s) = u - sgn(e) (D - rate m + (|e| - D) exp(-(s - m) / lag)) with m = min(s, D / rate)
+    """
+
+    def __init__(self, lag: Array, rate: Array, torque: Array) -> None:
+        """Start at rest at a torque, shape (drives,) each; lag 0 and rate inf for drives without."""
+        self._at_once = (lag == 0.0) & np.isinf(rate)
+        self._lag, self._rate = np.maximum(lag, _NO_LAG), np.minimum(rate, _NO_RATE_LIMIT)
+        self._start, self._target = 0.0, torque
+        self._sign, self._ramp, self._rest = np.zeros((3, len(torque)))
+
+    def follow(self, time: float, target: Array) -> None:
+        """Set the torques that the drives follow from a time on, s, shape (drives,)."""
+        error = np.where(self._at_once, 0.0, target - self.at(time))
+        self._start, self._target, self._sign = time, target, np.sign(error)
+        self._ramp = np.maximum(np.abs(error) - self._rate * self._lag, 0.0)
+        self._rest = np.abs(error) - self._ramp
+
+    def at(self, time: float) -> Array:
+        """Return the torques at a time not before that of the last target, N m, shape (drives,)."""
+        s = max(time - self._start, 0.0)
+        m = np.minimum(s, self._ramp / self._rate)
+        error = self._ramp - self._rate * m + self._rest * np.exp((m - s) / self._lag)
+        torque: Array = self._target - self._sign * error
+        return torque
+
+    def mean(self, time: float, duration: float) -> Array:
+        """Return the mean torques from a time over a duration, s: their exact impulse, shape (drives,)."""
+        s = max(time - self._start, 0.0)
+        error = self._integrated_error(s + duration) - self._integrated_error(s)
+        torque: Array = self._target - self._sign * error / duration
+        return torque
+
+    def _integrated_error(self, s: float) -> Array:
+        """Return the integral of |u - tau| from t_k over s."""
+        m = np.minimum(s, self._ramp / self._rate)
+        decayed = m - self._lag * np.expm1((m - s) / self._lag)
+        integral: Array = (self._ramp - 0.5 * self._rate * m) * m + self._rest * decayed
+        return integral
+
+    def is_limited(self, duration: float) -> Mask:
+        """Return which torques still change at their largest rate after a duration, s, shape (drives,)."""
+        limited: Mask = self._ramp > (1.0 + _SAME) * self._rate * duration
+        return limited
 
 
 class Actuation:
-    """Actuators of all arms: check a command, cut it at the torque limits, map it to generalised forces."""
+    """Actuators of all arms: check a command, make torques of it, map them to generalised forces.
 
-    def __init__(self, cell: Cell, limits: Sequence[JointLimits], transmission: Transmission) -> None:
-        """Take over the torque limits.
+    Attributes:
+        varies: whether the torques change between ticks.
+    """
+
+    def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
+        """Start from the torques that hold the cell at rest at the plant's configuration.
 
         Args:
-            cell: for the arms' names.
+            scenario: for actuators and seed.
+            plant: for its configuration and transmission.
             limits: of each arm, in the order of the arms.
-            transmission: of the cell.
-        """
-        self._limits = {name: limit.torque for name, limit in zip(cell.arms, limits, strict=True)}
-        self._transmission = transmission
 
-    def apply(self, time: float, command: CellCommand) -> Applied:
+        Raises:
+            FieldError: the number of rate limits differs from the number of an arm's joints.
+        """
+        places = plant.chain.model.arms
+        self._transmission, self._period = plant.transmission, scenario.clock.period
+        self._arms = {
+            place.name: ArmActuation(scenario, place, limit.torque, plant.q)
+            for place, limit in zip(places, limits, strict=True)
+        }
+        lost = [scenario.actuators_of(name).torque_lost_at for name in self._arms]
+        self._lost_at = [np.inf if time is None else time for time in lost]
+        self._gives = [1.0] * len(lost)
+        self._edges = np.cumsum([len(place.drive) for place in places])[:-1]
+        self._held: list[Array] = []
+        self._response = self._lagging(scenario, plant.q)
+        self.varies = self._response is not None or min(self._lost_at) < np.inf
+
+    def _lagging(self, scenario: Scenario, q: Array) -> TorqueResponse | None:
+        """Return the response of all drives from the holding torques; None if each delivers at once."""
+        lags, rates = [], []
+        for name, arm in self._arms.items():
+            options, own = scenario.actuators_of(name), name in scenario.arm_actuators
+            path = f"arm_actuators.{name}.rate_limit" if own else "actuators.rate_limit"
+            limit = np.inf if options.rate_limit is None else options.rate_limit
+            rates.append(per_joint(np.array(limit), len(arm.limit), path))
+            lags.append(np.full(len(arm.limit), options.lag))
+        lag, rate = np.concatenate(lags), np.concatenate(rates)
+        if not lag.any() and np.isinf(rate).all():
+            return None
+        holding = [np.clip(arm.holding_torque(q), -arm.limit, arm.limit) for arm in self._arms.values()]
+        return TorqueResponse(lag, rate, np.concatenate(holding))
+
+    def holding_commands(self, q: Array) -> list[Array]:
+        """Return the commands that hold the cell at rest, N m, shape (k,) each, read-only.
+
+        Each arm holds its own weight, unless the robot itself does, and its load share of the payload's,
+        without internal wrench.
+
+        Args:
+            q: configuration of the cell at rest.
+        """
+        return [frozen(arm.holding_command(q)) for arm in self._arms.values()]
+
+    def apply(self, time: float, command: CellCommand, q: Array) -> Applied:
         """Return what the actuators make of a command.
 
         Args:
-            time: of the tick, s, for the message.
+            time: of the tick, s.
             command: the controller's output.
+            q: configuration of the cell, for gravity compensation.
 
         Raises:
             ShapeError: not one torque for each drive of each arm.
@@ -144,13 +216,46 @@ class Actuation:
         """
         commanded = self.commanded(command)
         torques, saturated = [], []
-        for (name, limit), torque in zip(self._limits.items(), commanded, strict=True):
-            largest = float(np.abs(torque).max())
+        for (name, arm), asked in zip(self._arms.items(), commanded, strict=True):
+            largest = float(np.abs(asked).max())
             if not largest < _TORQUE_LIMIT:  # also catches NaN
                 raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, _TORQUE_LIMIT)
-            torques.append(np.minimum(np.maximum(torque, -limit), limit))
-            saturated.append(frozen(torques[-1] != torque))
+            torque, cut = arm.torque(asked, q)
+            torques.append(torque)
+            saturated.append(cut)
+        self._held = torques
+        if self._response is not None:
+            self._response.follow(time, np.concatenate(torques))
+            limited = np.split(self._response.is_limited(self._period), self._edges)
+            saturated = [frozen(cut | late) for cut, late in zip(saturated, limited, strict=True)]
+        if self.varies:
+            self._lose_torque(time)
+            torques = self._acting(time)
         return Applied(commanded, torques, saturated, self._transmission.torque(torques))
+
+    def force(self, time: float) -> Array:
+        """Return the generalised force just before a time, after the last tick, N m, shape (nv,)."""
+        return self._transmission.torque(self._acting(time))
+
+    def mean_force(self, time: float, duration: float) -> Array:
+        """Return the mean generalised force from a time over a duration in the tick, N m, shape (nv,).
+
+        No arm loses its torque in between: plant steps end there.
+        """
+        self._lose_torque(time)
+        return self._transmission.torque(self._acting(time, duration))
+
+    def _lose_torque(self, time: float) -> None:
+        """Let arms lose their torque as due at a time, s."""
+        self._gives = [float(lost > time + _SAME * self._period) for lost in self._lost_at]
+
+    def _acting(self, time: float, duration: float = 0.0) -> list[Array]:
+        """Return the torques of each arm at a time, or their mean over a duration."""
+        torques, response = self._held, self._response
+        if response is not None:
+            now = response.mean(time, duration) if duration else response.at(time)
+            torques = np.split(now, self._edges)
+        return [gives * torque for gives, torque in zip(self._gives, torques, strict=True)]
 
     def commanded(self, command: CellCommand) -> list[Array]:
         """Return the torques of a command as arrays.
@@ -159,11 +264,11 @@ class Actuation:
             ShapeError: not one torque for each drive of each arm.
         """
         torques = [np.asarray(torque, dtype=np.float64) for torque in command.torques]
-        if len(torques) != len(self._limits):
+        if len(torques) != len(self._arms):
             raise ShapeError(
-                "the list of torques, one entry for each arm,", (len(torques),), (len(self._limits),)
+                "the list of torques, one entry for each arm,", (len(torques),), (len(self._arms),)
             )
-        for (name, limit), torque in zip(self._limits.items(), torques, strict=True):
-            if torque.shape != limit.shape:
-                raise ShapeError(f"torque of arm {name!r}", torque.shape, limit.shape)
+        for (name, arm), torque in zip(self._arms.items(), torques, strict=True):
+            if torque.shape != arm.limit.shape:
+                raise ShapeError(f"torque of arm {name!r}", torque.shape, arm.limit.shape)
         return torques

@@ -14,7 +14,7 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.plant import PlantOptions
-from coop_pin.simulation.actuation import Transmission
+from coop_pin.simulation.transmission import Transmission
 
 CHANNELS = ("actuation", "friction", "external")
 """The forces that do work on the chain besides gravity."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import internal_wrenches
@@ -58,27 +58,6 @@ class ArmSensor:
         )
 
 
-def holding_torques(cell: Cell, places: Sequence[ArmPlace], q: Array) -> list[Array]:
-    """Return the drive torques of the cell at rest before the controller takes over, N m, shape (k,) each.
-
-    Each arm holds its own weight and its load share of the payload's, without internal wrench:
-    ``T^-T (g_i(q) - J_i^T F_i)`` with ``F_i = c_i [m_0 g, 0]`` on the arm by the payload, about P.
-
-    Args:
-        cell: arms, payload and load shares.
-        places: of the arms in the cell's model.
-        q: configuration of the cell at rest.
-    """
-    weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
-    torques: list[Array] = []
-    for place, share in zip(places, cell.shares, strict=True):
-        rest = np.zeros(len(place.drive))
-        arm = ArmModel.from_cell(cell, place.name)
-        tau = arm.inverse_dynamics(q[place.q_slice], rest, rest, share * weight)
-        torques.append(frozen(np.linalg.inv(place.drive).T @ tau))
-    return torques
-
-
 class Sensing:
     """Sensors of all arms, and the force path f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
@@ -89,7 +68,12 @@ class Sensing:
     """
 
     def __init__(
-        self, cell: Cell, places: Sequence[ArmPlace], path: NoForcePath | LateForcePath | LowPassForcePath
+        self,
+        cell: Cell,
+        places: Sequence[ArmPlace],
+        path: NoForcePath | LateForcePath | LowPassForcePath,
+        *,
+        holding_torques: Callable[[Array], list[Array]],
     ) -> None:
         """Start without a measured wrench.
 
@@ -97,8 +81,9 @@ class Sensing:
             cell: for kinematics, task rows and load shares.
             places: of the arms in the cell's model.
             path: of the internal wrench.
+            holding_torques: what the drives report at rest, as a function of the cell's configuration.
         """
-        self._cell, self._places = cell, places
+        self._holding_torques = holding_torques
         self.arms = [ArmSensor(cell, place) for place in places]
         self._sizes = [len(place.drive) for place in places]
         self._rows, self._shares = cell.task_rows, cell.shares
@@ -110,7 +95,7 @@ class Sensing:
 
         They alone hold the holding torques.
         """
-        holding = holding_torques(self._cell, self._places, q)
+        holding = self._holding_torques(q)
         measurements = [
             sensor.measure(0.0, q, v, None, np.inf, frozen(np.zeros(size, dtype=bool)))._replace(
                 holding_torque=torque

@@ -60,7 +60,7 @@ class Simulation:
         timeline: the times of ticks and events.
         plant: the closed chain in motion; mutable, see its module.
         sensing: what the arms measure.
-        actuation: torque limits and transmission.
+        actuation: what the drives make of commands; mutable, see its module.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
         recorder: what was recorded so far.
@@ -82,12 +82,17 @@ class Simulation:
         self.scenario, self.controller = scenario, controller
         self.controller_state: Any = None
         self.ticks_done = 0
-        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events)
+        self.timeline = self._timeline()
         chain = CellChain(scenario.cell, scenario.plant)
         self.plant = Plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
-        self.actuation = Actuation(scenario.cell, limits, self.plant.transmission)
-        self.sensing = Sensing(scenario.cell, chain.model.arms, scenario.controller.force_path)
+        self.actuation = Actuation(scenario, self.plant, limits)
+        self.sensing = Sensing(
+            scenario.cell,
+            chain.model.arms,
+            scenario.controller.force_path,
+            holding_torques=self.actuation.holding_commands,
+        )
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
@@ -151,7 +156,7 @@ class Simulation:
                 f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
             )
         self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
-        self.timeline = Timeline(self.scenario.clock, self.scenario.duration, self.scenario.events)
+        self.timeline = self._timeline()
 
     def replace_controller(self, controller: CellController) -> None:
         """Replace the controller by one with the same kind of state, for example with other gains.
@@ -189,12 +194,18 @@ class Simulation:
             self._apply_events(time)
         command = self.controller.step(measurements, references, self.controller_state)
         self.controller_state = command.state
-        self._applied = self.actuation.apply(time, command)
+        self._applied = self.actuation.apply(time, command, self.plant.q)
         self.plant.hold(self._applied.force)
         self.recorder.record(tick, time, measurements, self._applied, target, squeeze)
         self.ticks_done = tick + 1
         if tick < self.timeline.ticks:
             self._advance(tick)
+
+    def _timeline(self) -> Timeline:
+        scenario = self.scenario
+        lost = [scenario.actuators_of(name).torque_lost_at for name in scenario.cell.arms]
+        instants = [time for time in lost if time is not None]
+        return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
 
     def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
         rows = self.scenario.cell.task_rows
@@ -220,7 +231,11 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
+            if self.actuation.varies:
+                self.plant.hold(self.actuation.mean_force(step.start, step.length))
             self.plant.advance(step.start, step.length)
+        if self.actuation.varies:
+            self.plant.hold(self.actuation.force(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
 
     def _require_closed(self, time: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,14 +30,16 @@ class PlantStep(NamedTuple):
 
 
 class Timeline:
-    """Ticks and events of a run.
+    """Ticks and events of a run, and further instants at which plant steps are cut.
 
     Attributes:
         ticks: number of control periods; the run has ticks + 1 samples.
         period: T, s.
     """
 
-    def __init__(self, clock: Clock, duration: float, events: Sequence[Event]) -> None:
+    def __init__(
+        self, clock: Clock, duration: float, events: Sequence[Event], instants: Iterable[float] = ()
+    ) -> None:
         self.ticks = max(1, round(duration * clock.rate_hz))
         self.period = clock.period
         self._step = clock.period / clock.steps_per_tick
@@ -47,7 +49,7 @@ class Timeline:
         )
         self._pulses = [e for e in events if isinstance(e, WrenchPulse)]
         self._instants = sorted(
-            {t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes}
+            {t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes} | {*instants}
         )
 
     def time(self, tick: int) -> float:

@@ -1,0 +1,59 @@
+"""Actuators of an arm: lag, rate limit, missed ticks, gravity compensation by the robot, loss of torque."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative, NumberOrVector
+
+
+def _positive(limit: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    if np.min(limit) <= 0.0:
+        raise FieldError(f"is {limit}; it must be positive, or omitted for none")
+    return limit
+
+
+class GravityCompensation(Description):
+    """Gravity compensation by the robot itself, from a model of its own arm without the payload.
+
+    Attributes:
+        mass_error: relative error of the masses in that model: 0.1 compensates 1.1 times the arm's weight.
+    """
+
+    mass_error: float = Field(default=0.0, ge=-1.0)
+
+
+class Actuators(Description):
+    """What the drives of an arm make of its commands; without values they deliver them at once.
+
+    With the command tau_c[k] of the controller at tick k, the arm's transmission T and the torque limits of
+    the cell, the drive torques tau(t) on t_k <= t < t_k+1 are
+
+        c[k] = tau_c[k], or c[k-1] with probability missed_ticks
+        u[k] = clip(c[k] + (1 + mass_error) T^-T g(q(t_k)), -torque_limits, torque_limits)
+        tau = u[k], or with lag or rate limit: d tau/dt = clip((u[k] - tau) / lag, -rate_limit, rate_limit)
+        tau = 0 from torque_lost_at on
+
+    The compensation, with g(q) the true weight of the arm alone, is held over the tick; a missed tick does
+    not stop it. Lag and rate limit are solved exactly between ticks, whatever the control rate; each
+    integration step of the plant applies the mean of tau over it, which has the exact impulse. Before the
+    first tick the drives hold the cell at rest: tau and c start from what that takes.
+
+    Attributes:
+        lag: time constant of a first-order lag, s; 0 for none.
+        rate_limit: largest rate of the torque, N m/s, one value for all drives or one for each.
+        missed_ticks: probability that the command of a tick is lost, each tick by itself; the drives go on
+            with the last one.
+        gravity_compensation: what the robot adds to the commands.
+        torque_lost_at: time from which the arm gives no torque, s; its joints then turn freely.
+    """
+
+    lag: NotNegative = 0.0
+    rate_limit: Annotated[NumberOrVector, AfterValidator(_positive)] | None = None
+    missed_ticks: float = Field(default=0.0, ge=0.0, le=1.0)
+    gravity_compensation: GravityCompensation | None = None
+    torque_lost_at: NotNegative | None = None

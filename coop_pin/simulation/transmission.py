@@ -1,0 +1,111 @@
+"""Transmission between drives and joints, with the friction of the arms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.cell import Cell
+from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.joint_limits import per_joint
+from coop_pin.model.pinocchio_model import load_arm_model
+
+
+class Friction(NamedTuple):
+    """Coefficients of ``tau = -A^T (viscous w + level tanh(w / coulomb_velocity))`` with ``w = A v``.
+
+    ``level = coulomb + excess exp(-(w / stribeck_velocity)^2)``
+
+    Attributes:
+        axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape
+            (k, k).
+        viscous: N m s/rad, shape (k,).
+        coulomb: N m, shape (k,).
+        coulomb_velocity: rad/s.
+        excess: stiction minus coulomb, N m, shape (k,).
+        stribeck_velocity: rad/s.
+    """
+
+    axes: Array
+    viscous: Array
+    coulomb: Array
+    coulomb_velocity: float
+    excess: Array
+    stribeck_velocity: float
+
+
+def friction(arm: Arm, name: str = "arm") -> Friction:
+    """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.
+
+    Args:
+        arm: the description.
+        name: its name in the cell, for the path in error messages.
+
+    Raises:
+        FieldError: the number of coefficients differs from the number of joints.
+    """
+    model, chosen = load_arm_model(arm), arm.friction
+    joints = int(model.nv)
+    if isinstance(chosen, JointFriction):
+        path = f"cell.arms.{name}.friction"
+        viscous = per_joint(np.array(chosen.viscous), joints, f"{path}.viscous")
+        coulomb = per_joint(np.array(chosen.coulomb), joints, f"{path}.coulomb")
+        highest = chosen.coulomb if chosen.stiction is None else chosen.stiction
+        excess = per_joint(np.array(highest), joints, f"{path}.stiction") - coulomb
+        axes = arm.drive_matrix(joints)
+    else:
+        share, chosen = 1.0 if chosen == "urdf" else 0.0, JointFriction()
+        viscous, coulomb, excess = share * model.damping, share * model.friction, np.zeros(joints)
+        axes = np.eye(joints)
+    return Friction(axes, viscous, coulomb, chosen.coulomb_velocity, excess, chosen.stribeck_velocity)
+
+
+class Transmission:
+    """Constant transmission of a cell, between drives and joint velocities, with its friction.
+
+    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place.
+    """
+
+    def __init__(self, cell: Cell, arms: Sequence[ArmPlace], nv: int) -> None:
+        """Collect transmission matrices and friction.
+
+        Raises:
+            FieldError: a friction coefficient does not fit its arm.
+        """
+        edges = np.cumsum([0, *(len(arm.drive) for arm in arms)])
+        drives = edges[-1]
+        self._map, axes = np.zeros((drives, nv)), np.zeros((drives, nv))
+        viscous, coulomb, excess, speeds, stribeck = np.zeros((5, drives))
+        for arm, start, end in zip(arms, edges[:-1], edges[1:], strict=True):
+            rows, found = slice(start, end), friction(cell.arms[arm.name], arm.name)
+            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, found.axes
+            viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
+            excess[rows], stribeck[rows] = found.excess, found.stribeck_velocity
+        self._viscous = -axes.T @ np.diag(viscous) @ axes
+        self._to_scaled_speed = axes / speeds[:, None]
+        self._to_stribeck_speed = axes / stribeck[:, None]
+        self._coulomb, self._excess = -axes.T * coulomb, -axes.T * excess
+        self._has_coulomb, self._has_stiction = bool((coulomb + excess).any()), bool(excess.any())
+
+    def torque(self, drive_torques: Sequence[Array]) -> Array:
+        """Return the generalised force of drive torques, N m, shape (nv,)."""
+        return self._map.T.dot(np.concatenate(drive_torques))
+
+    def friction(self, v: Array) -> Array:
+        """Return -A^T (viscous w + level tanh(w / coulomb_velocity)) with w = A v, N m, shape (nv,).
+
+        The level is coulomb + excess exp(-(w / stribeck_velocity)^2), see JointFriction. A is D for friction
+        at the drives; for friction of the URDF it picks the joint velocities.
+        """
+        viscous: Array = self._viscous.dot(v)
+        if not self._has_coulomb:
+            return viscous
+        direction = np.tanh(self._to_scaled_speed.dot(v))
+        if not self._has_stiction:
+            return viscous + self._coulomb.dot(direction)
+        peak = np.exp(-(self._to_stribeck_speed.dot(v) ** 2))
+        return viscous + self._coulomb.dot(direction) + self._excess.dot(peak * direction)
