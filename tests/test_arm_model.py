@@ -172,7 +172,7 @@ def test_an_arm_believes_in_its_calibration_error(name):
     description, X_PE = ARMS[name]
     wrong = Pose(xyz=(1e-3, -2e-3, 0.0), rpy=(0.0, 0.0, 0.01))
     truth, rows = ArmModel(description, X_PE), task_rows("full")
-    view = ArmKinematics(description.replace(calibration_error=wrong), X_PE, rows)
+    view = ArmKinematics(description.override({"calibration_error.tip": wrong}), X_PE, rows)
     for q, _, _ in states(truth, 3):
         expected = truth.tip_pose(q) @ wrong.matrix @ inverse_pose(X_PE)
         assert_allclose(view.view(q).pose, expected, rtol=0, atol=1e-14)

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.errors import FileReadError
-from coop_pin.results.dataset import QUANTITIES
+from coop_pin.results.quantities import quantities
 
 STATIC = {
     "position_lower",
@@ -26,7 +26,7 @@ def result(request):
 
 
 def test_the_dataset_has_the_variables_of_the_table(result):
-    stored = [quantity for quantity in QUANTITIES if quantity.stored]
+    stored = [quantity for quantity in quantities(result.scenario) if quantity.stored]
     assert set(result.data.data_vars) == {quantity.name for quantity in stored} | STATIC
     for name, dims, unit, text, *_ in stored:
         assert result.data[name].dims == ("time", *dims.split())

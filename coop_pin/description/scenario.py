@@ -9,15 +9,16 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, controller_problems
+from coop_pin.description.controller import Controller, NoForcePath, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
+from coop_pin.description.sensors import Sensors, late_delay
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
+from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
@@ -59,6 +60,8 @@ class Scenario(Description):
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
         trust: thresholds beyond which the run is not trustworthy.
+        sensors: of every arm.
+        arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
     """
 
@@ -77,6 +80,8 @@ class Scenario(Description):
     clock: Clock = Clock()
     plant: PlantOptions = PlantOptions()
     trust: TrustThresholds = TrustThresholds()
+    sensors: Sensors = Sensors()
+    arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
@@ -120,6 +125,41 @@ class Scenario(Description):
         if late:
             raise one_or_all(late, "the events")
         return events
+
+    @field_validator("sensors")
+    @classmethod
+    def _sensors_fit_the_run(cls, sensors: Sensors, earlier: ValidationInfo) -> Sensors:
+        if problems := _timing_problems(sensors, earlier):
+            raise one_or_all(problems, "the sensors")
+        return sensors
+
+    @field_validator("arm_sensors")
+    @classmethod
+    def _sensors_of_arms_fit_the_run(
+        cls, sensors: dict[str, Sensors], earlier: ValidationInfo
+    ) -> dict[str, Sensors]:
+        arms = earlier.data["cell"].arms if "cell" in earlier.data else sensors
+        problems = [
+            FieldError(f"names an arm that the cell does not have; {suggestion(name, list(arms))}", name)
+            for name in sensors
+            if name not in arms
+        ]
+        for name, entry in sensors.items():
+            problems += [problem.below(name) for problem in _timing_problems(entry, earlier)]
+        if problems:
+            raise one_or_all(problems, "the sensors")
+        return sensors
+
+    @model_validator(mode="after")
+    def _force_path_fits_the_run(self) -> Self:
+        path = self.controller.force_path
+        if not isinstance(path, NoForcePath) and (late := late_delay(path.delay, self.clock, self.duration)):
+            raise FieldError(late, "controller.force_path.delay")
+        return self
+
+    def sensors_of(self, arm: str) -> Sensors:
+        """Return the sensors of one arm."""
+        return self.arm_sensors.get(arm, self.sensors)
 
     @property
     def squeeze_wrenches(self) -> Array:
@@ -172,6 +212,13 @@ class Scenario(Description):
         """Write the resolved scenario to a TOML file."""
         require_path("path", path)
         Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def _timing_problems(sensors: Sensors, earlier: ValidationInfo) -> list[FieldError]:
+    """Return the mistakes of the times of sensors, as far as the run's times have none themselves."""
+    if not {"clock", "duration"} <= set(earlier.data):
+        return []
+    return sensors.timing_problems(earlier.data["clock"], earlier.data["duration"])
 
 
 def _missing(path: Path) -> NameNotFoundError:
