@@ -1,5 +1,7 @@
 """What a controller measures: sensors and their errors, holding torques, and the random sources."""
 
+import json
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,12 +12,14 @@ import coop_pin as cp
 from coop_pin import errors
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.controller import _delayed_bound
+from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.noise import generator
 from coop_pin.simulation.wrist import Wrist
 from coop_pin.spatial import internal_wrenches, make_pose
+from coop_pin.viz.live_scene import LiveScene, initial_scene
 
 T = 0.0125
 CLOCK = cp.Clock(rate_hz=80.0)
@@ -382,6 +386,26 @@ def test_only_signals_that_differ_from_the_truth_are_recorded():
         assert set(data.data_vars) - plain == names
     assert np.abs(data.seen_pose_error.values[:, 0]).max() > 1e-5
     assert np.abs(data.seen_pose_error.values[:, 1]).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_figures_and_the_live_view_show_the_measured_internal_force_where_it_differs(name):
+    changes = {"controller.force_path": {"kind": "late"}}
+    for wrist in (None, {"noise": {"force": 3.0}}):
+        simulation = started(scenario_of(name, changes | ({"sensors.wrist": wrist} if wrist else {})), 4)
+        result, snapshot = simulation.result(), simulation.snapshot()
+        panel = internal_force_figure(result).axes[0]
+        drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
+        assert ("measured" in drawn) == (wrist is not None)
+        frame = LiveScene(initial_scene(simulation.scenario)).frame(snapshot)
+        header = json.loads(frame[4 : 4 + int.from_bytes(frame[:4], "little")])
+        if wrist is None:
+            assert snapshot.measured_internal_wrench is header["measured_internal"] is None
+            continue
+        assert_allclose(drawn["measured"], result.data.measured_internal_axial.values[:, 0], rtol=0)
+        assert np.abs(drawn["measured"] - drawn["actual"])[1:].max() > 0.1
+        forces = np.nan_to_num(result.data.measured_internal_wrench.values[-1, :, :3])
+        assert header["measured_internal"] == pytest.approx(np.linalg.norm(forces, axis=1).max())
 
 
 # ---------------------------------------------------------------- refusals
