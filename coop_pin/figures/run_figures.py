@@ -172,7 +172,7 @@ def internal_force_figure(result: RunResult) -> Figure:
                 frame_bulk(panel, actual[:, arm], unit)
                 label(panel, f"arm {as_written(arms[arm])}, {text}", unit)
         if "measured_internal_axial" in data:  # three entries are too wide beside a title
-            figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+            figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
         else:
             legend_above(axes[0, 0])
     return figure
