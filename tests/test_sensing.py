@@ -1,5 +1,6 @@
 """What a controller measures: sensors and their errors, holding torques, and the random sources."""
 
+import contextlib
 import json
 
 import numpy as np
@@ -13,6 +14,7 @@ from coop_pin import errors
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.controller import _delayed_bound
 from coop_pin.figures.run_figures import internal_force_figure
+from coop_pin.report.report import scenario_facts
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders
@@ -305,6 +307,27 @@ def test_the_bound_of_delayed_force_feedback_is_that_of_its_roots(pole, delay):
     assert radius(0.99 * bound) < 1.0 < radius(1.01 * bound)
 
 
+@pytest.mark.parametrize("wrist", [None, {"delay": 3, "rate_hz": 40.0}], ids=["path", "slow wrists"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_delayed_force_feedback_is_unstable_from_its_bound_on(name, wrist):
+    """Three ticks of delay are three samples of the control rate, and one of half that rate."""
+    path = {"kind": "low-pass", "pole": 0.5, "delay": 3 if wrist is None else 0}
+    bound = _delayed_bound(0.5, 3 if wrist is None else 1)
+    changes = {"controller.force_path": path, "controller.gains.sign_gain": 0.0}
+    changes |= {} if wrist is None else {"sensors.wrist": wrist}
+    field = "controller.gains.force_gain"
+    for factor in (0.9, 1.1):
+        gain = changes | {field: factor * bound}
+        with pytest.raises(errors.FieldError) if factor > 1.0 else contextlib.nullcontext() as refused:
+            scenario_of(name, gain)
+        if refused is not None:
+            assert refused.value.path == field
+        simulation = started(scenario_of(name, gain, beyond_bound=True).replace(duration=2.0), 120)
+        steps = np.abs(np.diff(simulation.result().data.internal_axial.values[:, 0]))
+        early, late = steps[5:30].max(), steps[-25:].max()
+        assert late < 0.2 * early if factor < 1.0 else late > 4.0 * early
+
+
 # ---------------------------------------------------------------- sources, seeds, results
 
 
@@ -361,6 +384,20 @@ def test_a_noisy_run_is_the_same_for_the_same_seed_and_saves_true_and_measured_s
     axial = np.einsum("nmi,nmi->nm", np.nan_to_num(wrench[..., :3]), data.axial_direction.values)
     assert_allclose(data.measured_internal_axial, axial, rtol=1e-9, atol=1e-9)
     assert 1e-5 < np.abs(data.seen_pose_error.values).max() < 1e-3
+
+
+def test_a_report_states_sensors_and_calibration_that_are_not_ideal():
+    changes = ANYTHING | {"cell.arms.left.calibration_error.base.xyz": (0.0, 0.001, 0.0)}
+    facts = {}
+    for key, scenario in (("plain", scenario_of("planar")), ("wrong", scenario_of("planar", changes))):
+        facts[key] = dict(scenario_facts(started(scenario).result()))
+    assert set(facts["wrong"]) - set(facts["plain"]) == {
+        "sensors of left",
+        "sensors of right",
+        "calibration of left",
+    }
+    assert "0.001" in facts["wrong"]["calibration of left"]
+    assert "observer" in facts["wrong"]["sensors of right"]
 
 
 def test_measurements_of_every_sensor_are_floats_and_frozen_arrays():

@@ -227,15 +227,23 @@ Controller = Annotated[Law | UserController, Field(discriminator="kind")]
 _INSIST = "or insist with beyond_bound = true"
 
 
-def controller_problems(controller: Law | UserController, arms: list[str]) -> list[FieldError]:
-    """Return what is wrong with a controller for a cell with these arms."""
+def controller_problems(
+    controller: Law | UserController, arms: list[str], wrist_delay: int = 0
+) -> list[FieldError]:
+    """Return what is wrong with a controller for a cell.
+
+    Args:
+        controller: the law with its gains.
+        arms: of the cell.
+        wrist_delay: samples by which wrist sensors delay the internal wrench, besides the force path.
+    """
     if isinstance(controller, UserController):
         return []
     strangers = [name for name in controller.arm_gains if name not in arms]
     if strangers:
         detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
         return [FieldError(detail, "arm_gains")]
-    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
+    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms, wrist_delay)]
 
 
 def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
@@ -249,7 +257,7 @@ def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
     return problems
 
 
-def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
+def _beyond_force_bound(controller: Law, arms: list[str], wrist_delay: int) -> list[FieldError]:
     """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
     path, largest = controller.force_path, max(controller.gains_of(name).force_gain for name in arms)
     if isinstance(path, NoForcePath):
@@ -259,9 +267,11 @@ def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
             "set the gain to 0, or the kind to 'late' or 'low-pass'"
         )
     else:
-        bound = _delayed_bound(path.pole, path.delay) if path.delay else force_gain_bound(path.pole)
+        delay = path.delay + wrist_delay
+        bound = _delayed_bound(path.pole, delay) if delay else force_gain_bound(path.pole)
         allowed = largest < bound
-        detail = f"but feedback over {path.kind!r} is unstable from {bound:g} on; lower it, {_INSIST}"
+        late = f" with {delay} samples of delay" if delay else ""
+        detail = f"but feedback over {path.kind!r}{late} is unstable from {bound:g} on; lower it, {_INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
 
 

@@ -152,9 +152,18 @@ class Scenario(Description):
 
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
-        path = self.controller.force_path
-        if not isinstance(path, NoForcePath) and (late := late_delay(path.delay, self.clock, self.duration)):
+        path, arms = self.controller.force_path, list(self.cell.arms)
+        if isinstance(path, NoForcePath):
+            return self
+        if late := late_delay(path.delay, self.clock, self.duration):
             raise FieldError(late, "controller.force_path.delay")
+        wrists = [wrist for arm in arms if (wrist := self.sensors_of(arm).wrist) is not None]
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        late_by = [(path.delay + w.delay) // w.ticks_per_sample(self.clock) - path.delay for w in wrists]
+        if max(late_by, default=0) > 0 and not self.beyond_bound:
+            problems = controller_problems(self.controller, arms, max(late_by))
+            if problems:
+                raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
     def sensors_of(self, arm: str) -> Sensors:
