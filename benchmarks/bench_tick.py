@@ -64,9 +64,9 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),
         "one arm's tick of law (23), kinematics included": lambda: law.step(
-            sensor.measure(t, q, v, None, free), references[0], state[0]
+            sensor.measure(t, q, v, None, np.inf, free), references[0], state[0]
         ),
-        "  ArmSensor.measure": lambda: sensor.measure(t, q, v, None, free),
+        "  ArmSensor.measure": lambda: sensor.measure(t, q, v, None, np.inf, free),
         "    ArmKinematics.view": lambda: sensor._kinematics.view(angles),
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),

@@ -126,8 +126,8 @@ plt.tight_layout()
 # %% [markdown]
 # ## Try
 # - `cp.run("adept-paper", {"controller.switching": {"kind": "tanh", "width": 0.02}})`: a smooth sign.
-# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]})`: an arm with a kinematic
-#   error of 0.1 mm.
+# - `cp.run("adept-paper", {"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0, 0]})`: an arm with a
+#   kinematic error of 0.1 mm.
 # - `cp.run("adept-paper", {"controller.force_path.kind": "late", "controller.gains.force_gain": 0.9})`:
 #   feedback of the internal force.
 # - `result.data` is an xarray `Dataset`:

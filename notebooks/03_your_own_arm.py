@@ -144,6 +144,6 @@ assert cp.Scenario.load(file) == scenario
 # - another payload: `cp.Payload.mesh("part.stl", density=2700, scale=0.001)`.
 # - `cp.run(scenario, {"motion.goal.xyz": [0.45, 0.9, 0.5]})`: the goal is out of reach; read the error
 #   message. `cp.reachability` reports it before the run.
-# - `"cell.arms.left.calibration_error.xyz": [1e-4, 0, 0]`: an arm with a kinematic error of 0.1 mm.
+# - `"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0, 0]`: an arm with a kinematic error of 0.1 mm.
 # - a seven-joint arm:
 #   `cp.Arm.from_urdf("panda", tip="panda_hand_tcp", locked={"panda_finger_joint1": 0.03})`.

@@ -11,7 +11,7 @@ from coop_pin.figures import sweep_figure
 
 ERROR = "internal_axial_rms_error_N"
 SIGN_GAIN = "controller.gains.sign_gain"
-BIAS = "cell.arms.left.calibration_error.xyz"
+BIAS = "cell.arms.left.calibration_error.tip.xyz"
 RATE = "clock.rate_hz"
 
 

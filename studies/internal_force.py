@@ -15,7 +15,7 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
 ALPHA, RATE, K_F = "controller.gains.sign_gain", "clock.rate_hz", "controller.gains.force_gain"
-BIAS = "cell.arms.left.calibration_error.xyz"
+BIAS = "cell.arms.left.calibration_error.tip.xyz"
 
 
 def force_error(result: cp.SweepResult) -> xr.DataArray:

@@ -173,7 +173,7 @@ def test_an_arm_believes_in_its_calibration_error(name):
     description, X_PE = ARMS[name]
     wrong = Pose(xyz=(1e-3, -2e-3, 0.0), rpy=(0.0, 0.0, 0.01))
     truth, rows = ArmModel(description, X_PE), task_rows("full")
-    view = ArmKinematics(description.replace(calibration_error=wrong), X_PE, rows)
+    view = ArmKinematics(description.override({"calibration_error.tip": wrong}), X_PE, rows)
     for q, _, _ in states(truth, 3):
         expected = truth.tip_pose(q) @ wrong.matrix @ inverse_pose(X_PE)
         assert_allclose(view.view(q).pose, expected, rtol=0, atol=1e-14)
@@ -294,3 +294,41 @@ def test_every_question_checks_its_arguments(arm):
         ArmModel(ARMS["planar"][0], gravity=(0.0, -9.81))
     with pytest.raises(ShapeError, match="X_PE"):
         ArmModel(ARMS["planar"][0], np.eye(3))
+
+
+def chain_positions(arm):
+    """Origins of the moving joints, then of the tip, at the last configuration asked for, in world axes."""
+    frames = [arm._data.oMi[joint].translation.copy() for joint in range(1, arm.model.njoints)]
+    return np.array([*frames, arm._data.oMf[arm.model.getFrameId("tip")].translation])
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_kinematic_errors_of_base_joints_and_links_move_the_payload_that_an_arm_sees(name):
+    """Base: X_WP' = X_WB C X_WB^-1 X_WP. Joints: the pose at q + offset. Links: p_E grows by sum e_j d_j."""
+    description, X_PE = ARMS[name]
+    truth, rows, rng = ArmModel(description, X_PE), task_rows("full"), np.random.default_rng(5)
+    C, X_WB = Pose(xyz=(1e-3, 2e-3, -1e-3), rpy=(0.01, 0.0, 0.02)), description.base.matrix
+    offset, stretch = 1e-2 * rng.normal(size=(2, truth.nv))
+    errors = {"base": C, "joint_offset": tuple(offset), "link_length": tuple(stretch)}
+    base, joints, links = (
+        ArmKinematics(description.override({f"calibration_error.{field}": value}), X_PE, rows)
+        for field, value in errors.items()
+    )
+    for q, v, _ in states(truth, 3):
+        X_WP, J = truth.payload_pose(q), truth.payload_jacobian(q)
+        moved = X_WB @ C.matrix @ inverse_pose(X_WB)
+        assert_allclose(base.view(q).pose, moved @ X_WP, rtol=0, atol=1e-14)
+        shifted = pin.integrate(truth.model, q, offset)
+        assert_allclose(joints.view(q).pose, truth.payload_pose(shifted), rtol=0, atol=1e-13)
+        assert_allclose(
+            joints.view(q).jacobian @ truth.drive, truth.payload_jacobian(shifted), rtol=0, atol=1e-12
+        )
+        truth.tip_pose(q)
+        grown = X_WP.copy()
+        grown[:3, 3] += stretch @ np.diff(chain_positions(truth), axis=0)
+        assert_allclose(links.view(q).pose, grown, rtol=0, atol=1e-13)
+        h = 1e-6
+        before, after = (links.view(pin.integrate(truth.model, q, s * v)).pose for s in (-h, h))
+        numeric = (after[:3, 3] - before[:3, 3]) / (2 * h)
+        assert_allclose((links.view(q).jacobian @ truth.drive @ v)[:3], numeric, rtol=0, atol=1e-7)
+        assert np.abs(links.view(q).jacobian @ truth.drive - J).max() > 1e-4

@@ -297,7 +297,10 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
     assert conda.removeprefix("pinocchio") == pin.removeprefix("pin").partition(";")[0]
 
 
-@pytest.mark.parametrize("name", ["howto/arm.md", "howto/mechanism.md", "howto/scenario.md", "quickstart.md"])
+@pytest.mark.parametrize(
+    "name",
+    ["concepts/measurements.md", "howto/arm.md", "howto/mechanism.md", "howto/scenario.md", "quickstart.md"],
+)
 def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     """One block after the other, pasted into an empty folder."""
     monkeypatch.chdir(tmp_path)

@@ -145,7 +145,7 @@ def test_kinematic_bias_winds_the_sign_integral_up():
         changes = {
             "events": [],
             "controller.gains.sign_gain": alpha,
-            "cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0],
+            "cell.arms.left.calibration_error.tip.xyz": [1e-4, 0.0, 0.0],
         }
         data = cp.run("adept-paper", changes).data
         error = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values)[:, 0, :3]

@@ -10,8 +10,9 @@ from close import assert_close
 import coop_pin as cp
 from coop_pin.description import PayloadChange
 from coop_pin.results import metrics
-from coop_pin.results.dataset import allocate, dataset
+from coop_pin.results.dataset import dataset
 from coop_pin.results.metrics import LimitViolation, Window
+from coop_pin.results.quantities import allocate, quantities
 from coop_pin.spatial import make_pose
 
 SCENARIO = SCENARIOS["planar"]()
@@ -27,7 +28,7 @@ def event(time):
 def made(time, *, scenario=SCENARIO, events=(), limits=None, joints=None, **samples):
     """A result whose samples are at rest at the origin, but for those stated."""
     count, arms = len(time), len(scenario.cell.arms)
-    at_rest = allocate(count, {"q": 1, "v": 1, "arm": arms, "joint": 2})
+    at_rest = allocate(quantities(scenario), count, {"q": 1, "v": 1, "arm": arms, "joint": 2})
     values = {name: np.zeros_like(value) for name, value in at_rest.items()}
     values["payload_pose"][:] = values["desired_pose"][:] = np.eye(4)
     values["tip_position"][:] = np.arange(arms)[:, None] * np.array((2.0, 0.0, 0.0))

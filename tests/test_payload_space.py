@@ -178,7 +178,9 @@ def biased_run(name, controller, bias):
     """The left arm's kinematics are off by a constant; the payload goes to rest or stays there."""
     scenario = SCENARIOS[name]().replace(events=(), duration=10.0)
     still = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}}
-    return cp.run(scenario, {"controller": controller, "cell.arms.left.calibration_error.xyz": bias, **still})
+    return cp.run(
+        scenario, {"controller": controller, "cell.arms.left.calibration_error.tip.xyz": bias, **still}
+    )
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -7,8 +7,8 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.errors import FileReadError
-from coop_pin.results.dataset import QUANTITIES
+from coop_pin.errors import FileReadError, FileWriteError
+from coop_pin.results.quantities import quantities
 
 STATIC = {
     "position_lower",
@@ -26,7 +26,7 @@ def result(request):
 
 
 def test_the_dataset_has_the_variables_of_the_table(result):
-    stored = [quantity for quantity in QUANTITIES if quantity.stored]
+    stored = [quantity for quantity in quantities(result.scenario) if quantity.stored]
     assert set(result.data.data_vars) == {quantity.name for quantity in stored} | STATIC
     for name, dims, unit, text, *_ in stored:
         assert result.data[name].dims == ("time", *dims.split())
@@ -55,6 +55,14 @@ def test_a_file_that_lacks_a_variable_is_refused_with_its_name(result, tmp_path)
     cp.RunResult(result.scenario, result.data.drop_vars("internal_axial")).save(tmp_path / "result.nc")
     with pytest.raises(FileReadError, match="internal_axial"):
         cp.RunResult.load(tmp_path / "result.nc")
+
+
+def test_a_path_that_is_a_folder_is_refused_and_leaves_nothing(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in ("", ".", "/"):
+        with pytest.raises(FileWriteError):
+            result.save(path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_continuous_joints_are_counted_from_the_posture_on():

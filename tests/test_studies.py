@@ -193,7 +193,7 @@ def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
         np.linalg.lstsq(runs.get_xdata()[:, None], runs.get_ydata())[0], proportional.get_ydata()[1]
     )
     assert "0.1 mm" in over_time.get_title(loc="left")
-    bias = {"cell.arms.left.calibration_error.xyz": [1e-4, 0.0, 0.0]}
+    bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0.0, 0.0]}
     for line, alpha in zip(over_time.lines, (0.0, 0.2), strict=True):
         direct = cp.run("adept-paper", quiet | bias | {ALPHA: alpha})
         time = direct.data.time.values

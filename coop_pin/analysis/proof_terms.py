@@ -16,7 +16,7 @@ from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
-from coop_pin.simulation.actuation import friction
+from coop_pin.simulation.transmission import friction
 
 _STEP = 1e-5
 _SPAN = 2.0 * _STEP

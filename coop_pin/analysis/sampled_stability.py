@@ -10,8 +10,10 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_type
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.sensing import Sensing
 
 STABILITY_LIMIT = 2.0
 """Sampled damping is stable below this: v[k+1] = (1 - value) v[k]."""
@@ -160,14 +162,17 @@ def _stability_value(entry: complex) -> float:
 def _torque_of(simulation: Simulation) -> Callable[[Array], Array]:
     """Return the controller's generalised force at the start as a function of the velocity.
 
-    Measured internal wrenches are as desired. Torque limits play no part.
+    Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
     """
     plant, references = simulation.plant, simulation.references(0.0)
-    at_rest = simulation.sensing.start(plant.q, np.zeros(len(plant.v)), references)
+    ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={})
+    holding = simulation.actuation.holding_commands
+    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=holding)
+    at_rest = sensing.start(plant.q, np.zeros(len(plant.v)), references)
     state = simulation.controller.init(at_rest, references)
 
     def torque(v: Array) -> Array:
-        measurements = simulation.sensing.start(plant.q, v, references)
+        measurements = sensing.start(plant.q, v, references)
         command = simulation.controller.step(measurements, references, state)
         return plant.transmission.torque(simulation.actuation.commanded(command))
 

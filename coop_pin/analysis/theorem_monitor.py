@@ -21,7 +21,7 @@ from coop_pin.description.events import PayloadChange
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import build_controller
-from coop_pin.simulation.actuation import Transmission
+from coop_pin.simulation.transmission import Transmission
 
 _POSITIVE = 1e-6
 """sum_i Vdot_3 above it is marked as positive, W."""

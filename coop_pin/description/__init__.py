@@ -1,7 +1,7 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
 from coop_pin.description.actuators import Actuators, GravityCompensation
-from coop_pin.description.arm import Arm, JointFriction
+from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import (
@@ -20,6 +20,15 @@ from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
+from coop_pin.description.sensors import (
+    DifferencedVelocity,
+    Encoder,
+    ObservedVelocity,
+    Sensors,
+    TrueVelocity,
+    WrenchParts,
+    WristSensor,
+)
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
@@ -28,11 +37,15 @@ __all__ = [
     "Arm",
     "Cell",
     "Clock",
+    "DifferencedVelocity",
+    "Encoder",
     "GravityCompensation",
     "JointFriction",
     "LateForcePath",
     "LowPassForcePath",
+    "Miscalibration",
     "NoForcePath",
+    "ObservedVelocity",
     "Payload",
     "PayloadChange",
     "PayloadSpace",
@@ -42,12 +55,16 @@ __all__ = [
     "PostureGains",
     "RedundantSlidingMode",
     "Scenario",
+    "Sensors",
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
+    "TrueVelocity",
     "TrustThresholds",
     "UserController",
+    "WrenchParts",
     "WrenchPulse",
+    "WristSensor",
     "grasps_from_configuration",
     "scenario_names",
 ]

@@ -71,6 +71,24 @@ class JointFriction(Description):
         return stiction
 
 
+class Miscalibration(Description):
+    """Errors of an arm's own kinematic model. The arm itself, and so the plant, is right.
+
+    Attributes:
+        tip: pose of the tip in the arm's own kinematic model, seen from the true tip.
+        base: pose of the base in its model, seen from the true base.
+        joint_offset: what its model adds to every joint position, rad or m; one value for all joints or one
+            for each.
+        link_length: relative error of the distance from each joint to the next, from the last one to the tip;
+            one value for all joints or one for each.
+    """
+
+    tip: Pose = Pose()
+    base: Pose = Pose()
+    joint_offset: NumberOrVector = 0.0
+    link_length: NumberOrVector = 0.0
+
+
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
 Friction = Annotated[
     Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
@@ -123,7 +141,7 @@ class Arm(Description):
         locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
             mimic joints are fixed too.
         mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
-        calibration_error: pose of the tip in the arm's own kinematic model, seen from the true tip.
+        calibration_error: errors of the arm's own kinematic model, which its controller sees.
     """
 
     urdf: str
@@ -137,7 +155,7 @@ class Arm(Description):
     posture: Vector | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
-    calibration_error: Pose = Pose()
+    calibration_error: Miscalibration = Miscalibration()
 
     @field_validator("tip")
     @classmethod
@@ -179,6 +197,8 @@ class Arm(Description):
             "drive": self.drive,
             "posture": self.posture,
             "torque_limits": self.torque_limits,
+            "calibration_error.joint_offset": self.calibration_error.joint_offset,
+            "calibration_error.link_length": self.calibration_error.link_length,
         }
         if isinstance(self.friction, JointFriction):
             sizes |= {

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field
+from scipy.optimize import brentq
 
 from coop_pin.control.switching import Sign, Switching
 from coop_pin.control.terms import force_gain_bound
@@ -107,10 +108,18 @@ class NoForcePath(Description):
     kind: Literal["none"] = "none"
 
 
+_Delay = Annotated[int, Field(ge=0)]
+
+
 class LateForcePath(Description):
-    """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d."""
+    """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
+
+    Attributes:
+        delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
+    """
 
     kind: Literal["late"] = "late"
+    delay: _Delay = 0
 
     @property
     def pole(self) -> float:
@@ -121,12 +130,16 @@ class LateForcePath(Description):
 class LowPassForcePath(Description):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
+    It takes every sample once, when it arrives; between samples of slow sensors it holds.
+
     Attributes:
         pole: p, in [0, 1).
+        delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
     """
 
     kind: Literal["low-pass"] = "low-pass"
     pole: float = Field(default=0.9, ge=0.0, lt=1.0)
+    delay: _Delay = 0
 
 
 ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
@@ -214,15 +227,23 @@ Controller = Annotated[Law | UserController, Field(discriminator="kind")]
 _INSIST = "or insist with beyond_bound = true"
 
 
-def controller_problems(controller: Law | UserController, arms: list[str]) -> list[FieldError]:
-    """Return what is wrong with a controller for a cell with these arms."""
+def controller_problems(
+    controller: Law | UserController, arms: list[str], wrist_delay: int = 0
+) -> list[FieldError]:
+    """Return what is wrong with a controller for a cell.
+
+    Args:
+        controller: the law with its gains.
+        arms: of the cell.
+        wrist_delay: samples by which wrist sensors delay the internal wrench, besides the force path.
+    """
     if isinstance(controller, UserController):
         return []
     strangers = [name for name in controller.arm_gains if name not in arms]
     if strangers:
         detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
         return [FieldError(detail, "arm_gains")]
-    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
+    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms, wrist_delay)]
 
 
 def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
@@ -236,7 +257,7 @@ def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
     return problems
 
 
-def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
+def _beyond_force_bound(controller: Law, arms: list[str], wrist_delay: int) -> list[FieldError]:
     """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
     path, largest = controller.force_path, max(controller.gains_of(name).force_gain for name in arms)
     if isinstance(path, NoForcePath):
@@ -246,7 +267,23 @@ def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
             "set the gain to 0, or the kind to 'late' or 'low-pass'"
         )
     else:
-        bound = force_gain_bound(path.pole)
+        delay = path.delay + wrist_delay
+        bound = _delayed_bound(path.pole, delay) if delay else force_gain_bound(path.pole)
         allowed = largest < bound
-        detail = f"but feedback over {path.kind!r} is unstable from {bound:g} on; lower it, {_INSIST}"
+        late = f" with {delay} samples of delay" if delay else ""
+        detail = f"but feedback over {path.kind!r}{late} is unstable from {bound:g} on; lower it, {_INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
+
+
+def _delayed_bound(pole: float, delay: int) -> float:
+    """Return the force gain at which feedback over a filter and D > 0 ticks of delay goes unstable.
+
+    z^D (z - p) + K_f (1 - p) = 0 has its first roots on the unit circle at z = exp(j a) with D a + arg(z - p)
+    = pi, where K_f = |z - p| / (1 - p). Without a filter it is 1, whatever the delay.
+    """
+
+    def point(angle: float) -> complex:
+        return complex(np.exp(1j * angle) - pole)
+
+    angle = brentq(lambda a: delay * a + np.angle(point(a)) - np.pi, 0.0, np.pi)
+    return float(abs(point(angle)) / (1.0 - pole))

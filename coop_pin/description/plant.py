@@ -29,6 +29,10 @@ class Clock(Description):
         """Control period T, s."""
         return 1.0 / self.rate_hz
 
+    def ticks(self, duration: float) -> int:
+        """Return the number of control periods of a run of a duration, s; at least one."""
+        return max(1, round(duration * self.rate_hz))
+
 
 Formulation = Literal["auto", "proximal", "kkt"]
 

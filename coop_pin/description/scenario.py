@@ -9,14 +9,15 @@ from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, controller_problems
+from coop_pin.description.controller import Controller, NoForcePath, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
+from coop_pin.description.sensors import Sensors, late_delay
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
 from coop_pin.reference.motions import Motion
@@ -62,6 +63,8 @@ class Scenario(Description):
         actuators: what the drives of every arm make of their commands.
         arm_actuators: actuators of single arms, in place of ``actuators``.
         trust: thresholds beyond which the run is not trustworthy.
+        sensors: of every arm.
+        arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
     """
 
@@ -82,6 +85,8 @@ class Scenario(Description):
     actuators: Actuators = Actuators()
     arm_actuators: dict[str, Actuators] = Field(default_factory=dict)
     trust: TrustThresholds = TrustThresholds()
+    sensors: Sensors = Sensors()
+    arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
@@ -155,6 +160,50 @@ class Scenario(Description):
         """Return the actuators of one arm."""
         return self.arm_actuators.get(arm, self.actuators)
 
+    @field_validator("sensors")
+    @classmethod
+    def _sensors_fit_the_run(cls, sensors: Sensors, earlier: ValidationInfo) -> Sensors:
+        if problems := _timing_problems(sensors, earlier):
+            raise one_or_all(problems, "the sensors")
+        return sensors
+
+    @field_validator("arm_sensors")
+    @classmethod
+    def _sensors_of_arms_fit_the_run(
+        cls, sensors: dict[str, Sensors], earlier: ValidationInfo
+    ) -> dict[str, Sensors]:
+        arms = earlier.data["cell"].arms if "cell" in earlier.data else sensors
+        problems = [
+            FieldError(f"names an arm that the cell does not have; {suggestion(name, list(arms))}", name)
+            for name in sensors
+            if name not in arms
+        ]
+        for name, entry in sensors.items():
+            problems += [problem.below(name) for problem in _timing_problems(entry, earlier)]
+        if problems:
+            raise one_or_all(problems, "the sensors")
+        return sensors
+
+    @model_validator(mode="after")
+    def _force_path_fits_the_run(self) -> Self:
+        path, arms = self.controller.force_path, list(self.cell.arms)
+        if isinstance(path, NoForcePath):
+            return self
+        if late := late_delay(path.delay, self.clock, self.duration):
+            raise FieldError(late, "controller.force_path.delay")
+        wrists = [wrist for arm in arms if (wrist := self.sensors_of(arm).wrist) is not None]
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        late_by = [(path.delay + w.delay) // w.ticks_per_sample(self.clock) - path.delay for w in wrists]
+        if max(late_by, default=0) > 0 and not self.beyond_bound:
+            problems = controller_problems(self.controller, arms, max(late_by))
+            if problems:
+                raise one_or_all([problem.below("controller") for problem in problems], "the controller")
+        return self
+
+    def sensors_of(self, arm: str) -> Sensors:
+        """Return the sensors of one arm."""
+        return self.arm_sensors.get(arm, self.sensors)
+
     @property
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
@@ -206,6 +255,13 @@ class Scenario(Description):
         """Write the resolved scenario to a TOML file."""
         require_path("path", path)
         Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def _timing_problems(sensors: Sensors, earlier: ValidationInfo) -> list[FieldError]:
+    """Return the mistakes of the times of sensors, as far as the run's times have none themselves."""
+    if not {"clock", "duration"} <= set(earlier.data):
+        return []
+    return sensors.timing_problems(earlier.data["clock"], earlier.data["duration"])
 
 
 def _missing(path: Path) -> NameNotFoundError:

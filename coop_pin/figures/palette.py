@@ -4,6 +4,7 @@ from __future__ import annotations
 
 ACTUAL = "#0072b2"
 DESIRED = "#4d4d4d"
+MEASURED = "#e69f00"
 INTERNAL = "#d55e00"
 LOAD = "#009e73"
 EXTERNAL = "#cc79a7"

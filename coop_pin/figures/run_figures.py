@@ -17,6 +17,7 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
     DESIRED,
+    MEASURED,
     as_written,
     frame_bulk,
     frame_decades,
@@ -151,7 +152,7 @@ def internal_force_figure(result: RunResult) -> Figure:
 
     Axial is along the line from the arm's tip to the middle of the other tips, negative where the arms
     squeeze; shear is the norm of the force across that line; moment is the norm of the moment about P. Rows
-    that rigid bodies do not determine count as zero.
+    that rigid bodies do not determine count as zero. What the controller measured is drawn where it differs.
 
     Args:
         result: the run.
@@ -162,12 +163,18 @@ def internal_force_figure(result: RunResult) -> Figure:
     with run_figure(3, len(arms), result, title, panel=(3.6, 1.6)) as (figure, axes):
         for (part, text, unit), row in zip(parts, axes, strict=True):
             actual, desired = (data[f"{which}internal_{part}"].values for which in ("", "desired_"))
+            measured = data.get(f"measured_internal_{part}")
             for arm, panel in enumerate(row):
+                if measured is not None:
+                    panel.plot(data["time"].values, measured.values[:, arm], label="measured", **MEASURED)
                 panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
                 panel.plot(data["time"].values, desired[:, arm], label="desired", **DESIRED)
                 frame_bulk(panel, actual[:, arm], unit)
                 label(panel, f"arm {as_written(arms[arm])}, {text}", unit)
-        legend_above(axes[0, 0])
+        if "measured_internal_axial" in data:  # three entries are too wide beside a title
+            figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
+        else:
+            legend_above(axes[0, 0])
     return figure
 
 

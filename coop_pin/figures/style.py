@@ -39,6 +39,7 @@ STYLE: Any = {
 
 ACTUAL: dict[str, Any] = {"color": palette.ACTUAL}
 DESIRED: dict[str, Any] = {"color": palette.DESIRED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
+MEASURED: dict[str, Any] = {"color": palette.MEASURED, "linewidth": 0.8}
 
 Grid: TypeAlias = NDArray[Any]
 """Axes in rows and columns."""

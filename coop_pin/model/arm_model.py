@@ -10,11 +10,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_pose, require_finite, require_type
-from coop_pin.description.arm import Arm
+from coop_pin.description.arm import Arm, Miscalibration
 from coop_pin.description.cell import Cell
 from coop_pin.errors import NameNotFoundError
 from coop_pin.model.joint_angles import JointAngles
-from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.model.pinocchio_model import (
     add_frame,
     append_arm,
@@ -198,12 +198,13 @@ class PayloadKinematics(NamedTuple):
 class ArmKinematics:
     """Forward kinematics and payload Jacobian of one arm, from a copy of its model without inertias.
 
-    The payload frame is displaced by the arm's calibration error, which the arm does not know of.
+    The copy has the arm's calibration error, which the arm does not know of.
     """
 
     def __init__(self, arm: Arm, X_PE: Array, rows: TaskRows) -> None:
-        arm_model = ArmModel(arm, X_PE @ inverse_pose(arm.calibration_error.matrix))
+        arm_model = ArmModel(arm, X_PE @ inverse_pose(arm.calibration_error.tip.matrix))
         self._model = without_inertia(arm_model.model)
+        _miscalibrate(self._model, arm)
         self._data = self._model.createData()
         self._payload = frame_id(self._model, "payload")
         self._rows = rows
@@ -216,3 +217,36 @@ class ArmKinematics:
         )
         pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
         return PayloadKinematics(pose, self._rows.select(J).dot(self._to_joint_rates))
+
+
+def _miscalibrate(model: pin.Model, arm: Arm) -> None:
+    """Put an arm's errors of link lengths, joint offsets and base into the placements of a model.
+
+    A joint's motion commutes with its offset, so that the offset is one of the joint's placement.
+
+    Raises:
+        FieldError: the number of joint offsets or link lengths differs from that of the joints.
+    """
+    error, X_WB = arm.calibration_error, arm.base.matrix
+    offset, stretch = (
+        per_joint(np.array(getattr(error, name)), int(model.nv), f"calibration_error.{name}")
+        for name in ("joint_offset", "link_length")
+    )
+    if stretch.any():
+        for joint in range(1, model.njoints):
+            parent = int(model.parents[joint])
+            if parent > 0:
+                model.jointPlacements[joint].translation *= 1.0 + stretch[parent - 1]
+        joint = model.frames[frame_id(model, "tip")].parentJoint
+        p_E = model.frames[frame_id(model, "tip")].placement.translation.copy()
+        model.frames[frame_id(model, "payload")].placement.translation += stretch[joint - 1] * p_E
+    if offset.any():
+        data = model.createData()
+        pin.forwardKinematics(model, data, pin.integrate(model, pin.neutral(model), offset))
+        for joint in range(1, model.njoints):
+            model.jointPlacements[joint] = data.liMi[joint]
+    if error.base != Miscalibration().base:
+        moved = pin.SE3(X_WB @ error.base.matrix @ inverse_pose(X_WB))
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = moved * model.jointPlacements[joint]

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -104,6 +104,10 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
         ("plant", f"payload {plant.payload}, {plant.integrator}"),
     ]
+    for name, arm in cell.arms.items():
+        for what, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error)):
+            if stated := _stated(value):
+                facts.append((f"{what} of {name}", stated))
     facts += [("event", _value(event.model_dump())) for event in scenario.events]
     return facts
 
@@ -123,6 +127,13 @@ def _controller(result: RunResult) -> str:
     fields = result.scenario.controller.model_dump(exclude_none=True)
     kind, gains = fields.pop("kind"), fields.pop("gains", {})
     return f"{kind}: {_fields(gains | fields)}"
+
+
+def _stated(value: Any) -> str:
+    """Return the fields of a value that are not their defaults, as text."""
+    given, fields = value.model_dump(exclude_none=True), type(value).model_fields
+    changed = {name: entry for name, entry in given.items() if getattr(value, name) != fields[name].default}
+    return _fields(changed)
 
 
 def _fields(table: dict[str, object]) -> str:

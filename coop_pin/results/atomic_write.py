@@ -7,6 +7,8 @@ import uuid
 from collections.abc import Callable
 from pathlib import Path
 
+from coop_pin.errors import FileWriteError
+
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file under a temporary name beside it, sync it, and rename it.
@@ -17,7 +19,12 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     Args:
         path: the file.
         write: writes the content to the path it is given.
+
+    Raises:
+        FileWriteError: the path is a folder.
     """
+    if path.is_dir():
+        raise FileWriteError(str(path), "it is a folder")
     path.parent.mkdir(parents=True, exist_ok=True)
     # tempfile would make the file readable by its owner alone, and the result would stay so.
     part = path.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")

@@ -15,7 +15,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.dataset import QUANTITIES
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
@@ -25,6 +24,7 @@ from coop_pin.results.metrics import (
     metric_text,
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
+from coop_pin.results.quantities import quantities
 from coop_pin.results.trust import Breach, TrustMonitor
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -271,15 +271,16 @@ class RunResult:
             hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
             raise FileReadError(f"there is no result file at {path}{hint}")
         data, text = read_dataset(path)
-        missing = [q.name for q in QUANTITIES if q.stored and q.name not in data]
+        try:
+            scenario = Scenario.from_toml(text)
+        except (ScenarioError, FileReadError) as error:
+            raise FileReadError(
+                f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
+            ) from None
+        missing = [q.name for q in quantities(scenario) if q.stored and q.name not in data]
         if missing:
             raise FileReadError(
                 f"{path} lacks {', '.join(missing)}; it was written by another version of coop_pin: "
                 "run its scenario again"
             )
-        try:
-            return cls(Scenario.from_toml(text), data)
-        except (ScenarioError, FileReadError) as error:
-            raise FileReadError(
-                f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
-            ) from None
+        return cls(scenario, data)

@@ -11,7 +11,7 @@ from coop_pin.arrays import Array, Mask
 class Snapshot(NamedTuple):
     """Quantities of a run at one tick, as its result will hold them; m arms, at most k joints each.
 
-    All arrays are read-only; ``coop_pin.results.dataset.QUANTITIES`` declares what they are.
+    All arrays are read-only; ``coop_pin.results.quantities.QUANTITIES`` declares what they are.
 
     Attributes:
         time: s.
@@ -26,6 +26,8 @@ class Snapshot(NamedTuple):
         torque: N m, shape (m, k); NaN beyond an arm's joints.
         saturated: shape (m, k).
         jacobian_condition: shape (m,).
+        measured_internal_wrench: what the controllers get, N and N m, shape (m, 6); None where it is not
+            recorded.
     """
 
     time: float
@@ -40,6 +42,7 @@ class Snapshot(NamedTuple):
     torque: Array
     saturated: Mask
     jacobian_condition: Array
+    measured_internal_wrench: Array | None = None
 
 
 Observer = Callable[[Snapshot], None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.results.dataset import Samples
+from coop_pin.results.quantities import Samples
 
 Cause = Literal["joint limit", "jacobian condition", "torque cut", "closure error", "energy", "error"]
 """What was breached. Of breaches at the same time, causes come before what usually follows from them."""

@@ -154,6 +154,8 @@ Text = Annotated[str, AfterValidator(_text_line)]
 """Text to read, without control characters."""
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Interval = Annotated[tuple[float, float], BeforeValidator(_sized(2))]
+"""Start and end."""
 Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_sized(3))]
 Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_sized(6))]
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]

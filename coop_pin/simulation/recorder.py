@@ -13,7 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.results.dataset import Samples, allocate, bytes_per_sample, computed, dataset
+from coop_pin.results.dataset import dataset
+from coop_pin.results.quantities import Samples, allocate, bytes_per_sample, computed, quantities
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
@@ -37,6 +38,8 @@ class Recorder:
         self._cell, self._plant, self._limits = scenario.cell, plant, limits
         self.count = 0
         self.payload_energy = 0.0
+        self._table = quantities(scenario)
+        self._has_groups = any(quantity.group for quantity in self._table)
         self._determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
         count, rows = self._sample(timeline.ticks) + 1, scenario.cell.task_rows.size
@@ -45,10 +48,10 @@ class Recorder:
         sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
         require_memory(
             f"{count} samples of {scenario.name!r}",
-            count * (bytes_per_sample(sizes) + 8 * rows * sum(len(arm.drive) for arm in arms)),
+            count * (bytes_per_sample(self._table, sizes) + 8 * rows * sum(len(arm.drive) for arm in arms)),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
-        self._samples = allocate(count, sizes)
+        self._samples = allocate(self._table, count, sizes)
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         postures = [scenario.cell.arms[arm.name].posture for arm in arms]
         self._angles = [
@@ -94,22 +97,42 @@ class Recorder:
             kept["torque"][sample, index, :drives] = applied.torques[index]
             kept["commanded_torque"][sample, index, :drives] = applied.commanded[index]
             kept["saturated"][sample, index, :drives] = applied.saturated[index]
-            kept["drive_velocity"][sample, index, :drives] = measurement.v
             self._jacobians[index][sample] = measurement.payload_jacobian
             place = plant.chain.model.arms[index]
+            kept["drive_velocity"][sample, index, :drives] = place.drive.dot(plant.v[place.v_slice])
             if not place.angles.is_vector:
                 # Full turns are counted at every tick: between kept samples a joint may make several.
                 turned = place.angles.along(plant.q[None, place.q_slice], self._angles[index])[0]
                 kept["joint_position"][sample, index, :drives] = self._angles[index] = turned
+            if self._has_groups:
+                self._record_measured(sample, index, measurement)
         self.count = sample + 1
+
+    def _record_measured(self, sample: int, index: int, seen: ArmMeasurement) -> None:
+        """Record what an arm measures, as far as the groups of this run have it."""
+        place, rows = self._plant.chain.model.arms[index], list(self._cell.task_rows.indices)
+        own, joints = self._plant.q[place.q_slice], slice(len(place.drive))
+        angles = place.angles.of(own) if place.angles.is_vector else self._angles[index]
+        for name, entry, value in (
+            ("drive_position", (index, joints), place.drive.dot(angles)),
+            ("measured_drive_position", (index, joints), seen.q),
+            ("measured_drive_velocity", (index, joints), seen.v),
+            ("seen_pose", (index,), seen.payload_pose),
+            ("measured_wrench", (index, rows), seen.interaction_wrench),
+            ("measured_wrench_age", (index,), seen.interaction_wrench_age),
+            ("measured_internal_wrench", (index, rows), seen.internal_wrench),
+            ("measured_internal_wrench_age", (), seen.internal_wrench_age),
+        ):
+            if name in self._samples and value is not None:
+                self._samples[name][(sample, *entry)] = value
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         last = slice(self.count - 1, self.count)
         samples = {name: values[last] for name, values in self._samples.items()}
         samples["jacobian_condition"] = np.array([[np.linalg.cond(J[last])[0] for J in self._jacobians]])
-        values = computed(samples, self._cell.shares, Snapshot._fields)
-        arrays = {name: frozen(values[name][0]) for name in Snapshot._fields if name != "time"}
+        values = computed(self._table, samples, self._cell.shares, Snapshot._fields)
+        arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
         return Snapshot(time=float(values["time"][0]), **arrays)
 
     def result(self, scenario: Scenario) -> RunResult:

@@ -87,12 +87,7 @@ class Simulation:
         self.plant = Plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario, self.plant, limits)
-        self.sensing = Sensing(
-            scenario.cell,
-            chain.model.arms,
-            scenario.controller.force_path,
-            holding_torques=self.actuation.holding_commands,
-        )
+        self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)

@@ -40,7 +40,7 @@ class Timeline:
     def __init__(
         self, clock: Clock, duration: float, events: Sequence[Event], instants: Iterable[float] = ()
     ) -> None:
-        self.ticks = max(1, round(duration * clock.rate_hz))
+        self.ticks = clock.ticks(duration)
         self.period = clock.period
         self._step = clock.period / clock.steps_per_tick
         self._per_tick = clock.steps_per_tick

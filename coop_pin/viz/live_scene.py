@@ -146,18 +146,21 @@ class LiveScene:
 
         Four bytes with the length of a JSON text (little-endian), the text, and ten float32 for each node:
         position (m), quaternion x, y, z, w, and scale. The text has the time (s), the position error (m), the
-        largest internal force of all arms and its desired value (N), and the warning code of each body.
+        largest internal force of all arms, its desired value and what the controllers measure (N; null where
+        that is not recorded), and the warning code of each body.
         """
         error = pose_error(snapshot.payload_pose, snapshot.desired_pose)
         names = [body.name for body in self._arms.bodies]
         warnings = warning_colours(
             names, self._arms.joints, snapshot.saturated[None], snapshot.jacobian_condition[None]
         )
+        measured = snapshot.measured_internal_wrench
         header = {
             "time": snapshot.time,
             "position_error": float(np.linalg.norm(error[:3])),
             "internal": largest_force(snapshot.internal_wrench),
             "desired_internal": largest_force(snapshot.desired_internal_wrench),
+            "measured_internal": None if measured is None else largest_force(measured),
             "warnings": warnings[0].tolist(),
         }
         text = json.dumps(header).encode()

@@ -118,7 +118,12 @@ class LiveView:
             "bodies": self._scene.bodies,
             "warning_colours": WARNING_COLOURS,
             "trail": {**trail, "max_points": _MAX_TRAIL_POINTS},
-            "chart": {"actual": palette.ACTUAL, "desired": palette.DESIRED, "internal": palette.INTERNAL},
+            "chart": {
+                "actual": palette.ACTUAL,
+                "desired": palette.DESIRED,
+                "internal": palette.INTERNAL,
+                "measured": palette.MEASURED,
+            },
             "frame": base64_text(self._scene.frame(self._latest)),
             "still": still,
         }

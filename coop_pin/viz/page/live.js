@@ -102,12 +102,16 @@
     drawTrail();
     const error = (sample) => 1000 * sample.position_error;
     chart("error", [{ value: error, colour: live.chart.actual, dash: [] }]);
+    const measured = (sample) => sample.measured_internal ?? sample.internal;
+    const hasMeasured = shown.measured_internal !== null;
     chart("force", [
+      ...(hasMeasured ? [{ value: measured, colour: live.chart.measured, dash: [] }] : []),
       { value: (sample) => sample.desired_internal, colour: live.chart.desired, dash: [4, 3] },
       { value: (sample) => sample.internal, colour: live.chart.internal, dash: [] },
     ]);
     element("error-now").textContent = error(shown).toPrecision(3);
-    element("force-now").textContent = `${shown.internal.toPrecision(3)} of ${shown.desired_internal.toPrecision(3)}`;
+    element("force-now").textContent = `${shown.internal.toPrecision(3)} of ${shown.desired_internal.toPrecision(3)}`
+      + (hasMeasured ? `, measured ${measured(shown).toPrecision(3)}` : "");
   }
 
   function connect() {

@@ -1,0 +1,210 @@
+"""Sensors of an arm: encoders, joint velocity, wrist wrench and holding torques, with their errors."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, field_validator
+
+from coop_pin.arrays import Array
+from coop_pin.description.plant import Clock
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, Interval, NumberOrVector, Positive
+
+_SLACK = 1e-9
+
+
+def _not_negative(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    if np.min(value) < 0.0:
+        raise FieldError(f"is {value}; it must not be negative")
+    return value
+
+
+Magnitude = Annotated[NumberOrVector, AfterValidator(_not_negative)]
+"""A number or a row of numbers, none of them negative."""
+
+
+class Encoder(Description):
+    """Encoders at the drives of an arm: ``resolution * round((q + noise) / resolution) + offset``.
+
+    Every field is one value for all drives or one for each. The arm's kinematics take in what they read.
+
+    Attributes:
+        resolution: of a count, rad; 0 is continuous.
+        noise: standard deviation at each tick, rad, Gaussian and white.
+        offset: of the zero, rad.
+    """
+
+    resolution: Magnitude = 0.0
+    noise: Magnitude = 0.0
+    offset: NumberOrVector = 0.0
+
+
+class TrueVelocity(Description):
+    """The velocity of the plant."""
+
+    kind: Literal["true"] = "true"
+
+
+class DifferencedVelocity(Description):
+    """Difference of two encoder readings, low-pass filtered: v[k] = p v[k-1] + (1 - p)(q[k] - q[k-1]) / T.
+
+    ``p = exp(-2 pi cutoff_hz T)``, at rest at the first tick.
+
+    Attributes:
+        cutoff_hz: of the filter, Hz.
+    """
+
+    kind: Literal["difference"] = "difference"
+    cutoff_hz: Positive = 20.0
+
+
+class ObservedVelocity(Description):
+    """Observer of a constant velocity, corrected by the encoder's reading; both of its poles are p.
+
+    With ``e = q[k] - q_o[k-1] - T v_o[k-1]``: ``q_o[k] = q[k] - p^2 e`` and ``v_o[k] = v_o[k-1] + (1 - p)^2 e
+    / T``, where ``p = exp(-2 pi bandwidth_hz T)``, at rest at the first tick.
+
+    Attributes:
+        bandwidth_hz: Hz.
+    """
+
+    kind: Literal["observer"] = "observer"
+    bandwidth_hz: Positive = 20.0
+
+
+Velocity = Annotated[TrueVelocity | DifferencedVelocity | ObservedVelocity, Field(discriminator="kind")]
+
+
+class WrenchParts(Description):
+    """Force and moment of a wrench in sensor axes, each one value for three axes or one for each.
+
+    Attributes:
+        force: N.
+        moment: about the sensor's origin, N m.
+    """
+
+    force: NumberOrVector = 0.0
+    moment: NumberOrVector = 0.0
+
+    @field_validator("force", "moment")
+    @classmethod
+    def _one_or_three(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+        if isinstance(value, tuple) and len(value) != 3:
+            raise FieldError(f"has {len(value)} entries {list(value)}; it must be a number or have 3")
+        return value
+
+    @property
+    def vector6(self) -> Array:
+        """Force, then moment, shape (6,)."""
+        return np.concatenate([np.full(3, part) for part in (self.force, self.moment)])
+
+
+class WristSensor(Description):
+    """Sensor of the wrench F_i between the tip of an arm and the payload, in the axes and origin of the tip.
+
+    Nothing but the payload hangs behind it: a gripper is part of the arm, in front of it. So it reads neither
+    weight nor inertia of its own. The errors add to the true wrench in sensor axes.
+
+    Attributes:
+        noise: standard deviation of each sample, Gaussian and white.
+        offset: constant.
+        drift: growth of the offset, N/s and N m/s.
+        delay: ticks from a sample until the controller has it.
+        rate_hz: of the samples, Hz: the control rate, which is the default, divided by a whole number. The
+            last sample is held in between.
+        lost: intervals of time without samples, [start, end), s.
+    """
+
+    noise: WrenchParts = WrenchParts()
+    offset: WrenchParts = WrenchParts()
+    drift: WrenchParts = WrenchParts()
+    delay: int = Field(default=0, ge=0)
+    rate_hz: Positive | None = None
+    lost: tuple[Interval, ...] = ()
+
+    @field_validator("noise")
+    @classmethod
+    def _no_negative_noise(cls, noise: WrenchParts) -> WrenchParts:
+        for part, value in noise:
+            try:
+                _not_negative(value)
+            except FieldError as error:
+                raise error.below(part) from None
+        return noise
+
+    @field_validator("lost")
+    @classmethod
+    def _from_start_to_end(cls, lost: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for index, (start, end) in enumerate(lost):
+            if not 0.0 <= start < end:
+                raise FieldError(
+                    f"is [{start:g}, {end:g}]; an interval starts at 0 or later and ends after its start",
+                    str(index),
+                )
+        return lost
+
+    def ticks_per_sample(self, clock: Clock) -> int:
+        """Return the number of ticks from one sample to the next."""
+        return 1 if self.rate_hz is None else round(clock.rate_hz / self.rate_hz)
+
+
+class Sensors(Description):
+    """What an arm measures with. Everything is ideal by default, and there is no wrist sensor.
+
+    Attributes:
+        encoder: of the drives.
+        velocity: where the velocities of the drives come from.
+        wrist: sensor of the arm's own interaction wrench; none when omitted.
+        holding_torque_error: relative error of the holding torques that the drives report, one value for all
+            drives or one for each.
+    """
+
+    encoder: Encoder = Encoder()
+    velocity: Velocity = TrueVelocity()
+    wrist: WristSensor | None = None
+    holding_torque_error: NumberOrVector = 0.0
+
+    @property
+    def joints_are_ideal(self) -> bool:
+        """Whether positions and velocities of the drives are measured as they are."""
+        return self.encoder == Encoder() and self.velocity == TrueVelocity()
+
+    def timing_problems(self, clock: Clock, duration: float) -> list[FieldError]:
+        """Return what is wrong with the times of the wrist sensor.
+
+        Args:
+            clock: of the run.
+            duration: of the run, s.
+        """
+        wrist, problems = self.wrist, []
+        if wrist is None:
+            return []
+        if late := late_delay(wrist.delay, clock, duration):
+            problems.append(FieldError(late, "wrist.delay"))
+        ratio = clock.rate_hz / (wrist.rate_hz or clock.rate_hz)
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > _SLACK * ratio:
+            near = sorted({max(1, math.floor(ratio)), max(1, math.ceil(ratio))})
+            examples = " or ".join(f"{clock.rate_hz / whole:.12g}" for whole in near)
+            problems.append(
+                FieldError(
+                    f"is {wrist.rate_hz:g} Hz, but the control rate is {clock.rate_hz:g} Hz; it must be the"
+                    f" control rate over a whole number, for example {examples}",
+                    "wrist.rate_hz",
+                )
+            )
+        for index, (_, end) in enumerate(wrist.lost):
+            if end > duration:
+                detail = (
+                    f"ends at {end:g} s; the run ends at {duration:g} s: lengthen it or end the loss before"
+                )
+                problems.append(FieldError(detail, f"wrist.lost.{index}"))
+        return problems
+
+
+def late_delay(delay: int, clock: Clock, duration: float) -> str:
+    """Return the mistake of a delay, ticks, that no measurement of a run survives, or ""."""
+    ticks = clock.ticks(duration)
+    return f"is {delay} ticks, but the run has {ticks}; it must be less" if delay >= ticks else ""

@@ -1,0 +1,256 @@
+"""Quantities of a run, declared in one table.
+
+``QUANTITIES`` gives every quantity its name, dimensions, unit, meaning, source and group. The recorder
+allocates its arrays by the table and the dataset is labelled by it; snapshots, metrics and figures read what
+it computes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from coop_pin.arrays import Array
+from coop_pin.description.arm import Miscalibration
+from coop_pin.description.controller import NoForcePath
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
+from coop_pin.spatial import internal_wrenches, rotate_vector6
+
+Samples: TypeAlias = dict[str, NDArray[Any]]
+"""Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
+
+
+class Quantity(NamedTuple):
+    """A quantity of a run.
+
+    Attributes:
+        name: of its samples, and of its variable in the dataset.
+        dims: its dimensions after time, separated by blanks.
+        unit: several where entries differ: of linear, then of angular ones.
+        text: what it is; the variable's ``long_name``.
+        source: computes it from the samples of quantities above it; None where it is recorded at every tick.
+        fill: value where nothing is recorded, for example beyond the joints of an arm.
+        stored: whether it is a variable of the dataset; the others serve to compute such variables.
+        group: one of ``GROUPS``, which says in which runs it is recorded; "" in all.
+    """
+
+    name: str
+    dims: str
+    unit: str
+    text: str
+    source: Callable[[Samples], Array] | None = None
+    fill: float | bool = np.nan
+    stored: bool = True
+    group: str = ""
+
+
+def _quaternions(poses: Array) -> Array:
+    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+
+
+def _pose_errors(X: Array, X_d: Array) -> Array:
+    """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
+    rotation = Rotation.from_matrix(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2)).as_rotvec()
+    return np.concatenate((X[:, :3, 3] - X_d[:, :3, 3], rotation), axis=1)
+
+
+def _seen_pose_errors(seen: Array, X_WP: Array) -> Array:
+    """Return the pose errors of every sample and arm, shape (n, m, 6)."""
+    return np.stack([_pose_errors(seen[:, arm], X_WP) for arm in range(seen.shape[1])], axis=1)
+
+
+def _axial_directions(tips: Array) -> Array:
+    """Return unit vectors from each tip to the middle of the other tips, shape (n, m, 3); NaN for one arm."""
+    if tips.shape[1] == 1:
+        return np.full_like(tips, np.nan)
+    others = (tips.sum(axis=1, keepdims=True) - tips) / (tips.shape[1] - 1)
+    line = others - tips
+    length = np.linalg.norm(line, axis=2, keepdims=True)
+    return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+
+
+def _internal_parts(
+    name: str, text: str, wrench: Callable[[Samples], Array], group: str = ""
+) -> tuple[Quantity, ...]:
+    """Return axial force, shear force and moment of a wrench on each arm, such as ``internal_axial``.
+
+    Rows that rigid bodies do not determine count as zero.
+
+    Args:
+        name: of the quantities, with {} for the part.
+        text: what the wrench is.
+        wrench: shape (n, m, 6).
+        group: of the quantities.
+    """
+
+    def axial(s: Samples) -> Array:
+        return np.einsum("nmi,nmi->nm", np.nan_to_num(wrench(s))[..., :3], s["axial_direction"])
+
+    def shear(s: Samples) -> Array:
+        across = np.nan_to_num(wrench(s))[..., :3] - axial(s)[..., None] * s["axial_direction"]
+        return np.linalg.norm(across, axis=2)
+
+    def moment(s: Samples) -> Array:
+        return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=2)
+
+    parts = (
+        ("axial", "N", "force along axial_direction", axial),
+        ("shear", "N", "force across axial_direction, norm", shear),
+        ("moment", "N m", "moment about P, norm", moment),
+    )
+    return tuple(
+        Quantity(name.format(part), "arm", unit, f"{text}: {meaning}", source, group=group)
+        for part, unit, meaning, source in parts
+    )
+
+
+# fmt: off
+QUANTITIES = (
+    Quantity("time", "", "s", "time of the tick; a coordinate of the dataset", stored=False),
+    Quantity("payload_pose", "row column", "1, m", "X_WP", stored=False),
+    Quantity("desired_pose", "row column", "1, m", "X_WP_d", stored=False),
+    Quantity("desired_squeeze", "arm axis", "N, N m", "f_d_i in payload axes", stored=False),
+    Quantity("configuration", "q", "rad or m", "configuration of the Pinocchio tree"),
+    Quantity("velocity", "v", "rad/s or m/s", "velocity of the Pinocchio tree"),
+    Quantity("payload_position", "position", "m", "position of P", lambda s: s["payload_pose"][:, :3, 3]),
+    Quantity("payload_quaternion", "quaternion", "1", "orientation of P",
+             lambda s: _quaternions(s["payload_pose"])),
+    Quantity("payload_twist", "axis", "m/s, rad/s", "V_WP"),
+    Quantity("desired_position", "position", "m", "desired position of P",
+             lambda s: s["desired_pose"][:, :3, 3]),
+    Quantity("desired_quaternion", "quaternion", "1", "desired orientation of P",
+             lambda s: _quaternions(s["desired_pose"])),
+    Quantity("desired_twist", "axis", "m/s, rad/s", "V_WP_d"),
+    Quantity("pose_error", "axis", "m, rad", "actual minus desired pose",
+             lambda s: _pose_errors(s["payload_pose"], s["desired_pose"])),
+    Quantity("tip_position", "arm position", "m", "position of each tip"),
+    Quantity("drive_velocity", "arm joint", "rad/s", "velocities of the drives"),
+    Quantity("joint_position", "arm joint", "rad or m", "joint positions; continuous ones count full turns"),
+    Quantity("joint_velocity", "arm joint", "rad/s or m/s", "joint velocities"),
+    Quantity("torque", "arm joint", "N m", "drive torques that act at the tick"),
+    Quantity("commanded_torque", "arm joint", "N m", "drive torques that the controller asked for"),
+    Quantity("saturated", "arm joint", "1", "whether the torque was cut at its limit", fill=False),
+    Quantity("interaction_wrench", "arm axis", "N, N m", "F_i on the arm by the payload, about P"),
+    Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j",
+             lambda s: internal_wrenches(s["interaction_wrench"], s["load_share"])),
+    Quantity("desired_internal_wrench", "arm axis", "N, N m", "f_d_i turned by the payload",
+             lambda s: rotate_vector6(s["payload_pose"][:, None, :3, :3], s["desired_squeeze"])),
+    Quantity("axial_direction", "arm position", "1", "unit vector from tip to middle of the other tips",
+             lambda s: _axial_directions(s["tip_position"])),
+    *_internal_parts("internal_{}", "internal wrench", lambda s: s["internal_wrench"]),
+    *_internal_parts("desired_internal_{}", "desired internal wrench",
+                     lambda s: s["desired_internal_wrench"]),
+    *_internal_parts("internal_{}_error", "error of the internal wrench",
+                     lambda s: s["internal_wrench"] - s["desired_internal_wrench"]),
+    Quantity("external_wrench", "axis", "N, N m", "on the payload, about P"),
+    Quantity("closure_distance", "arm", "m", "closure error: distance from tip to grasp"),
+    Quantity("closure_angle", "arm", "rad", "closure error: angle from tip to grasp"),
+    Quantity("jacobian_condition", "arm", "1", "condition number of the payload Jacobian"),
+    Quantity("kinetic_energy", "", "J", "of arms and payload"),
+    Quantity("potential_energy", "", "J", "of arms and payload"),
+    Quantity("work_actuation", "", "J", "done by the drives since the start"),
+    Quantity("work_friction", "", "J", "done by joint friction since the start"),
+    Quantity("work_external", "", "J", "done by external wrenches since the start"),
+    Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
+    Quantity("drive_position", "arm joint", "rad", "positions of the drives", group="encoder"),
+    Quantity("measured_drive_position", "arm joint", "rad", "positions that the encoders read",
+             group="encoder"),
+    Quantity("measured_drive_velocity", "arm joint", "rad/s", "velocities that the controller gets",
+             group="encoder"),
+    Quantity("seen_pose", "arm row column", "1, m", "X_WP by each arm's own kinematics", stored=False,
+             group="kinematics"),
+    Quantity("seen_pose_error", "arm axis", "m, rad", "pose of P that each arm sees, minus the actual one",
+             lambda s: _seen_pose_errors(s["seen_pose"], s["payload_pose"]), group="kinematics"),
+    Quantity("measured_wrench", "arm axis", "N, N m", "F_i that each arm's wrist sensor reports; task rows",
+             group="wrist"),
+    Quantity("measured_wrench_age", "arm", "ticks", "age of measured_wrench", group="wrist"),
+    Quantity("measured_internal_wrench", "arm axis", "N, N m", "f_i that each controller gets; task rows",
+             group="force path"),
+    Quantity("measured_internal_wrench_age", "", "ticks", "age of measured_internal_wrench",
+             group="force path"),
+    *_internal_parts("measured_internal_{}", "measured internal wrench",
+                     lambda s: s["measured_internal_wrench"], group="force path"),
+)
+# fmt: on
+
+_FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
+
+GROUPS: dict[str, Callable[[Scenario], bool]] = {
+    "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
+    "kinematics": lambda scenario: (
+        not all(s.joints_are_ideal for s in _sensors(scenario))
+        or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
+    ),
+    "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
+    "force path": lambda scenario: (
+        not isinstance(path := scenario.controller.force_path, NoForcePath)
+        and (path.delay > 0 or any(s.wrist is not None for s in _sensors(scenario)))
+    ),
+}
+"""Whether a run of a scenario has the quantities of a group: what is measured only where it is not ideal."""
+
+
+def _sensors(scenario: Scenario) -> list[Sensors]:
+    return [scenario.sensors_of(arm) for arm in scenario.cell.arms]
+
+
+def quantities(scenario: Scenario) -> tuple[Quantity, ...]:
+    """Return the quantities of a run of a scenario, in the order of the table."""
+    groups = {"", *(name for name, is_recorded in GROUPS.items() if is_recorded(scenario))}
+    return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)
+
+
+def bytes_per_sample(table: Sequence[Quantity], sizes: Mapping[str, int]) -> int:
+    """Return the memory that one sample takes in a finished run, bytes.
+
+    Stored quantities count twice: their netCDF file is made in memory.
+
+    Args:
+        table: the quantities of the run.
+        sizes: of the dimensions q, v, arm and joint.
+    """
+    sizes = {**_FIXED_SIZES, **sizes}
+    return sum(
+        8 * (1 + quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
+        for quantity in table
+    )
+
+
+def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) -> Samples:
+    """Return empty samples of every recorded quantity.
+
+    Args:
+        table: the quantities of the run.
+        count: of samples.
+        sizes: of the dimensions q, v, arm and joint.
+    """
+    sizes = {**_FIXED_SIZES, **sizes}
+    return {
+        quantity.name: np.full((count, *(sizes[dim] for dim in quantity.dims.split())), quantity.fill)
+        for quantity in table
+        if quantity.source is None
+    }
+
+
+def computed(
+    table: Sequence[Quantity], samples: Samples, load_shares: Array, names: Collection[str] | None = None
+) -> Samples:
+    """Return samples with the computed quantities added.
+
+    Args:
+        table: the quantities of the run.
+        samples: of every recorded quantity.
+        load_shares: c_i, shape (m,).
+        names: of the quantities to add, without those that need another; None for all.
+    """
+    values = samples | {"load_share": load_shares}
+    for quantity in table:
+        if quantity.source is not None and (names is None or quantity.name in names):
+            values[quantity.name] = quantity.source(values)
+    return values
