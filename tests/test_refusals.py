@@ -130,6 +130,12 @@ def test_a_mesh_scale_that_gives_no_body_is_refused(tmp_path, scale):
     assert caught.value.path == "scale"
 
 
+def test_an_integer_of_hundreds_of_digits_is_refused_by_its_field():
+    with pytest.raises(errors.FieldError) as caught:
+        cp.Sample(fields={"duration": cp.Span(low=0.01, high=0.1)}, count=2, seed=-(10**400))
+    assert caught.value.path == "seed"
+
+
 def test_a_gltf_with_buffers_in_other_files_is_refused_with_what_to_do(tmp_path):
     box = trimesh.creation.box((0.1, 0.2, 0.3))
     for name, content in trimesh.exchange.gltf.export_gltf(box).items():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError
+from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
 from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.sensitivity import pareto_front
@@ -59,6 +59,8 @@ def test_best_is_the_smallest_and_largest_the_largest(grid):
     ]
     assert grid.best("f", largest=True)[0].parameters == {GAIN: 0.0, RATE: 400.0}
     assert len(grid.best("f", 99)) == grid.counts()["ok"]
+    with pytest.raises(WrongTypeError, match="largest"):
+        grid.best("f", largest=np.full((4, 4), np.nan))
 
 
 def test_marginals_average_what_finished(grid, tmp_path):

@@ -60,9 +60,9 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
         case "finite_number":
             return [FieldError(f"is {value}; it must be a finite number", path)]
         case "greater_than" if context["gt"] == 0.0:
-            return [FieldError(f"is {float(value):g}; it must be positive", path)]
+            return [FieldError(f"is {_rounded(value)}; it must be positive", path)]
         case "greater_than_equal" if context["ge"] == 0.0:
-            return [FieldError(f"is {float(value):g}; it must not be negative", path)]
+            return [FieldError(f"is {_rounded(value)}; it must not be negative", path)]
         case "too_short" | "too_long":
             shown = f"{context['actual_length']} entries ({_shown(value)})"
             return [FieldError(f"has {shown}; {message[0].lower()}{message[1:]}", path)]
@@ -85,6 +85,13 @@ def _translated(details: ErrorDetails, fields: Mapping[str, Any], model: type[Ba
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + " ..."
+
+
+def _rounded(number: Any) -> str:
+    try:
+        return f"{float(number):g}"
+    except OverflowError:  # an integer of hundreds of digits
+        return _shown(number)
 
 
 def _needs(model: type[BaseModel], location: Sequence[str | int]) -> str:

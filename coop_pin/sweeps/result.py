@@ -142,6 +142,7 @@ class SweepResult:
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
         """Return the n runs with the smallest (or largest) values of a metric; values must be finite."""
         n = as_count("n", n)
+        require_type("largest", largest, bool)
         values = self.values(metric).values.ravel()
         order = np.argsort(-values if largest else values, kind="stable")
         return [self.point(int(index)) for index in order if np.isfinite(values[index])][:n]
