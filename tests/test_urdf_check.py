@@ -175,7 +175,8 @@ def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     visuals = "".join(
         f"<visual><geometry>{mesh.format(name)}</geometry></visual>" for name in ("here", "gone")
     )
-    file = _file(tmp_path, arm(link_c=f'<link name="c">{visuals}</link>'))
+    heavy = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    file = _file(tmp_path, arm(link_c=f'<link name="c">{heavy}{visuals}</link>'))
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "part.stl").write_bytes(_stl(1, claimed=1))
     with warnings.catch_warnings():

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.inertia import inertial_findings, massless_findings, moved_links
-from coop_pin.description.urdf.lint import element_findings, mesh_findings
+from coop_pin.description.urdf.lint import element_findings
+from coop_pin.description.urdf.meshes import mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xacro import expanded

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.urdf.inertia import inertia_matrix
-from coop_pin.description.urdf.lint import meshes
+from coop_pin.description.urdf.meshes import meshes
 from coop_pin.description.urdf.numbers import number, numbers
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.tree import Edge, Tree, read_tree
