@@ -120,6 +120,7 @@ def test_the_first_lag_starts_within_the_torque_limits():
     simulation = cp.Simulation(scenario, Given(stepped))
     simulation.tick()
     assert np.abs(simulation.snapshot().torque[0]).max() == 1.0
+    assert simulation.snapshot().saturated[0].any()  # by the torque limits, lag or not
 
 
 def test_lag_with_rate_limit_solves_its_differential_equation():
