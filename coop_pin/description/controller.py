@@ -7,8 +7,8 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from coop_pin.control.switching import Sign, Switching
-from coop_pin.control.terms import force_gain_bound
+from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
+from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 from coop_pin.schema.user_code import FunctionName
@@ -81,12 +81,20 @@ class SlidingModeGains(Gains):
 class PayloadSpaceGains(Gains):
     """Gains of the payload-space law.
 
+    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
+
     Attributes:
-        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation,
+        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
             N m s/rad.
+        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
+            integral; without a measured wrench it does nothing.
+        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
+            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
     """
 
     sliding_gain: PositiveGain
+    anchor_gain: NotNegative = 0.1
+    leak: NotNegative | None = None
 
 
 class PostureGains(Description):
@@ -142,6 +150,8 @@ class DecentralisedLaw(Description, Generic[GainsOfLaw]):
         arm_gains: gains of single arms, in place of ``gains``.
         switching: the switching function of the integral, eq. (18).
         force_path: how the internal wrench reaches the law.
+        zero_at_grasp: each arm places its payload frame at the scenario's start pose, once: a kinematic bias
+            fixed in its tip vanishes.
     """
 
     kind: str
@@ -149,6 +159,7 @@ class DecentralisedLaw(Description, Generic[GainsOfLaw]):
     arm_gains: dict[str, GainsOfLaw] = Field(default_factory=dict)
     switching: Switching = Sign()
     force_path: ForcePath = NoForcePath()
+    zero_at_grasp: bool = False
 
     def gains_of(self, arm: str) -> GainsOfLaw:
         """Return the gains of one arm."""
@@ -182,12 +193,28 @@ class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
 class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
     """The payload-space law, a repair of law (23) for any number of joints: PayloadSpaceController.
 
+    What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
+    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+
     Attributes:
         posture: what the spare joints of redundant arms do.
+        payload_mass: approximate mass of the payload, kg, to tell the payload's weight from the internal
+            wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
+        stale_after: ticks without a new measurement after which the integral leaks, beyond those that the
+            force path itself takes.
     """
 
     kind: Literal["payload-space"] = "payload-space"
+    switching: Switching = Saturation(width=0.05)
     posture: PostureGains = PostureGains()
+    payload_mass: NotNegative | None = None
+    stale_after: int = Field(default=3, ge=1)
+
+    def leak_of(self, arm: str) -> float:
+        """Return lambda of one arm, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
+        measures = self.payload_mass is not None or not isinstance(self.force_path, NoForcePath)
+        leak = self.gains_of(arm).leak
+        return leak if leak is not None else (10.0 if measures else 0.2)
 
 
 Law = SlidingMode | RedundantSlidingMode | PayloadSpace
@@ -222,16 +249,20 @@ def controller_problems(controller: Law | UserController, arms: list[str]) -> li
     if strangers:
         detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
         return [FieldError(detail, "arm_gains")]
-    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
+    problems = [*_unequal(controller, arms), *_beyond_force_bound(controller, arms)]
+    return problems or _beyond_anchor_bound(controller, arms)
 
 
 def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
-    """Return the gains that differ between arms although Theorem 2 needs one value for all."""
+    """Return the gains that differ between arms although the theory needs one value for all."""
+    equal = {"pose_gain": "Theorem 2 needs one gamma", "force_gain": "Theorem 2 needs one K_f"}
+    if isinstance(controller, PayloadSpace):
+        equal["anchor_gain"] = "else the anchors move the payload: it needs one g"
     problems: list[FieldError] = []
-    for field, symbol in (("pose_gain", "gamma"), ("force_gain", "K_f")):
+    for field, reason in equal.items():
         values = {name: getattr(controller.gains_of(name), field) for name in arms}
         if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
-            detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms"
+            detail = f"differs between arms: {values}; {reason} for all arms"
             problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
     return problems
 
@@ -250,3 +281,20 @@ def _beyond_force_bound(controller: Law, arms: list[str]) -> list[FieldError]:
         allowed = largest < bound
         detail = f"but feedback over {path.kind!r} is unstable from {bound:g} on; lower it, {_INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
+
+
+def _beyond_anchor_bound(controller: Law, arms: list[str]) -> list[FieldError]:
+    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if not isinstance(controller, PayloadSpace):
+        return []
+    gains, path = [controller.gains_of(name) for name in arms], controller.force_path
+    largest, force_gain = max(gain.anchor_gain for gain in gains), max(gain.force_gain for gain in gains)
+    pole = 0.0 if isinstance(path, NoForcePath) else path.pole
+    bound = anchor_gain_bound(pole=pole, force_gain=force_gain)
+    if largest < bound:
+        return []
+    detail = (
+        f"is {largest:g}, but the anchored integral over {path.kind!r} with K_f = {force_gain:g} is unstable"
+        f" from {bound:.4g} on; lower it, {_INSIST}"
+    )
+    return [FieldError(detail, "gains.anchor_gain")]
