@@ -1,4 +1,4 @@
-"""Every cell of the catalogue carries its payload along a path by a payload-space law, in space under gravity."""
+"""Every cell of the catalogue carries its payload along a path, those in space under gravity."""
 
 import os
 import subprocess
