@@ -17,6 +17,7 @@ from coop_pin.control import (
     Posture,
     RedundantSlidingModeController,
     SlidingModeController,
+    ZeroedController,
 )
 from coop_pin.description.controller import (
     Law,
@@ -46,9 +47,11 @@ def build_controller(scenario: Scenario) -> CellController:
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return _users_controller(scenario, chosen)
-    return DecentralisedController(
-        {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
-    )
+    laws = {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
+    if chosen.zero_at_grasp:
+        rows, X_start = scenario.cell.task_rows, scenario.start.matrix
+        laws = {name: ZeroedController(rows, law, X_start) for name, law in laws.items()}
+    return DecentralisedController(laws)
 
 
 def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
@@ -67,12 +70,37 @@ def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
     if isinstance(law, PayloadSpace):
         share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
         posture = _posture(scenario, law.posture, arm, model) if k > k_0 else None
-        return PayloadSpaceController(load_share=share, posture=posture, **common)
+        common["leak"] = _leak(law, arm, scenario.clock.period)
+        return PayloadSpaceController(
+            load_share=share,
+            payload_weight=_payload_weight(scenario, law.payload_mass),
+            stale_after=law.stale_after,
+            posture=posture,
+            **common,
+        )
     printed = SlidingModeController(**common)
     if isinstance(law, RedundantSlidingMode):
         posture = _posture(scenario, law.posture, arm, model)
         return RedundantSlidingModeController(printed, posture, law.inverse_damping)
     return printed
+
+
+def _leak(law: PayloadSpace, arm: str, period: float) -> float:
+    """Return lambda of an arm, with lambda T at most 1: beyond, the integral would overshoot its goal."""
+    leak = law.leak_of(arm)
+    if leak * period > 1.0:
+        raise FieldError(
+            f"is {leak:g} /s; at {1.0 / period:g} Hz it can be at most {1.0 / period:g}: state a smaller one",
+            "controller.gains.leak",
+        )
+    return leak
+
+
+def _payload_weight(scenario: Scenario, mass: float | None) -> Array | None:
+    """Return the weight of a payload of this mass as a wrench about P, on the task rows; None without one."""
+    if mass is None:
+        return None
+    return scenario.cell.task_rows.select(mass * np.array([*scenario.cell.gravity, 0.0, 0.0, 0.0]))
 
 
 def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:

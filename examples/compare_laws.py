@@ -1,23 +1,21 @@
-"""Two laws on one experiment: the printed one, and the payload-space law, with less internal force."""
+"""Laws on the paper's experiment: the printed one, and the payload-space law without and with a sensor."""
 
 import coop_pin as cp
 
 quiet = {"duration": 10.0, "events": []}
-gains = cp.PayloadSpaceGains(
-    pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.2, transient_rate=5.0
-)
-# The scenario has the printed law; overrides change its fields, or replace it.
+# A scenario holds its law; overrides change its fields.
 laws = {
-    "printed, alpha = 0.2": {},
-    "printed, alpha = 0": {"controller.gains.sign_gain": 0.0},
-    "payload-space, alpha = 0.2": {"controller": cp.PayloadSpace(gains=gains)},
+    "printed, alpha = 0.2": ("adept-paper", {}),
+    "printed, alpha = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
+    "payload-space, no sensor": ("adept-anchored", {"controller.force_path": {"kind": "none"}}),
+    "payload-space, anchored": ("adept-anchored", {}),
 }
 
 print("law                          position, mm rms   internal-force error, N rms   torque peak, N m")
-for name, changes in laws.items():
-    result = cp.run("adept-paper", quiet | changes)
+for name, (scenario, changes) in laws.items():
+    result = cp.run(scenario, quiet | changes)
     force = result.internal_force()
     print(
-        f"{name:28} {result.position_rms() * 1e3:16.3f} {force.force_rms_error:29.2f}"
+        f"{name:28} {result.position_rms() * 1e3:16.3f} {force.force_rms_error:29.4f}"
         f" {result.torque_peak():18.1f}"
     )

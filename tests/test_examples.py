@@ -10,6 +10,7 @@ import pytest
 
 FOLDER = Path(__file__).parent.parent / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
+README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 
 
 def run(name, folder):
@@ -61,13 +62,16 @@ def tracking_and_squeeze(out, _folder):
     assert 0.0 < force < 0.5
 
 
-def repaired_beats_printed(out, _folder):
-    """At the same alpha; where the numbers stand in the rows."""
-    printed, _, repaired = (
-        [float(word) for word in line.rsplit(None, 3)[1:]] for line in out.splitlines()[1:]
+def laws_side_by_side(out, _folder):
+    """The table of the README is what the example prints, digit by digit."""
+    found = {line[:28].strip(): [float(word) for word in line[28:].split()] for line in out.splitlines()[1:]}
+    rows = re.findall(
+        r"^\| ((?:printed|payload-space), [^|]+) \| ([\d.]+) \| ([\d.]+) \|", README, re.MULTILINE
     )
-    assert repaired[1] < 0.6 * printed[1]
-    assert repaired[0] < 0.5
+    assert [name for name, *_ in rows] == list(found)
+    for name, *shown in rows:
+        for text, value in zip(shown, found[name], strict=False):
+            assert float(f"{value:.{len(text.partition('.')[2])}f}") == float(text), name
 
 
 def squeezed_without_motion(out, _folder):
@@ -130,7 +134,7 @@ PROMISES = {
     "run_paper": metrics_and_files,
     "sweep_force_gain": static_factor_and_bound,
     "own_controller": tracking_and_squeeze,
-    "compare_laws": repaired_beats_printed,
+    "compare_laws": laws_side_by_side,
     "internal_force_split": squeezed_without_motion,
     "ik_branches": eight_branches,
     "motions": every_motion_and_payload_source,

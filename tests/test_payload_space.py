@@ -13,8 +13,10 @@ from coop_pin.control import (
     PayloadSpaceController,
     Posture,
     RedundantSlidingModeController,
+    Saturation,
     Sign,
     SlidingModeController,
+    ZeroedController,
 )
 from coop_pin.control.terms import right_inverse
 from coop_pin.errors import SingularJacobianError
@@ -43,30 +45,50 @@ def inputs(rows, joints, seed=0, time=0.0):
     )
 
 
-def law(rows, share=0.4, posture=None, force_gain=0.5):
+def law(rows, share=0.4, **fields):
     k = rows.size
-    K_x, alpha, gamma = np.diag(np.arange(1.0, k + 1)), 0.3 * np.eye(k), 2.0 * np.eye(k)
-    return PayloadSpaceController(rows, 0.01, share, gamma, K_x, alpha, force_gain, 5.0, Sign(), posture)
+    given = {
+        "pose_gain": 2.0 * np.eye(k),
+        "sliding_gain": np.diag(np.arange(1.0, k + 1)),
+        "sign_gain": 0.3 * np.eye(k),
+        "force_gain": 0.5,
+        "transient_rate": 5.0,
+        "switching": Sign(),
+    }
+    return PayloadSpaceController(rows, 0.01, share, **given | fields)
+
+
+def wrench_of(measurement, torque):
+    """What the law says in its brackets: tau = -J^T w for square and wide J."""
+    return -np.linalg.lstsq(measurement.payload_jacobian.T, torque, rcond=None)[0]
 
 
 @pytest.mark.parametrize("name", ROWS)
 def test_torque_is_the_law_by_hand(name):
+    """Two laws of one source: with a switching sign, and with a linear layer whose rate is k_I."""
     rows = task_rows(name)
-    controller = law(rows)
-    (m, r), (m1, r1) = inputs(rows, rows.size), inputs(rows, rows.size, seed=1, time=0.01)
-    state = controller.init(m, r)
-    state = controller.step(m, r, state).state
-    assert_allclose(state.sign_integral, 0.0)
-    s0 = m.payload_twist - r.twist + 2.0 * rows.pose_error(m.payload_pose, r.pose)
-    for _ in range(2):
+    for switching, phi in (
+        (Sign(), np.sign),
+        (Saturation(width=3.0), lambda s: np.clip(s / 3.0, -1.0, 1.0)),
+    ):
+        controller = law(rows, switching=switching, anchor_gain=0.2)
+        (m, r), (m1, r1) = inputs(rows, rows.size), inputs(rows, rows.size, seed=1, time=0.01)
+        state = controller.init(m, r)
+        state = controller.step(m, r, state).state
+        assert_allclose(state.integral, 0.0)
+        s0 = m.payload_twist - r.twist + 2.0 * rows.pose_error(m.payload_pose, r.pose)
         s = m1.payload_twist - r1.twist + 2.0 * rows.pose_error(m1.payload_pose, r1.pose) - s0 * np.exp(-0.05)
-        motion = np.arange(1, rows.size + 1) * (s + 0.3 * state.sign_integral)
-        f_d = rows.turn(m1.payload_pose, r1.internal_wrench)
-        wrench = 0.4 * motion + f_d - 0.5 * (m1.internal_wrench - f_d)
-        command = controller.step(m1, r1, state)
-        assert_allclose(command.torque, -m1.payload_jacobian.T @ wrench, atol=1e-12)
-        assert_allclose(command.state.sign_integral, state.sign_integral + 0.01 * np.sign(s))
-        state = command.state
+        f_r = rows.turn(m1.payload_pose, r1.internal_wrench - r.internal_wrench * np.exp(-0.05))
+        K, Z = np.arange(1, rows.size + 1), np.zeros(rows.size)
+        for _ in range(2):
+            m1 = m1._replace(internal_wrench_age=0.0)
+            Z = Z - 0.2 * (m1.internal_wrench - f_r)
+            wrench = 0.4 * K * s + Z + f_r - 0.5 * (m1.internal_wrench - f_r)
+            command = controller.step(m1, r1, state)
+            assert_allclose(command.torque, -m1.payload_jacobian.T @ wrench, atol=1e-12)
+            Z = Z + 0.01 * 0.4 * K * 0.3 * phi(s)
+            assert_allclose(command.state.integral, Z, atol=1e-15)
+            state = command.state
 
 
 def test_motion_terms_have_no_internal_part():
@@ -84,15 +106,182 @@ def test_motion_terms_have_no_internal_part():
     assert_allclose(internal_wrenches(np.array(wrenches), shares), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ROWS)
+def test_anchors_of_all_arms_move_nothing(name):
+    """Measured internal wrenches sum to zero, and so do the desired ones: the sum of all Z stays."""
+    rows, rng = task_rows(name), np.random.default_rng(4)
+    shares = np.array([0.2, 0.3, 0.5])
+    m, r = inputs(rows, rows.size)
+    controllers = [law(rows, share, anchor_gain=0.3, force_gain=0.0) for share in shares]
+    measured, desired = (internal_wrenches(rng.normal(size=(3, rows.size)), shares) for _ in range(2))
+    without, anchored = [], []
+    for controller, f_m, f_d in zip(controllers, measured, desired, strict=True):
+        reference = r._replace(internal_wrench=f_d)
+        state = controller.init(m, reference)
+        for age, sums in ((np.inf, without), (0.0, anchored)):
+            seen = m._replace(time=0.1, internal_wrench=f_m, internal_wrench_age=age)
+            sums.append(controller.step(seen, reference, state).state.integral)
+    assert np.abs(np.array(anchored) - without).min() > 1e-3
+    assert_allclose(np.sum(anchored, axis=0), np.sum(without, axis=0), atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("spare", [0, 1, 2])
+def test_the_first_torque_is_the_holding_torque(name, spare):
+    """Whatever it is: outside the range of J^T, off the posture, off the reference and with a squeeze."""
+    rows = task_rows(name)
+    joints = rows.size + spare
+    posture = Posture(np.zeros(joints), np.full(joints, 40.0), np.full(joints, 8.0)) if spare else None
+    controller = law(rows, posture=posture, anchor_gain=0.1, force_gain=0.0)
+    m, r = inputs(rows, joints)
+    m = m._replace(holding_torque=np.linspace(-20.0, 30.0, joints))
+    command = controller.step(m, r, controller.init(m, r))
+    assert_allclose(command.torque, m.holding_torque, atol=1e-11)
+    # Much later the start is forgotten: at rest on the reference, squeeze and spring act in full.
+    still = m._replace(
+        time=1e3, internal_wrench=None, holding_torque=None, payload_twist=r.twist, payload_pose=r.pose
+    )
+    torque = controller.step(still, r, controller.init(m, r)).torque
+    f_d = rows.turn(r.pose, r.internal_wrench)
+    assert_allclose(wrench_of(m, torque - m.holding_torque), f_d, atol=1e-11)
+    if spare:
+        N = np.eye(joints) - np.linalg.pinv(m.payload_jacobian) @ m.payload_jacobian
+        assert_allclose(N @ (torque - m.holding_torque), N @ posture.pull(m.q, m.v), atol=1e-11)
+
+
+def anchored_ticks(controller, ages, saturated=False):
+    """State after each tick of a still arm whose wrench error is one on every row, measured at these ages."""
+    m, r = inputs(controller.rows, controller.rows.size)
+    r = r._replace(internal_wrench=np.zeros(controller.rows.size))
+    m = m._replace(
+        internal_wrench=np.ones(controller.rows.size),
+        saturated=np.full(controller.rows.size, saturated),
+        payload_twist=r.twist,
+        payload_pose=r.pose,
+    )
+    state, states = controller.init(m, r), []
+    for tick, age in enumerate(ages):
+        measurement = m._replace(time=0.01 * tick, internal_wrench_age=age)
+        state = controller.step(measurement, r, state).state
+        states.append(state)
+    return states
+
+
+@pytest.mark.parametrize(
+    ("ages", "anchors"),
+    [
+        ([0, 0, 0, 0], [1, 2, 3, 4]),  # at every tick
+        ([2, 2, 2, 2], [1, 2, 3, 4]),  # at every tick, two ticks late
+        ([np.inf, np.inf, 1, 1], [0, 0, 1, 2]),  # before the first sample
+        ([0, 1, 2, 0, 1, 2, 0], [1, 1, 1, 2, 2, 2, 3]),  # every third tick
+        ([0.5, 1.5, 0.0, 1.0, 2.0, 0.5], [1, 1, 2, 2, 2, 3]),  # every two and a half ticks
+        ([1, 2, 3, 1, 2 - 1e-9, 3 - 2e-9], [1, 1, 1, 2, 2, 2]),  # ages carry rounding
+        ([0.3, 0.1, 0.2, 0.0], [1, 2, 3, 4]),  # faster than the ticks
+    ],
+)
+@pytest.mark.parametrize("saturated", [False, True])
+def test_every_new_measurement_anchors_once_even_while_torques_saturate(ages, anchors, saturated):
+    controller = law(task_rows("planar"), anchor_gain=0.1, stale_after=4.0)
+    states = anchored_ticks(controller, ages, saturated)
+    assert_allclose([state.integral for state in states], -0.1 * np.outer(anchors, np.ones(3)), atol=1e-14)
+
+
+def test_a_stale_integral_leaks_to_its_last_anchored_value():
+    controller = law(task_rows("planar"), anchor_gain=0.1, leak=2.0, sign_gain=np.zeros((3, 3)))
+    states = anchored_ticks(controller, [0, 1, 2, 3, 4, 5])
+    pushed = [state.integral for state in states]
+    assert_allclose(pushed, np.full((6, 3), -0.1))  # at its anchored value there is nothing to forget
+    state = states[3]._replace(integral=np.full(3, 0.9))
+    m, r = inputs(controller.rows, 3)
+    m = m._replace(time=0.05, internal_wrench=np.ones(3))
+    fresh_enough = controller.step(m._replace(internal_wrench_age=3.0), r, state._replace(wrench_age=2.0))
+    assert_allclose(fresh_enough.state.integral, 0.9)
+    stale = controller.step(m._replace(internal_wrench_age=4.0), r, state).state.integral
+    assert_allclose(stale, -0.1 + (1 - 2.0 * 0.01) * 1.0)
+
+
+def test_without_a_measurement_the_integral_leaks_to_the_holding_torques():
+    controller = law(task_rows("planar"), leak=2.0, sign_gain=np.zeros((3, 3)))
+    m, r = inputs(controller.rows, 3)
+    m = m._replace(internal_wrench=None, holding_torque=np.array([5.0, -3.0, 1.0]))
+    state = controller.init(m, r)
+    held = wrench_of(m, m.holding_torque)
+    assert_allclose(state.integral, held, atol=1e-12)
+    pushed = state._replace(integral=state.integral + 1.0)
+    assert_allclose(controller.step(m, r, pushed).state.integral, held + 0.98, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_own_wrist_wrench_anchors_to_its_share_of_the_stated_weight(name):
+    rows = task_rows(name)
+    weight, F = np.arange(1.0, rows.size + 1), np.full(rows.size, 5.0)
+    controller = law(rows, anchor_gain=0.1, payload_weight=weight, force_gain=0.0)
+    m, r = inputs(rows, rows.size)
+    still = {"payload_twist": r.twist, "payload_pose": r.pose, "internal_wrench": None}
+    m = m._replace(**still, interaction_wrench=F, interaction_wrench_age=0.0)
+    state = controller.step(m, r, controller.init(m, r)).state
+    assert_allclose(state.integral, -0.1 * (F - 0.4 * weight), atol=1e-14)
+    # The internal wrench goes first where both are measured; without a stated mass the wrist is not used.
+    both = m._replace(internal_wrench=2.0 * F, internal_wrench_age=0.0)
+    assert_allclose(controller.step(both, r, controller.init(m, r)).state.integral, -0.2 * F, atol=1e-14)
+    unstated = law(rows, anchor_gain=0.1, force_gain=0.0)
+    assert_allclose(unstated.step(m, r, unstated.init(m, r)).state.integral, 0.0, atol=1e-14)
+
+
 def test_integral_stands_still_while_saturated():
     rows = task_rows("planar")
     controller = law(rows)
     m, r = inputs(rows, 3)
     state = controller.init(m, r)
     later = m._replace(time=0.1)
-    assert np.any(controller.step(later, r, state).state.sign_integral != 0.0)
+    assert np.any(controller.step(later, r, state).state.integral != 0.0)
     cut = later._replace(saturated=np.array([False, True, False]))
-    assert np.array_equal(controller.step(cut, r, state).state.sign_integral, state.sign_integral)
+    assert np.array_equal(controller.step(cut, r, state).state.integral, state.integral)
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_zero_at_grasp_undoes_a_bias_that_is_fixed_in_the_tip(name):
+    """The arm sees X G with a constant G; twist, Jacobian and wrench are those of the true payload again."""
+    rows = task_rows(name)
+    turned = name != "positional"  # positional rows see no rotation, and so no twist of another point
+    rng = np.random.default_rng(3)
+    J, v, F = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
+    if name == "planar":
+        J[2:5] = 0.0
+        F[2:5] = 0.0
+    true = [make_pose((0.4, 0.2, 0.0), (0.0, 0.0, 0.3)), make_pose((0.5, -0.1, 0.0), (0.0, 0.0, 0.9))]
+    G = make_pose((1e-2, -2e-2, 0.0), (0.0, 0.0, 0.05) if turned else (0.0, 0.0, 0.0))
+
+    def seen(time, X, offset):
+        """Of the payload frame X @ offset: p' - p = R p_offset."""
+        there = X @ offset
+        A = np.eye(6)
+        A[:3, 3:] = -np.cross(there[:3, 3] - X[:3, 3], np.eye(3)).T
+        if not turned:
+            A = np.eye(6)
+        measurement, reference = inputs(rows, 6)
+        return measurement._replace(
+            time=time,
+            payload_pose=there,
+            payload_twist=rows.select(A @ J @ v),
+            payload_jacobian=rows.select(A @ J),
+            internal_wrench=None,
+            interaction_wrench=rows.select(np.linalg.inv(A).T @ F),
+            interaction_wrench_age=0.0,
+        ), reference
+
+    fields = {"payload_weight": np.ones(rows.size), "anchor_gain": 0.1, "force_gain": 0.0}
+    plain = law(rows, **fields)
+    zeroed = ZeroedController(rows, law(rows, **fields), true[0])
+    commands = []
+    for controller, offset in ((plain, np.eye(4)), (zeroed, G)):
+        state = controller.init(*seen(0.0, true[0], offset))
+        for time, X in ((0.0, true[0]), (0.01, true[1])):
+            command = controller.step(*seen(time, X, offset), state)
+            state = command.state
+            commands.append(command.torque)
+    assert np.abs(commands[1]).max() > 0.1
+    assert_allclose(commands[2:], commands[:2], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -197,7 +386,7 @@ def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_
     bias, width = [1e-4, 0.0 if name == "planar" else 0.5e-4, 0.0], 0.05
     controller = {
         "kind": "payload-space",
-        "gains": gains,
+        "gains": gains | {"leak": 0.0},
         "switching": {"kind": "saturation", "width": width},
     }
     result = biased_run(name, controller, bias)

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin import errors
 from coop_pin.control import CellCommand
+from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
-from coop_pin.description.controller import _delayed_bound
 from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.report.report import scenario_facts
 from coop_pin.run_scenario import build_controller
@@ -304,7 +304,7 @@ def test_the_bound_of_delayed_force_feedback_is_that_of_its_roots(pole, delay):
         polynomial[:2], polynomial[-1] = (1.0, -pole), polynomial[-1] + gain * (1.0 - pole)
         return np.abs(np.roots(polynomial)).max()
 
-    bound = _delayed_bound(pole, delay)
+    bound = force_gain_bound(pole, delay)
     assert radius(0.99 * bound) < 1.0 < radius(1.01 * bound)
 
 
@@ -313,7 +313,7 @@ def test_the_bound_of_delayed_force_feedback_is_that_of_its_roots(pole, delay):
 def test_delayed_force_feedback_is_unstable_from_its_bound_on(name, wrist):
     """Three ticks of delay are three samples of the control rate, and one of half that rate."""
     path = {"kind": "low-pass", "pole": 0.5, "delay": 3 if wrist is None else 0}
-    bound = _delayed_bound(0.5, 3 if wrist is None else 1)
+    bound = force_gain_bound(0.5, 3 if wrist is None else 1)
     changes = {"controller.force_path": path, "controller.gains.sign_gain": 0.0}
     changes |= {} if wrist is None else {"sensors.wrist": wrist}
     field = "controller.gains.force_gain"

@@ -1,5 +1,7 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
+from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
+from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -16,7 +18,7 @@ from coop_pin.control.sliding_mode import (
     SlidingModeState,
 )
 from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
-from coop_pin.control.terms import Posture, force_gain_bound
+from coop_pin.control.terms import Posture
 
 __all__ = [
     "ArmCommand",
@@ -36,5 +38,7 @@ __all__ = [
     "SlidingModeState",
     "Switching",
     "Tanh",
+    "ZeroedController",
+    "anchor_gain_bound",
     "force_gain_bound",
 ]

@@ -1,4 +1,4 @@
-"""Terms shared by the laws: inverses of the payload Jacobian, force term, posture term, bound on K_f."""
+"""Terms shared by the laws: inverses of the payload Jacobian, its null space, force term, posture term."""
 
 from __future__ import annotations
 
@@ -92,6 +92,11 @@ def force_term(
     return f_d - force_gain * (measurement.internal_wrench - f_d)
 
 
+def null_space_part(torque: Array, J: Array, J_plus: Array) -> Array:
+    """Return N^T torque with N = I - J^+ J: the part that does no work on the payload, shape (k,)."""
+    return torque - J.T @ (J_plus.T @ torque)
+
+
 @dataclass(frozen=True, eq=False)
 class Posture:
     """A spring and damper in the null space of the payload Jacobian.
@@ -109,6 +114,10 @@ class Posture:
     stiffness: Array
     damping: Array
 
+    def pull(self, q: Array, v: Array) -> Array:
+        """Return -stiffness (q - angles) - damping v, N m, shape (k,)."""
+        return -self.stiffness * (q - self.angles) - self.damping * v
+
     def torque(self, q: Array, v: Array, J: Array, J_plus: Array) -> Array:
         """Return the drive torque of the spare joints, N m, shape (k,).
 
@@ -118,19 +127,4 @@ class Posture:
             J: payload Jacobian, shape (k_0, k).
             J_plus: its right inverse, shape (k, k_0).
         """
-        pull = -self.stiffness * (q - self.angles) - self.damping * v
-        return pull - J.T @ (J_plus.T @ pull)
-
-
-def force_gain_bound(pole: float) -> float:
-    """Return the force gain K_f at which sampled internal-force feedback goes unstable: (1 + p) / (1 - p).
-
-    In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of
-    tick k acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k] the error obeys ftilde_m[k+1] = (p - (1
-    - p) K_f) ftilde_m[k] + const, which is stable for K_f < (1 + p) / (1 - p). p = 0 is the wrench of one
-    tick before: K_f < 1.
-
-    Args:
-        pole: p of the filter, in [0, 1).
-    """
-    return (1.0 + pole) / (1.0 - pole)
+        return null_space_part(self.pull(q, v), J, J_plus)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from collections.abc import Collection
+from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field
-from scipy.optimize import brentq
 
-from coop_pin.control.switching import Sign, Switching
-from coop_pin.control.terms import force_gain_bound
+from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
+from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 from coop_pin.schema.user_code import FunctionName
@@ -82,12 +82,20 @@ class SlidingModeGains(Gains):
 class PayloadSpaceGains(Gains):
     """Gains of the payload-space law.
 
+    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
+
     Attributes:
-        sliding_gain: K_x, on the task rows: three for the position, N s/m, then three for the orientation,
+        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
             N m s/rad.
+        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
+            integral; without a measured wrench it does nothing.
+        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
+            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
     """
 
     sliding_gain: PositiveGain
+    anchor_gain: NotNegative = 0.1
+    leak: NotNegative | None = None
 
 
 class PostureGains(Description):
@@ -155,6 +163,8 @@ class DecentralisedLaw(Description, Generic[GainsOfLaw]):
         arm_gains: gains of single arms, in place of ``gains``.
         switching: the switching function of the integral, eq. (18).
         force_path: how the internal wrench reaches the law.
+        zero_at_grasp: each arm places its payload frame at the scenario's start pose, once: a kinematic bias
+            fixed in its tip vanishes.
     """
 
     kind: str
@@ -162,6 +172,7 @@ class DecentralisedLaw(Description, Generic[GainsOfLaw]):
     arm_gains: dict[str, GainsOfLaw] = Field(default_factory=dict)
     switching: Switching = Sign()
     force_path: ForcePath = NoForcePath()
+    zero_at_grasp: bool = False
 
     def gains_of(self, arm: str) -> GainsOfLaw:
         """Return the gains of one arm."""
@@ -195,12 +206,28 @@ class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
 class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
     """The payload-space law, a repair of law (23) for any number of joints: PayloadSpaceController.
 
+    What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
+    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+
     Attributes:
         posture: what the spare joints of redundant arms do.
+        payload_mass: approximate mass of the payload, kg, to tell the payload's weight from the internal
+            wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
+        stale_after: ticks without a new measurement after which the integral leaks, beyond those that the
+            force path itself takes.
     """
 
     kind: Literal["payload-space"] = "payload-space"
+    switching: Switching = Saturation(width=0.05)
     posture: PostureGains = PostureGains()
+    payload_mass: NotNegative | None = None
+    stale_after: int = Field(default=3, ge=1)
+
+    def leak_of(self, arm: str) -> float:
+        """Return lambda of one arm, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
+        measures = self.payload_mass is not None or not isinstance(self.force_path, NoForcePath)
+        leak = self.gains_of(arm).leak
+        return leak if leak is not None else (10.0 if measures else 0.2)
 
 
 Law = SlidingMode | RedundantSlidingMode | PayloadSpace
@@ -227,15 +254,27 @@ Controller = Annotated[Law | UserController, Field(discriminator="kind")]
 _INSIST = "or insist with beyond_bound = true"
 
 
+class SampledWrist(NamedTuple):
+    """Timing of a wrist sensor, in ticks.
+
+    Attributes:
+        delay: of a sample.
+        every: from one sample to the next.
+    """
+
+    delay: int
+    every: int
+
+
 def controller_problems(
-    controller: Law | UserController, arms: list[str], wrist_delay: int = 0
+    controller: Law | UserController, arms: list[str], wrists: Collection[SampledWrist] = ()
 ) -> list[FieldError]:
     """Return what is wrong with a controller for a cell.
 
     Args:
         controller: the law with its gains.
         arms: of the cell.
-        wrist_delay: samples by which wrist sensors delay the internal wrench, besides the force path.
+        wrists: the wrist sensors that the arms have.
     """
     if isinstance(controller, UserController):
         return []
@@ -243,21 +282,27 @@ def controller_problems(
     if strangers:
         detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
         return [FieldError(detail, "arm_gains")]
-    return [*_unequal(controller, arms), *_beyond_force_bound(controller, arms, wrist_delay)]
+    problems = [*_unequal(controller, arms), *_beyond_force_bound(controller, arms, wrists)]
+    return problems or _beyond_anchor_bound(controller, arms, wrists)
 
 
 def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
-    """Return the gains that differ between arms although Theorem 2 needs one value for all."""
+    """Return the gains that differ between arms although the theory needs one value for all."""
+    equal = {"pose_gain": "Theorem 2 needs one gamma", "force_gain": "Theorem 2 needs one K_f"}
+    if isinstance(controller, PayloadSpace):
+        equal["anchor_gain"] = "else the anchors move the payload: it needs one g"
     problems: list[FieldError] = []
-    for field, symbol in (("pose_gain", "gamma"), ("force_gain", "K_f")):
+    for field, reason in equal.items():
         values = {name: getattr(controller.gains_of(name), field) for name in arms}
         if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
-            detail = f"differs between arms: {values}; Theorem 2 needs one {symbol} for all arms"
+            detail = f"differs between arms: {values}; {reason} for all arms"
             problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
     return problems
 
 
-def _beyond_force_bound(controller: Law, arms: list[str], wrist_delay: int) -> list[FieldError]:
+def _beyond_force_bound(
+    controller: Law, arms: list[str], wrists: Collection[SampledWrist]
+) -> list[FieldError]:
     """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
     path, largest = controller.force_path, max(controller.gains_of(name).force_gain for name in arms)
     if isinstance(path, NoForcePath):
@@ -267,23 +312,35 @@ def _beyond_force_bound(controller: Law, arms: list[str], wrist_delay: int) -> l
             "set the gain to 0, or the kind to 'late' or 'low-pass'"
         )
     else:
-        delay = path.delay + wrist_delay
-        bound = _delayed_bound(path.pole, delay) if delay else force_gain_bound(path.pole)
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        delay = max(((path.delay + wrist.delay) // wrist.every for wrist in wrists), default=path.delay)
+        bound = force_gain_bound(path.pole, delay)
         allowed = largest < bound
-        late = f" with {delay} samples of delay" if delay else ""
-        detail = f"but feedback over {path.kind!r}{late} is unstable from {bound:g} on; lower it, {_INSIST}"
+        loop = f"{path.kind!r}{_late(delay)}"
+        detail = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {_INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
 
 
-def _delayed_bound(pole: float, delay: int) -> float:
-    """Return the force gain at which feedback over a filter and D > 0 ticks of delay goes unstable.
+def _beyond_anchor_bound(
+    controller: Law, arms: list[str], wrists: Collection[SampledWrist]
+) -> list[FieldError]:
+    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if not isinstance(controller, PayloadSpace):
+        return []
+    gains, path = [controller.gains_of(name) for name in arms], controller.force_path
+    largest, force_gain = max(gain.anchor_gain for gain in gains), max(gain.force_gain for gain in gains)
+    pole, delay = (0.0, 0) if isinstance(path, NoForcePath) else (path.pole, path.delay)
+    delay += max((wrist.delay for wrist in wrists), default=0)
+    every = max((wrist.every for wrist in wrists), default=1)
+    bound = anchor_gain_bound(pole=pole, delay=delay, every=every, force_gain=force_gain)
+    if largest < bound:
+        return []
+    detail = (
+        f"is {largest:g}, but the anchored integral over {path.kind!r}{_late(delay)} with K_f ="
+        f" {force_gain:g} is unstable from {bound:.4g} on; lower it, {_INSIST}"
+    )
+    return [FieldError(detail, "gains.anchor_gain")]
 
-    z^D (z - p) + K_f (1 - p) = 0 has its first roots on the unit circle at z = exp(j a) with D a + arg(z - p)
-    = pi, where K_f = |z - p| / (1 - p). Without a filter it is 1, whatever the delay.
-    """
 
-    def point(angle: float) -> complex:
-        return complex(np.exp(1j * angle) - pole)
-
-    angle = brentq(lambda a: delay * a + np.angle(point(a)) - np.pi, 0.0, np.pi)
-    return float(abs(point(angle)) / (1.0 - pole))
+def _late(delay: int) -> str:
+    return f" with a delay of {delay}" if delay else ""

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, NoForcePath, controller_problems
+from coop_pin.description.controller import Controller, NoForcePath, SampledWrist, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.sensors import Sensors, late_delay
@@ -191,11 +191,10 @@ class Scenario(Description):
             return self
         if late := late_delay(path.delay, self.clock, self.duration):
             raise FieldError(late, "controller.force_path.delay")
-        wrists = [wrist for arm in arms if (wrist := self.sensors_of(arm).wrist) is not None]
-        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
-        late_by = [(path.delay + w.delay) // w.ticks_per_sample(self.clock) - path.delay for w in wrists]
-        if max(late_by, default=0) > 0 and not self.beyond_bound:
-            problems = controller_problems(self.controller, arms, max(late_by))
+        sensors = [wrist for arm in arms if (wrist := self.sensors_of(arm).wrist) is not None]
+        wrists = [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+        if wrists and not self.beyond_bound:
+            problems = controller_problems(self.controller, arms, wrists)
             if problems:
                 raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self

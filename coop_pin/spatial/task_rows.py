@@ -45,6 +45,16 @@ class TaskRows(ABC):
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
         """Return the rows of a twist or wrench in world axes, from those in payload axes, shape (k_0,)."""
 
+    @abstractmethod
+    def twist_shift(self, displacement: Array) -> Array:
+        """Return A with V_Q = A V_P for a point Q of the same body, shape (k_0, k_0).
+
+        A wrench about P is A^-T F about Q, and A^-1 is the matrix of the opposite displacement.
+
+        Args:
+            displacement: from P to Q in world axes, m, shape (3,).
+        """
+
     def expand(self, rows: Array) -> Array:
         """Return a six-vector with the rows in place and zeros elsewhere, shape (..., 6)."""
         vector6 = np.zeros((*rows.shape[:-1], 6))
@@ -70,6 +80,13 @@ class FullRows(TaskRows):
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
         """Return ``[R f, R n]``, shape (6,)."""
         return rotate_vector6(X_WP[:3, :3], rows_P)
+
+    def twist_shift(self, displacement: Array) -> Array:
+        """Return the matrix of ``[v + w x r, w]``, shape (6, 6)."""
+        x, y, z = displacement.tolist()
+        A = np.eye(6)
+        A[:3, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
+        return A
 
 
 class PlanarRows(TaskRows):
@@ -100,6 +117,11 @@ class PlanarRows(TaskRows):
         x, y, moment = rows_P.tolist()
         return np.array((cosine * x - sine * y, sine * x + cosine * y, moment))
 
+    def twist_shift(self, displacement: Array) -> Array:
+        """Return the matrix of ``[v_x - w r_y, v_y + w r_x, w]``, shape (3, 3)."""
+        x, y, _ = displacement.tolist()
+        return np.array(((1.0, 0.0, -y), (0.0, 1.0, x), (0.0, 0.0, 1.0)))
+
 
 class PositionalRows(TaskRows):
     """x, y and z: the orientation of the payload is not controlled."""
@@ -119,6 +141,10 @@ class PositionalRows(TaskRows):
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
         """Return ``R f``, shape (3,)."""
         return X_WP[:3, :3] @ rows_P
+
+    def twist_shift(self, displacement: Array) -> Array:
+        """Return the identity: these rows see no rotation, so that the moment of it is not known."""
+        return np.eye(3)
 
 
 _ROWS: dict[str, TaskRows] = {rows.name: rows for rows in (FullRows(), PlanarRows(), PositionalRows())}

@@ -1,0 +1,83 @@
+"""Stability bounds of sampled force feedback, K_f and g, for filters, delays and slow sensors."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from coop_pin.arrays import Array
+
+_BISECTIONS = 50
+
+
+def force_gain_bound(pole: float, delay: int = 0) -> float:
+    """Return the force gain K_f at which sampled internal-force feedback goes unstable.
+
+    In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of
+    tick k acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k-D] the error obeys
+    z^D (z - p) + K_f (1 - p) = 0. Its first roots reach the unit circle at z = exp(j a) with D a + arg(z - p) = pi, where K_f = |z -
+    p| / (1 - p). Without delay that is (1 + p) / (1 - p); without filter it is 1, whatever the delay.
+
+    Args:
+        pole: p of the filter, in [0, 1); p = 0 is the wrench of one tick before.
+        delay: D, further samples.
+    """
+    low, high = 0.0, np.pi
+    for _ in range(_BISECTIONS if delay else 0):
+        angle = (low + high) / 2.0
+        beyond = delay * angle + np.angle(np.exp(1j * angle) - pole) > np.pi
+        low, high = (low, angle) if beyond else (angle, high)
+    return float(abs(np.exp(1j * high) - pole) / (1.0 - pole))
+
+
+@cache
+def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0) -> float:
+    """Return the anchor gain g at which the anchored integral of the payload-space law goes unstable.
+
+    In a rigid chain the internal error is ftilde[k] = Z[k] - K_f ftilde_m[k] + const while the torque of tick
+    k acts, and the anchor is Z[k] = Z[k-1] - g ftilde_m[k] at each new measurement. The bound is the smallest
+    g at which an eigenvalue of this linear map over one period of the sensor leaves the unit circle, found
+    by bisection. In closed form, for K_f = 0:
+
+    - a filter alone: 2 (1 + p) / (1 - p);
+    - a delay alone: 2 sin(pi / (4 D + 2));
+    - both, for a sensor at the control rate: a root of z^D (z - 1)(z - p) + g (1 - p) z on the unit circle.
+
+    Args:
+        pole: p of the filter f_m <- p f_m + (1 - p) f, in [0, 1); it advances with the sensor's samples.
+        delay: D, ticks by which the measurement is older than f(t_k^-), the one just before tick k.
+        every: ticks from one sample of the sensor to the next.
+        force_gain: K_f; from its own bound on, the result is 0.
+    """
+    high = 2.0 * force_gain_bound(pole)  # of a filter alone; delay and K_f lower it, a slow sensor does not
+    low = 0.0
+    if _spectral_radius(high * 1e-6, pole, delay, every, force_gain) >= 1.0:
+        return 0.0
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2.0
+        if _spectral_radius(middle, pole, delay, every, force_gain) < 1.0:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _spectral_radius(anchor_gain: float, pole: float, delay: int, every: int, force_gain: float) -> float:
+    """Return the spectral radius of the loop over one period of the sensor.
+
+    The state is [f[k-1], ..., f[k-1-D], f_m, Z] before tick k.
+    """
+    size = delay + 3
+    filtered, integral = delay + 1, delay + 2
+    period: Array = np.eye(size)
+    for tick in range(every):
+        step = np.eye(size)
+        if tick == 0:
+            step[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
+            step[integral] -= anchor_gain * step[filtered]
+        shifted = step.copy()
+        shifted[1 : delay + 1] = step[:delay]
+        shifted[0] = step[integral] - force_gain * step[filtered]
+        period = shifted @ period
+    return float(np.abs(np.linalg.eigvals(period)).max())

@@ -1,0 +1,94 @@
+"""Stability bounds of sampled force feedback against closed forms and against the scalar recursion."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.control import anchor_gain_bound, force_gain_bound
+from coop_pin.errors import FieldError
+
+
+def is_stable(anchor_gain, pole=0.0, delay=0, every=1, force_gain=0.0):
+    """The scalar internal loop, tick by tick from f = 1, with nothing but the law's own update."""
+    f, Z, f_m = [1.0] * (delay + 1), 1.0, 0.0
+    for tick in range(6000):
+        if tick % every == 0:
+            f_m = pole * f_m + (1.0 - pole) * f[-1 - delay]
+            Z -= anchor_gain * f_m
+        f.append(Z - force_gain * f_m)
+    late = np.abs(f[-1000:]).max()
+    return late < np.abs(f[1000:2000]).max() or late < 1e-12
+
+
+def test_bound_of_a_filter_and_of_a_delay_alone():
+    for p in (0.0, 0.5, 0.9, 0.99):
+        assert_allclose(anchor_gain_bound(pole=p), 2.0 * (1.0 + p) / (1.0 - p), rtol=1e-9)
+    for D in (0, 1, 2, 5, 20):
+        assert_allclose(anchor_gain_bound(delay=D), 2.0 * np.sin(np.pi / (4.0 * D + 2.0)), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("p", "D"), [(0.5, 1), (0.9, 3), (0.95, 10), (0.3, 2)])
+def test_bound_of_both_is_where_a_root_reaches_the_unit_circle(p, D):
+    """z^D (z - 1)(z - p) + g (1 - p) z: all roots inside below it, one outside above."""
+    bound = anchor_gain_bound(pole=p, delay=D)
+
+    def largest_root(g):
+        polynomial = np.concatenate((np.poly([1.0, p]), np.zeros(D)))
+        polynomial[-2] += g * (1.0 - p)
+        return np.abs(np.roots(polynomial)).max()
+
+    assert largest_root(0.999 * bound) < 1.0 < largest_root(1.001 * bound)
+    assert_allclose(largest_root(bound), 1.0, atol=1e-8)
+
+
+LOOPS = [
+    *({"pole": p} for p in (0.3, 0.5, 0.9)),
+    *({"delay": D} for D in (1, 2, 5)),
+    {"pole": 0.5, "delay": 2},
+    {"pole": 0.9, "delay": 4},
+    {"every": 4, "delay": 2},
+    {"every": 3, "delay": 5, "pole": 0.4},
+    {"pole": 0.95, "force_gain": 9.0},
+    {"pole": 0.5, "delay": 1, "force_gain": 0.4},
+]
+
+
+@pytest.mark.parametrize("loop", LOOPS, ids=str)
+def test_bound_is_sharp_on_the_scalar_recursion(loop):
+    bound = anchor_gain_bound(**loop)
+    assert is_stable(0.95 * bound, **loop)
+    assert not is_stable(1.05 * bound, **loop)
+
+
+def test_a_slow_sensor_allows_as_much_as_one_at_the_control_rate_until_its_delay_exceeds_its_period():
+    assert_allclose(anchor_gain_bound(every=5, delay=4), 2.0, rtol=1e-9)
+    assert_allclose(anchor_gain_bound(every=5, delay=5), anchor_gain_bound(delay=1), rtol=1e-9)
+    assert_allclose(anchor_gain_bound(every=5, delay=9), anchor_gain_bound(delay=1), rtol=1e-9)
+
+
+def test_without_an_anchor_the_bound_is_that_of_the_force_gain():
+    for p in (0.0, 0.5, 0.9):
+        assert anchor_gain_bound(pole=p, force_gain=0.99 * force_gain_bound(p)) > 0.0
+        assert anchor_gain_bound(pole=p, force_gain=1.01 * force_gain_bound(p)) == 0.0
+
+
+def test_a_gain_beyond_the_bound_is_refused_with_both_numbers_unless_insisted_on():
+    late = {"controller.gains.anchor_gain": 1.99}
+    assert cp.Scenario.load("adept-anchored", late).controller.gains.anchor_gain == 1.99
+    beyond = {"controller.gains.anchor_gain": 2.5}
+    with pytest.raises(FieldError) as caught:
+        cp.Scenario.load("adept-anchored", beyond)
+    assert caught.value.path == "controller.gains.anchor_gain"
+    assert "2.5" in str(caught.value)
+    assert " 2 " in str(caught.value)
+    assert cp.Scenario.load("adept-anchored", beyond | {"beyond_bound": True}).beyond_bound
+    filtered = {"controller.force_path": {"kind": "low-pass", "pole": 0.5}}
+    assert cp.Scenario.load("adept-anchored", beyond | filtered).controller.force_path.pole == 0.5
+
+
+def test_anchor_gains_that_differ_between_arms_are_refused():
+    gains = cp.Scenario.load("adept-anchored").controller.gains
+    with pytest.raises(FieldError) as caught:
+        cp.Scenario.load("adept-anchored", {"controller.arm_gains": {"left": gains.replace(anchor_gain=0.2)}})
+    assert caught.value.path == "controller.arm_gains.*.anchor_gain"
