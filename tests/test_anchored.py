@@ -37,7 +37,7 @@ def at_rest(name, duration, changes=None):
 
 
 def biased(bias):
-    return {"cell.arms.left.calibration_error.xyz": bias}
+    return {"cell.arms.left.calibration_error.tip.xyz": bias}
 
 
 def rates(scenario):

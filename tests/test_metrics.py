@@ -10,7 +10,7 @@ from close import assert_close
 import coop_pin as cp
 from coop_pin.description import PayloadChange
 from coop_pin.results import metrics
-from coop_pin.results.dataset import dataset
+from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.metrics import LimitViolation, Window
 from coop_pin.results.quantities import allocate, quantities
 from coop_pin.spatial import make_pose
@@ -267,6 +267,16 @@ def test_the_axial_direction_of_three_arms_is_towards_the_middle_of_the_other_tw
     shear = [math.sqrt(101 - 36), math.sqrt(125 - 6400 / 52), math.sqrt(26 - 1600 / 73)]
     assert_close(data.internal_shear, [shear] * 2, atol=1e-13)
     assert_close(metrics.internal_force(data, Window(4.0, 5.0)).axial_mean, sum(axial) / 3, atol=1e-13)
+
+
+def test_a_run_that_did_not_settle_states_its_last_errors_and_saturated_drives():
+    away = along_z([0, 0, 0, 0, 0, 0.02], np.array([0, 0, 0, 0, 0, 0.1]))
+    limits = np.full((4, 2, 2), NO_LIMIT)
+    free = made(STEADY, payload_pose=away, limits=limits).summary()
+    assert "errors of 0.02 m and 0.1 rad" in free
+    assert "saturate" not in free
+    limits[list(LIMITS).index("torque_limit")] = 1.0
+    assert "saturate" in made(STEADY, payload_pose=away, limits=limits, commanded_torque=2.0).summary()
 
 
 def test_a_tip_in_the_middle_of_the_others_has_no_axial_direction():

@@ -6,16 +6,13 @@ import dataclasses
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError, NameNotFoundError
-
-if TYPE_CHECKING:
-    from coop_pin.description.urdf import UrdfFile
 
 _Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
 _Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
@@ -180,7 +177,7 @@ class CheckUrdf:
         return FAILED if report.errors(strict=self.strict) else OK
 
 
-def _urdf_file(urdf: str, package_dirs: Sequence[str], xacro_args: Sequence[str]) -> UrdfFile:
+def _urdf_file(urdf: str, package_dirs: Sequence[str], xacro_args: Sequence[str]) -> Any:
     """Return the URDF with a name or path; arguments of a xacro are written NAME=VALUE or NAME:=VALUE.
 
     Raises:

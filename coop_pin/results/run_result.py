@@ -223,10 +223,7 @@ class RunResult:
         if self.steady_window.is_empty:
             lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
         elif math.isinf(self.settling_time()):
-            advice = "'coop-pin check' tests whether the control rate is high enough for these gains"
-            if any(violation.kind == "torque" for violation in self.limit_violations()):
-                advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-            lines.append(f"  did not settle; {advice}")
+            lines.append(f"  {self._unsettled()}")
         if scenario.events and self.after_event_window.is_empty:
             wait = f"{metrics.SETTLING_S:g} s after its last event"
             lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
@@ -235,6 +232,17 @@ class RunResult:
             quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
             lines.append(f"  limit exceeded: {quantity}, {worst}, first at t = {violation.first_time:.4g} s")
         return "\n".join(lines)
+
+    def _unsettled(self) -> str:
+        """Return the errors at the end of a run that did not settle, and what to try."""
+        last = self.data["pose_error"].values[-1]
+        advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
+        if any(violation.kind == "torque" for violation in self.limit_violations()):
+            advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
+        errors = (
+            f"errors of {np.linalg.norm(last[:3]):.3g} m and {np.linalg.norm(last[3:]):.3g} rad at the end"
+        )
+        return f"did not settle: {errors}; {advice}"
 
     def _window(self, window: tuple[float, float] | None) -> Window:
         return self.steady_window if window is None else metrics.checked_window(window, self.end)
