@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import io
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
@@ -241,6 +242,8 @@ def read_mesh(path: Path) -> Any:
     """
     import trimesh  # a tenth of a second, only for payloads that are meshes
 
+    if not os.path.lexists(path):
+        raise FieldError(f"there is no mesh at {path}", "mesh_file")
     try:
         # As bytes: a mesh that names further files does not get them.
         content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
