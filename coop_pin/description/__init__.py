@@ -22,9 +22,9 @@ from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.sensors import (
     DifferencedVelocity,
     Encoder,
+    IdealVelocity,
     ObservedVelocity,
     Sensors,
-    TrueVelocity,
     WrenchParts,
     WristSensor,
 )
@@ -37,6 +37,7 @@ __all__ = [
     "Clock",
     "DifferencedVelocity",
     "Encoder",
+    "IdealVelocity",
     "JointFriction",
     "LateForcePath",
     "LowPassForcePath",
@@ -56,7 +57,6 @@ __all__ = [
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
-    "TrueVelocity",
     "TrustThresholds",
     "UserController",
     "WrenchParts",
