@@ -23,9 +23,9 @@ from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.description.sensors import (
     DifferencedVelocity,
     Encoder,
+    IdealVelocity,
     ObservedVelocity,
     Sensors,
-    TrueVelocity,
     WrenchParts,
     WristSensor,
 )
@@ -40,6 +40,7 @@ __all__ = [
     "DifferencedVelocity",
     "Encoder",
     "GravityCompensation",
+    "IdealVelocity",
     "JointFriction",
     "LateForcePath",
     "LowPassForcePath",
@@ -59,7 +60,6 @@ __all__ = [
     "SlidingMode",
     "SlidingModeGains",
     "Stabilisation",
-    "TrueVelocity",
     "TrustThresholds",
     "UserController",
     "WrenchParts",

@@ -42,10 +42,10 @@ class Encoder(Description):
     offset: NumberOrVector = 0.0
 
 
-class TrueVelocity(Description):
+class IdealVelocity(Description):
     """The velocity of the plant."""
 
-    kind: Literal["true"] = "true"
+    kind: Literal["ideal"] = "ideal"
 
 
 class DifferencedVelocity(Description):
@@ -75,7 +75,7 @@ class ObservedVelocity(Description):
     bandwidth_hz: Positive = 20.0
 
 
-Velocity = Annotated[TrueVelocity | DifferencedVelocity | ObservedVelocity, Field(discriminator="kind")]
+Velocity = Annotated[IdealVelocity | DifferencedVelocity | ObservedVelocity, Field(discriminator="kind")]
 
 
 class WrenchParts(Description):
@@ -163,14 +163,14 @@ class Sensors(Description):
     """
 
     encoder: Encoder = Encoder()
-    velocity: Velocity = TrueVelocity()
+    velocity: Velocity = IdealVelocity()
     wrist: WristSensor | None = None
     holding_torque_error: NumberOrVector = 0.0
 
     @property
     def joints_are_ideal(self) -> bool:
         """Whether positions and velocities of the drives are measured as they are."""
-        return self.encoder == Encoder() and self.velocity == TrueVelocity()
+        return self.encoder == Encoder() and self.velocity == IdealVelocity()
 
     def timing_problems(self, clock: Clock, duration: float) -> list[FieldError]:
         """Return what is wrong with the times of the wrist sensor.

@@ -10,9 +10,9 @@ from coop_pin.arrays import Array
 from coop_pin.description.sensors import (
     DifferencedVelocity,
     Encoder,
+    IdealVelocity,
     ObservedVelocity,
     Sensors,
-    TrueVelocity,
 )
 from coop_pin.model.joint_limits import per_joint
 
@@ -63,7 +63,7 @@ class Encoders:
         if self._last is None:
             self._estimate = np.zeros(q.size)
         match self._velocity:
-            case TrueVelocity():
+            case IdealVelocity():
                 return q, v.copy()
             case DifferencedVelocity(cutoff_hz=cutoff_hz):
                 p = exp(-2.0 * pi * cutoff_hz * T)
