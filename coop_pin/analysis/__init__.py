@@ -13,6 +13,7 @@ from coop_pin.analysis.statics import (
     static_torques,
     statics_along,
 )
+from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
 
 __all__ = [
     "ArmReach",
@@ -25,6 +26,7 @@ __all__ = [
     "Reachability",
     "SampledStability",
     "StaticTorques",
+    "SteadyErrors",
     "Unreachable",
     "cell_summary",
     "maximum_reach",
@@ -34,4 +36,5 @@ __all__ = [
     "start_torques",
     "static_torques",
     "statics_along",
+    "steady_errors",
 ]
