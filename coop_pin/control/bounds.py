@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -46,12 +46,12 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
     """
     high = 2.0 * force_gain_bound(pole)  # of a filter alone; delay and K_f lower it, a slow sensor does not
     low = 0.0
-    loop = {"pole": pole, "delay": delay, "every": every, "force_gain": force_gain}
-    if not force_loop_is_stable(0.0, **loop):
+    decays = partial(force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain)
+    if not decays(0.0):
         return 0.0
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
-        if force_loop_is_stable(middle, **loop):
+        if decays(middle):
             low = middle
         else:
             high = middle
