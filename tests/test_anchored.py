@@ -105,6 +105,28 @@ def test_a_kinematic_bias_leaves_a_constant_internal_force(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
+def test_a_bias_loads_every_arm_by_its_own_part(name):
+    """Redundant, unequal, three and continuous arms: f_i = c_i k_I K gamma (b_i - bbar) / beta."""
+    scenario = Scenario.load(name)
+    first, *_ = arms = list(scenario.cell.arms)
+    changes = {
+        "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
+        "duration": 5.0,
+        f"cell.arms.{first}.calibration_error.xyz": [4e-4, 3e-4, 0.0],
+    }
+    result = cp.run(scenario, changes)
+    gamma, stiffness, beta = rates(scenario)
+    shares = np.array(scenario.cell.shares)
+    R_WP = Rotation.from_quat(result.data.payload_quaternion.values[-1]).as_matrix()
+    bias = R_WP @ scenario.cell.grasps[first].matrix[:3, :3] @ [4e-4, 3e-4, 0.0]
+    errors = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-1, :, :3]
+    own = np.eye(len(arms))[0]
+    expected = np.outer(shares * (own - shares[0]), stiffness * gamma * bias / beta)
+    assert_allclose(errors, expected, atol=0.02 * np.linalg.norm(expected[0]))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [80.0, 160.0])
 @pytest.mark.parametrize("bias", [1e-4, 1e-3])
 def test_bias_force_at_two_biases_and_two_rates(bias, rate):

@@ -232,7 +232,10 @@ import sys
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
-from coop_pin.control import ArmMeasurement, ArmReference, Sign, SlidingModeController
+from coop_pin.control import (
+    ArmMeasurement, ArmReference, PayloadSpaceController, Saturation, Sign, SlidingModeController,
+    ZeroedController,
+)
 from coop_pin.spatial import make_pose, task_rows
 
 rows = task_rows("planar")
@@ -251,6 +254,16 @@ for k in range(3):
     state = law.init(measurement, reference) if state is None else state
     torque, state = law.step(measurement, reference, state)
 assert np.isfinite(torque).all() and np.abs(torque).max() > 1.0 and np.abs(state.sign_integral).max() > 0.0
+anchored = PayloadSpaceController(
+    rows=rows, period=0.0125, load_share=0.5, pose_gain=2.0 * np.eye(3), sliding_gain=np.diag([800, 800, 40]),
+    sign_gain=0.25 * np.eye(3), force_gain=0.0, transient_rate=5.0, switching=Saturation(), anchor_gain=0.1,
+)
+zeroed = ZeroedController(rows, anchored, make_pose((0.6, 0.1, 0.0)))
+first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
+state = zeroed.init(first, reference)
+for k in range(3):
+    torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
+assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """

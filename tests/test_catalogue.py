@@ -13,7 +13,6 @@ import coop_pin as cp
 from coop_pin.model import ArmModel
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import holding_torques
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
@@ -89,7 +88,7 @@ def test_the_law_takes_over_without_a_jump(result):
     assert not result.data.saturated.values.any()
     assert not result.limit_violations()
     simulation = Simulation(result.scenario, build_controller(result.scenario))
-    holding = holding_torques(result.scenario.cell, simulation.plant.chain.model.arms, simulation.plant.q)
+    holding = simulation.actuation.holding_commands(simulation.plant.q)
     for torque, held in zip(result.data.torque.values[0], holding, strict=True):
         assert_allclose(torque[: len(held)], held, atol=1e-8)
 

@@ -192,3 +192,22 @@ def test_a_pose_without_an_orientation_is_a_translation():
     X = make_pose((1.0, 2.0, 3.0))
     assert np.array_equal(X[:3, :3], np.eye(3))
     assert X[:3, 3].tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("name", ["full", "planar", "positional"])
+def test_twists_and_wrenches_move_to_another_point_of_the_body(name):
+    """V_Q = v + w x r, A^-T is the shift of the wrench, and power stays; positional rows see no rotation."""
+    rows, rng = task_rows(name), np.random.default_rng(5)
+    V, F, r = (
+        rows.expand(rng.normal(size=rows.size)),
+        rows.expand(rng.normal(size=rows.size)),
+        rng.normal(size=3),
+    )
+    if name == "planar":
+        r[2] = 0.0
+    A, back = rows.twist_shift(r), rows.twist_shift(-r)
+    there = V + np.concatenate((np.cross(V[3:], r), np.zeros(3)))
+    assert_allclose(A @ rows.select(V), rows.select(there), atol=1e-14)
+    assert_allclose(A @ back, np.eye(rows.size), atol=1e-14)
+    assert_allclose(back.T @ rows.select(F), rows.select(shift_wrench(F, -r)), atol=1e-14)
+    assert_allclose((back.T @ rows.select(F)) @ (A @ rows.select(V)), F @ V, atol=1e-13)

@@ -19,6 +19,7 @@ from coop_pin.analysis.statics import (
     static_torques,
     statics_along,
 )
+from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
 from coop_pin.analysis.theorem_monitor import theorem_monitor
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "Reachability",
     "SampledStability",
     "StaticTorques",
+    "SteadyErrors",
     "StepStability",
     "Unreachable",
     "cell_summary",
@@ -42,6 +44,7 @@ __all__ = [
     "start_torques",
     "static_torques",
     "statics_along",
+    "steady_errors",
     "step_stability",
     "theorem_monitor",
 ]

@@ -118,22 +118,32 @@ class Check:
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
-    control rate, and the joint friction in the plant's steps. Every field of the scenario can be changed as
-    in 'coop-pin run'.
+    control rate, and the joint friction in the plant's steps; say what the law measures and what a kinematic
+    bias and an unknown load leave. Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
+        bias: kinematic bias of one arm's tip, m.
+        load: constant force on the payload that the law does not know, N.
         fields: fields of the scenario, as typed.
     """
 
     scenario: _ScenarioName
     poses: int = 401
+    bias: float = 1e-3
+    load: float = 10.0
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin.analysis import reachability, start_stability, statics_along, step_stability
+        from coop_pin.analysis import (
+            reachability,
+            start_stability,
+            statics_along,
+            steady_errors,
+            step_stability,
+        )
         from coop_pin.run_scenario import build_controller
         from coop_pin.simulation import Simulation
 
@@ -148,6 +158,7 @@ class Check:
         simulation = Simulation(scenario, build_controller(scenario))
         held, steps = start_stability(simulation), step_stability(simulation)
         print(f"  {held.summary()}\n  {steps.summary()}")
+        print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
         return OK if ok and held.ok and steps.ok else FAILED
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -53,32 +53,35 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
     """
     high = 2.0 * force_gain_bound(pole)  # of a filter alone; delay and K_f lower it, a slow sensor does not
     low = 0.0
-    if _spectral_radius(high * 1e-6, pole, delay, every, force_gain) >= 1.0:
+    decays = partial(force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain)
+    if not decays(0.0):
         return 0.0
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
-        if _spectral_radius(middle, pole, delay, every, force_gain) < 1.0:
+        if decays(middle):
             low = middle
         else:
             high = middle
     return low
 
 
-def _spectral_radius(anchor_gain: float, pole: float, delay: int, every: int, force_gain: float) -> float:
-    """Return the spectral radius of the loop over one period of the sensor.
+def force_loop_is_stable(
+    anchor_gain: float, *, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0
+) -> bool:
+    """Return whether the sampled loop of anchor and force feedback decays; arguments as anchor_gain_bound.
 
-    The state is [f[k-1], ..., f[k-1-D], f_m, Z] before tick k.
+    The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z] before
+    tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
     """
     size = delay + 3
     filtered, integral = delay + 1, delay + 2
-    period: Array = np.eye(size)
-    for tick in range(every):
-        step = np.eye(size)
-        if tick == 0:
-            step[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
-            step[integral] -= anchor_gain * step[filtered]
-        shifted = step.copy()
-        shifted[1 : delay + 1] = step[:delay]
-        shifted[0] = step[integral] - force_gain * step[filtered]
-        period = shifted @ period
-    return float(np.abs(np.linalg.eigvals(period)).max())
+    sample: Array = np.eye(size)
+    sample[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
+    sample[integral] -= anchor_gain * sample[filtered]
+    shift: Array = np.eye(size)
+    shift[1 : delay + 1] = np.eye(size)[:delay]
+    shift[0] = np.eye(size)[integral] - force_gain * np.eye(size)[filtered]
+    period = np.linalg.matrix_power(shift, every) @ sample
+    if anchor_gain == 0.0:
+        period = period[:integral, :integral]
+    return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)

@@ -1,0 +1,179 @@
+"""Steady errors of a law: internal force under a kinematic bias, sag under a load, and what the law needs."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from coop_pin.arrays import as_positive, require_type
+from coop_pin.control import Switching
+from coop_pin.control.bounds import force_loop_is_stable
+from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, UserController
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError
+
+_LARGEST_DELAY = 200
+"""Delays beyond it are not searched, ticks."""
+_LARGEST_SAG = 1.0
+"""A load that is not carried within it counts as dropped, m."""
+
+
+class SteadyErrors(NamedTuple):
+    """Steady errors of a law at rest, and what it needs.
+
+    Attributes:
+        needs: what the law measures, besides joint positions and velocities.
+        wrenches: that cross between the arms at each tick.
+        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf if no
+            wrench is fed back, -1 if it is unstable as it is.
+        bias: kinematic bias of the position of one arm's tip, m.
+        load: constant force on the payload that the law does not know, N.
+        force: internal force that the bias leaves, N; inf if it grows; NaN for the laws in joint space.
+        sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
+        product: smallest product of force and sag that a law of these measurements can have, N m.
+    """
+
+    needs: str
+    wrenches: int
+    delay: float
+    bias: float
+    load: float
+    force: float
+    sag: float
+    product: float
+
+    def summary(self) -> str:
+        """Return the errors as text."""
+        crossing = f"{self.wrenches} wrenches cross" if self.wrenches else "nothing crosses"
+        stable = f"; stable with {self.delay:g} more ticks of delay" if math.isfinite(self.delay) else ""
+        lines = [f"the law needs {self.needs}; {crossing} between the arms at each tick{stable}"]
+        if not math.isnan(self.force):
+            force = (
+                f"{self.force:.3g} N of internal force" if math.isfinite(self.force) else "a growing force"
+            )
+            lines.append(
+                f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
+                f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
+            )
+        if self.product:
+            lines.append(f"no law of these measurements has force times sag below {self.product:.3g} N m")
+        return "\n".join(lines)
+
+
+def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0) -> SteadyErrors:
+    """Return the steady errors of a scenario's law at rest.
+
+    The formulas are derived on the page "The payload-space law" of the documentation.
+
+    Args:
+        scenario: with a law of coop_pin.
+        bias: kinematic bias of the position of one arm's tip, m; the worst arm and direction are taken.
+        load: constant force on the payload that the law does not know, N: for the own-wrench law the error of
+            the stated weight, for the leaky law what the holding torques did not carry.
+
+    Raises:
+        ArgumentError: the controller is a user's own.
+    """
+    require_type("scenario", scenario, Scenario)
+    bias, load, law = as_positive("bias", bias), as_positive("load", load), scenario.controller
+    if isinstance(law, UserController):
+        raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
+    internal = not isinstance(law.force_path, NoForcePath)
+    own = isinstance(law, PayloadSpace) and law.payload_mass is not None and not internal
+    exchanges = internal and (isinstance(law, PayloadSpace) or law.gains.force_gain > 0.0)
+    needs = "forward kinematics and Jacobians"
+    if exchanges or own:
+        needs += " and the internal wrench" if exchanges else " and each arm's own wrist wrench"
+    shares, force, sag = [float(share) for share in scenario.cell.shares], math.nan, math.nan
+    if isinstance(law, PayloadSpace):
+        directions = _directions(scenario, law, internal=internal, own=own)
+        force = max(direction.force(share, bias) for direction in directions for share in shares)
+        sag = max(direction.sag(load) for direction in directions)
+    return SteadyErrors(
+        needs=needs,
+        wrenches=len(shares) if exchanges else 0,
+        delay=_largest_delay(law) if exchanges or own else math.inf,
+        bias=bias,
+        load=load,
+        force=force,
+        sag=sag,
+        product=0.0 if internal else max(c * (1.0 - c) for c in shares) * bias * load,
+    )
+
+
+class _Direction(NamedTuple):
+    """The payload-space law at rest in one direction of the position.
+
+    Attributes:
+        spring: K gamma, N/m; 0 where an anchor takes its part out of the internal force or the load.
+        integral: K alpha, N/s.
+        gamma: 1/s.
+        switching: phi.
+        internal_rate: beta, or lambda where nothing is measured, 1/s.
+        load_rate: at which the integral's sum loses the load, 1/s; 0 if it does not.
+    """
+
+    spring: float
+    integral: float
+    gamma: float
+    switching: Switching
+    internal_rate: float
+    load_rate: float
+
+    def held(self, error: float, rate: float) -> float:
+        """Return spring x + K alpha phi(gamma x) / rate, N: what an arm with the whole share holds."""
+        integral = self.integral * float(self.switching(np.array(self.gamma * error)))
+        return self.spring * error + (integral / rate if rate else math.inf if integral else 0.0)
+
+    def force(self, share: float, bias: float) -> float:
+        """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
+        return share * self.held((1.0 - share) * bias, self.internal_rate)
+
+    def sag(self, load: float) -> float:
+        """Return the error at which the load is held, m."""
+        if not self.load_rate and self.integral:
+            return 0.0
+        if self.held(_LARGEST_SAG, self.load_rate) < load:
+            return math.inf
+        return float(brentq(lambda x: self.held(x, self.load_rate) - load, 0.0, _LARGEST_SAG, xtol=1e-12))
+
+
+def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: bool) -> list[_Direction]:
+    """Return the law in each linear task row."""
+    rows, gains = scenario.cell.task_rows, law.gains
+    gamma, K, alpha = (
+        np.diagonal(np.array(gain) * np.eye(rows.size) if np.ndim(gain) < 2 else np.array(gain))
+        for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
+    )
+    beta, leak = gains.anchor_gain / scenario.clock.period, law.leak_of(next(iter(scenario.cell.arms)))
+    anchored = (internal or own) and beta > 0.0
+    return [
+        _Direction(
+            spring=0.0 if anchored else float(K[row] * gamma[row]),
+            integral=float(K[row] * alpha[row]),
+            gamma=float(gamma[row]),
+            switching=law.switching,
+            internal_rate=beta if internal or own else leak,
+            load_rate=0.0 if internal else beta if own else leak,
+        )
+        for row, index in enumerate(rows.indices)
+        if index < 3
+    ]
+
+
+def _largest_delay(law: Law) -> float:
+    """Return the largest further delay at which the feedback of the measured wrench is stable, ticks.
+
+    Found by bisection: a loop that is stable at a delay is stable at every smaller one.
+    """
+    pole = 0.0 if isinstance(law.force_path, NoForcePath) else law.force_path.pole
+    anchor_gain = law.gains.anchor_gain if isinstance(law, PayloadSpace) else 0.0
+
+    def unstable(delay: int) -> bool:
+        return not force_loop_is_stable(anchor_gain, pole=pole, delay=delay, force_gain=law.gains.force_gain)
+
+    return float(bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1)

@@ -1,0 +1,80 @@
+"""Steady errors of laws against the closed forms; test_anchored compares these with runs."""
+
+import math
+
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.analysis import steady_errors
+from coop_pin.cli import main
+from coop_pin.errors import ArgumentError, OutOfRangeError
+
+GAMMA, K, K_I, RATE = 2.0, 800.0, 5.0, 80.0
+UNMEASURED = {"controller.force_path": {"kind": "none"}}
+
+
+def errors(changes=None, *, scenario="adept-anchored", **given):
+    return steady_errors(cp.Scenario.load(scenario, changes or {}), **given)
+
+
+def test_anchored_law_has_a_constant_force_and_no_sag():
+    found = errors(bias=1e-3, load=50.0)
+    assert_allclose(found.force, 0.25 * K_I * K * GAMMA * 1e-3 / (0.1 * RATE))
+    assert (found.sag, found.product, found.wrenches, found.delay) == (0.0, 0.0, 2, 15)
+    # Beyond the saturation's width the integral's rate is limited: alpha = k_I w.
+    assert_allclose(errors(bias=1.0).force, 0.5 * K * 0.25 / (0.1 * RATE))
+    assert_allclose(errors({"controller.gains.anchor_gain": 0.5}, bias=1e-3).force, found.force / 5.0)
+
+
+@pytest.mark.parametrize("leak", [0.2, 2.0])
+def test_leaky_law_trades_force_for_sag(leak):
+    found = errors(UNMEASURED | {"controller.gains.leak": leak}, bias=1e-4, load=20.0)
+    spring = GAMMA * K * (1.0 + K_I / leak)
+    assert_allclose([found.force, found.sag], [0.25 * spring * 1e-4, 20.0 / spring])
+    assert_allclose(found.force * found.sag, found.product)
+    assert (found.wrenches, found.delay) == (0, math.inf)
+    assert errors(UNMEASURED | {"controller.gains.leak": 0.0}).force == math.inf
+
+
+def test_own_wrist_law_trades_force_for_sag_of_the_weight_error():
+    own = UNMEASURED | {"controller.payload_mass": 10.0, "controller.gains.anchor_gain": 0.01}
+    found = errors(own, bias=1e-4, load=20.0)
+    beta = 0.01 * RATE
+    assert_allclose(
+        [found.force, found.sag], [0.25 * K_I * K * GAMMA * 1e-4 / beta, beta * 20.0 / (GAMMA * K_I * K)]
+    )
+    assert_allclose(found.force * found.sag, found.product)
+    assert found.wrenches == 0
+    assert errors(own, load=1e6).sag == math.inf  # beyond what the saturated integral can hold
+
+
+def test_the_worst_arm_counts_in_a_cell_of_three():
+    found = errors(scenario="three-ur5-plate", bias=1e-3)
+    assert_allclose(found.force, (1 / 3) * (2 / 3) * 30.0 * 2000.0 * 5.0 * 1e-3 / 50.0)
+    assert found.wrenches == 3
+
+
+def test_laws_in_joint_space_say_what_they_need_and_the_product_bound():
+    found = errors(scenario="adept-paper", bias=1e-4, load=100.0)
+    assert math.isnan(found.force)
+    assert_allclose(found.product, 0.25 * 1e-4 * 100.0)
+    fed_back = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 0.5}
+    found = errors(fed_back, scenario="adept-paper")
+    assert (found.wrenches, found.delay, found.product) == (2, 200, 0.0)
+    filtered = {"controller.force_path": {"kind": "low-pass"}, "controller.gains.force_gain": 9.0}
+    assert 0 <= errors(filtered, scenario="adept-paper").delay < 10
+
+
+def test_what_cannot_be_asked_is_refused():
+    with pytest.raises(ArgumentError):
+        errors({"controller": cp.UserController(target="test_steady_errors:Nothing")})
+    with pytest.raises(OutOfRangeError):
+        errors(bias=0.0)
+
+
+def test_check_prints_them(capsys):
+    assert main(["check", "adept-anchored", "--poses", "3", "--bias", "2e-3", "--load", "5"]) == 0
+    text = capsys.readouterr().out
+    assert "2 mm leaves 0.5 N" in text
+    assert "stable with 15 more ticks" in text
