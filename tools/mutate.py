@@ -5,9 +5,9 @@
     python tools/mutate.py --sample 40 --seed 1       some of them
 
 Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped.
-The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a child process,
-in which the tests that execute its line run, the shortest first, until one fails or runs into its time limit.
-A line that no test executes is not noticed. Mutants that change nothing are listed with the reason in
+The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a process in
+which the tests that execute its line run, the shortest first, until one fails or runs into its time limit. A
+line that no test executes is not noticed. Mutants that change nothing are listed with the reason in
 mutate_equivalent.toml and are not run. Exit code 1 if less than 95 % of the others of a package are noticed.
 """
 
@@ -36,6 +36,7 @@ from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any, NamedTuple
 
+import dask.array  # noqa: F401  (xarray would load it in every child)
 import pytest
 from _pytest.runner import runtestprotocol
 
@@ -46,10 +47,10 @@ FLOOR = 0.95
 PACKAGES = ("chain", "control", "results", "spatial")
 TESTS = (
     "branches cell_chain closed_chain closures integrators interface invariants inverse_kinematics live_run "
-    "mechanisms metrics motion payload_space projection reachability redundant_sliding_mode results simulation "
-    "sizes sliding_mode spatial sweep_store trust user_files"
+    "mechanisms metrics motion payload_space projection reachability redundant_sliding_mode results "
+    "simulation sizes sliding_mode spatial sweep_store trust user_files"
 )
-"""Test files that are run; those of figures, live view, command line and sweeps hardly judge these packages."""
+"""Test files that are run; those of figures, live view, command line and sweeps hardly judge the packages."""
 LONGEST = 8.0
 """Processor time of a test, with its lines counted, beyond which it is not used, s."""
 
@@ -231,9 +232,9 @@ def _work_as_a_child(work: Callable[[], Any], limit: float, folder: Path) -> Non
 
 
 @contextlib.contextmanager
-def executed_lines() -> Iterator[set[tuple[str, int]]]:
-    """Collect the lines of the packages that are executed, as file under coop_pin and number."""
-    lines: set[tuple[str, int]] = set()
+def executed_lines() -> Iterator[set[tuple[str, Any]]]:
+    """Collect the lines and functions of the packages that are executed: file and number, file and name."""
+    lines: set[tuple[str, Any]] = set()
     names = {str(PACKAGE / file): file for file in {mutant.file for mutant in all_mutants()}}
     calls: Counter[CodeType] = Counter()
 
@@ -245,6 +246,7 @@ def executed_lines() -> Iterator[set[tuple[str, int]]]:
         if frame.f_code.co_filename not in names:
             return None
         calls[frame.f_code] += 1
+        lines.add((names[frame.f_code.co_filename], _name(frame.f_code)))
         return line if calls[frame.f_code] <= 100 else None  # by then, nearly all that it does was seen
 
     threading.settrace(call)
@@ -256,21 +258,15 @@ def executed_lines() -> Iterator[set[tuple[str, int]]]:
         threading.settrace(None)
 
 
-def change_functions(mutant: Mutant) -> None:
-    """Give the functions of a loaded module the code of a mutant.
+def _name(code: CodeType) -> tuple[str, int]:
+    return code.co_qualname, code.co_firstlineno
 
-    Raises:
-        ValueError: none of them changed, or one has other variables now.
-    """
+
+def codes(mutant: Mutant) -> dict[CodeType, CodeType]:
+    """Return the code of the module, of its classes and of its functions, before and after the change."""
     path = str(PACKAGE / mutant.file)
     old, new = (compile(text, path, "exec") for text in (Path(path).read_text(), mutant.source))
-    changed = {before: after for before, after in _pairs(old, new) if before != after}
-    functions = [one for one in gc.get_objects() if isinstance(one, FunctionType) and one.__code__ in changed]
-    functions = [function for function in functions if function.__code__.co_filename == path]
-    if not functions:
-        raise ValueError("no function has another code")
-    for function in functions:
-        function.__code__ = changed[function.__code__]
+    return dict(_pairs(old, new))
 
 
 def _pairs(old: CodeType, new: CodeType) -> Iterator[tuple[CodeType, CodeType]]:
@@ -278,6 +274,36 @@ def _pairs(old: CodeType, new: CodeType) -> Iterator[tuple[CodeType, CodeType]]:
     parts = ([part for part in code.co_consts if isinstance(part, CodeType)] for code in (old, new))
     for before, after in zip(*parts, strict=False):  # a term with a lambda may be the one dropped
         yield from _pairs(before, after)
+
+
+def _own(code: CodeType) -> tuple[object, ...]:
+    constants = [repr(value) for value in code.co_consts if not isinstance(value, CodeType)]
+    return code.co_code, code.co_names, code.co_varnames, code.co_freevars, constants
+
+
+def changed_names(mutant: Mutant) -> set[tuple[str, int]]:
+    """Return name and first line of what changes itself, and not only in what it contains."""
+    return {_name(before) for before, after in codes(mutant).items() if _own(before) != _own(after)}
+
+
+def change_functions(mutant: Mutant, functions: list[FunctionType]) -> None:
+    """Give those of the loaded functions that a mutant changes their new code.
+
+    Raises:
+        ValueError: one is not loaded, or has other variables now.
+    """
+    path, after = str(PACKAGE / mutant.file), codes(mutant)
+    fitting = [one for one in functions if one.__code__.co_filename == path and one.__code__ in after]
+    missing = {_outermost(name) for name, _ in changed_names(mutant)}
+    missing -= {_outermost(function.__code__.co_qualname) for function in fitting}
+    if missing:
+        raise ValueError(f"no such functions: {missing}")
+    for function in fitting:
+        function.__code__ = after[function.__code__]
+
+
+def _outermost(name: str) -> str:
+    return name.partition(".<locals>")[0]
 
 
 def load_changed(mutant: Mutant) -> None:
@@ -329,23 +355,25 @@ class MutationRun:
     def __init__(self, chosen: list[Mutant], budget: float, workers: int) -> None:
         self.chosen, self.budget, self.workers = chosen, budget, workers
         self.alive: list[Mutant] = []
-        self.at_import: set[tuple[str, int]] = set()
+        self.at_import: set[tuple[str, Any]] = set()
         self.seconds: dict[str, float] = {}
-        self.lines: dict[str, set[tuple[str, int]]] = {}
+        self.lines: dict[str, set[tuple[str, Any]]] = {}
         self.items: dict[str, pytest.Item] = {}
+        self.functions: list[FunctionType] = []
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Measure the tests, then run them for each mutant."""
         sys.settrace(None)
         self.items = {item.nodeid: item for item in session.items}
+        self.functions = [one for one in gc.get_objects() if isinstance(one, FunctionType)]
+        gc.freeze()  # children share this memory
         start = time.monotonic()
         for name, found in in_children(self.items, self._measured, lambda _: LONGEST, self.workers):
-            if found is None:
-                print(f"not used, longer than {LONGEST:g} s: {name}", flush=True)
-            elif found[0]:
-                _, self.seconds[name], self.lines[name] = found
+            if found is None or not found[0]:
+                reason = f"longer than {LONGEST:g} s" if found is None else "fails without any change"
+                print(f"not used, {reason}: {name}", flush=True)
             else:
-                raise pytest.UsageError(f"{name} fails without any change")
+                _, self.seconds[name], self.lines[name] = found
         print(f"{len(self.lines)} tests measured in {time.monotonic() - start:.0f} s", flush=True)
         tests = {mutant: self.tests_of(mutant) for mutant in self.chosen}
         for mutant, passed in in_children(
@@ -359,7 +387,7 @@ class MutationRun:
                 print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
         return True
 
-    def _measured(self, name: str) -> tuple[bool, float, set[tuple[str, int]]]:
+    def _measured(self, name: str) -> tuple[bool, float, set[tuple[str, Any]]]:
         start = time.process_time()
         with executed_lines() as lines:
             passed = is_passed([self.items[name]])
@@ -367,7 +395,7 @@ class MutationRun:
 
     def is_loaded(self, mutant: Mutant) -> bool:
         """Return whether the change acts as its file is imported."""
-        return any((mutant.file, line) in self.at_import for line in mutant.lines)
+        return any((mutant.file, name) in self.at_import for name in changed_names(mutant))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Return the tests for a mutant: the shortest that execute it, as many as the budget allows.
@@ -393,7 +421,7 @@ class MutationRun:
     def _passed(self, mutant: Mutant, names: list[str]) -> bool:
         if not self.is_loaded(mutant):
             with contextlib.suppress(ValueError):
-                change_functions(mutant)
+                change_functions(mutant, self.functions)
                 return is_passed([self.items[name] for name in names])
         load_changed(mutant)
         chosen = Chosen(names)
