@@ -36,7 +36,6 @@ from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any, NamedTuple
 
-import dask.array  # noqa: F401  (xarray would load it in every child)
 import pytest
 from _pytest.runner import runtestprotocol
 
@@ -173,10 +172,15 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
             yield Mutant(file, span, lines[place.lineno - 1].strip(), old, becomes, source.decode())
 
 
+def files() -> dict[str, Path]:
+    """Return the files of the packages by their names under coop_pin."""
+    paths = (path for package in PACKAGES for path in sorted((PACKAGE / package).rglob("*.py")))
+    return {str(path.relative_to(PACKAGE)): path for path in paths}
+
+
 def all_mutants() -> list[Mutant]:
     """Return every mutant of the packages."""
-    files = [path for package in PACKAGES for path in sorted((PACKAGE / package).rglob("*.py"))]
-    return [mutant for path in files for mutant in mutants(str(path.relative_to(PACKAGE)), path.read_text())]
+    return [mutant for file, path in files().items() for mutant in mutants(file, path.read_text())]
 
 
 def equivalent() -> set[tuple[str, ...]]:
@@ -199,7 +203,9 @@ def in_children(
     with tempfile.TemporaryDirectory() as folder:
 
         def ended() -> tuple[Any, Any]:
-            pid, _ = os.wait()
+            pid = 0
+            while pid not in running:
+                pid, _ = os.wait()
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGKILL)  # what the tests of the child started
             answer = Path(folder, str(pid))
@@ -235,7 +241,7 @@ def _work_as_a_child(work: Callable[[], Any], limit: float, folder: Path) -> Non
 def executed_lines() -> Iterator[set[tuple[str, Any]]]:
     """Collect the lines and functions of the packages that are executed: file and number, file and name."""
     lines: set[tuple[str, Any]] = set()
-    names = {str(PACKAGE / file): file for file in {mutant.file for mutant in all_mutants()}}
+    names = {str(path): file for file, path in files().items()}
     calls: Counter[CodeType] = Counter()
 
     def line(frame: FrameType, _event: str, _argument: object) -> Any:
@@ -325,14 +331,17 @@ def load_changed(mutant: Mutant) -> None:
 # ---------------------------------------------------------------- the run, inside of pytest
 
 
-def is_passed(items: list[pytest.Item]) -> bool:
-    """Return whether tests pass; the first failure ends them."""
-    following = [*items[1:], None]
+def is_passed(items: list[pytest.Item], following: pytest.Item | None = None) -> bool:
+    """Return whether tests pass, up to the first failure; shared fixtures last for the one that follows."""
     return not any(
         report.failed
-        for item, next_item in zip(items, following, strict=True)
+        for item, next_item in zip(items, [*items[1:], following], strict=True)
         for report in runtestprotocol(item, log=False, nextitem=next_item)
     )
+
+
+def _file(name: str) -> str:
+    return name.partition("::")[0]
 
 
 class Chosen:
@@ -360,6 +369,8 @@ class MutationRun:
         self.lines: dict[str, set[tuple[str, Any]]] = {}
         self.items: dict[str, pytest.Item] = {}
         self.functions: list[FunctionType] = []
+        self.current: set[tuple[str, Any]] = set()
+        self.shared: set[tuple[str, Any]] = set()
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Measure the tests, then run them for each mutant."""
@@ -368,12 +379,15 @@ class MutationRun:
         self.functions = [one for one in gc.get_objects() if isinstance(one, FunctionType)]
         gc.freeze()  # children share this memory
         start = time.monotonic()
-        for name, found in in_children(self.items, self._measured, lambda _: LONGEST, self.workers):
-            if found is None or not found[0]:
-                reason = f"longer than {LONGEST:g} s" if found is None else "fails without any change"
-                print(f"not used, {reason}: {name}", flush=True)
-            else:
-                _, self.seconds[name], self.lines[name] = found
+        test_files = dict.fromkeys(_file(name) for name in self.items)
+        for file, found in in_children(test_files, self._measured, lambda _: 600.0, self.workers):
+            if found is None:
+                raise pytest.UsageError(f"{file} does not end without any change")
+            for name, (passed, seconds, lines) in found.items():
+                if passed and seconds < LONGEST:
+                    self.seconds[name], self.lines[name] = seconds, lines
+                else:
+                    print(f"not used, {seconds:.1f} s, {passed=}: {name}", flush=True)
         print(f"{len(self.lines)} tests measured in {time.monotonic() - start:.0f} s", flush=True)
         tests = {mutant: self.tests_of(mutant) for mutant in self.chosen}
         for mutant, passed in in_children(
@@ -387,11 +401,28 @@ class MutationRun:
                 print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
         return True
 
-    def _measured(self, name: str) -> tuple[bool, float, set[tuple[str, Any]]]:
-        start = time.process_time()
-        with executed_lines() as lines:
-            passed = is_passed([self.items[name]])
-        return passed, time.process_time() - start, lines
+    def _measured(self, file: str) -> dict[str, tuple[bool, float, set[tuple[str, Any]]]]:
+        """Return of each test of a file whether it passes, its time, s, and what it executes.
+
+        What a fixture of several tests executes counts for all that follow.
+        """
+        found = {}
+        items = [item for name, item in self.items.items() if _file(name) == file]
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            start = time.process_time()
+            with executed_lines() as self.current:
+                passed = is_passed([item], following)
+            found[item.nodeid] = passed, time.process_time() - start, self.current | self.shared
+        return found
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Iterator[None]:
+        """Keep what fixtures of several tests execute."""
+        before = set(self.current)
+        result = yield
+        if fixturedef.scope != "function":
+            self.shared |= self.current - before
+        return result
 
     def is_loaded(self, mutant: Mutant) -> bool:
         """Return whether the change acts as its file is imported."""
@@ -412,11 +443,11 @@ class MutationRun:
         names = [
             name for name, spent in zip(names, total, strict=True) if spent <= self.budget or name == names[0]
         ]
-        files: dict[str, float] = defaultdict(float)
+        of_file: dict[str, float] = defaultdict(float)
         for name in names:
-            files[name.partition("::")[0]] += self.seconds[name]
+            of_file[_file(name)] += self.seconds[name]
         order = {name: index for index, name in enumerate(self.items)}
-        return sorted(names, key=lambda name: (files[name.partition("::")[0]], order[name]))
+        return sorted(names, key=lambda name: (of_file[_file(name)], order[name]))
 
     def _passed(self, mutant: Mutant, names: list[str]) -> bool:
         if not self.is_loaded(mutant):
@@ -425,7 +456,7 @@ class MutationRun:
                 return is_passed([self.items[name] for name in names])
         load_changed(mutant)
         chosen = Chosen(names)
-        run_pytest(sorted({name.partition("::")[0] for name in names}), chosen)
+        run_pytest(sorted({_file(name) for name in names}), chosen)
         return chosen.passed
 
 
@@ -441,6 +472,7 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationR
     os.chdir(REPOSITORY)
     os.environ |= {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
     sys.path.insert(0, str(REPOSITORY))
+    importlib.import_module("dask.array")  # xarray would load it in every child
     with executed_lines() as run.at_import:
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
