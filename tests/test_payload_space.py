@@ -17,7 +17,7 @@ from coop_pin.control import (
     Sign,
     SlidingModeController,
 )
-from coop_pin.control.terms import right_inverse
+from coop_pin.control.terms import force_gain_bound, jacobian_inverse, right_inverse
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial import internal_wrenches, make_pose, task_rows
 
@@ -116,6 +116,28 @@ def test_right_inverse():
     with pytest.raises(SingularJacobianError):
         right_inverse(J, 1.0)
     assert np.isfinite(right_inverse(J, 1.0, 0.1)).all()
+
+
+@pytest.mark.parametrize(
+    ("inverse", "fine", "refused"),
+    [(jacobian_inverse, 1.42e-6, 1.41e-6), (right_inverse, 1.20e-6, 1.18e-6)],
+)
+def test_jacobians_are_refused_beyond_a_condition_number_of_a_million(inverse, fine, refused):
+    """Of J = diag(1, 1, s), in the Frobenius norm: |J| |J^-1|, or the root of |J J^T| |(J J^T)^-1|."""
+    assert_close(inverse(np.diag((1.0, 1.0, fine)), 0.0) @ np.diag((1.0, 1.0, fine)), np.eye(3), atol=1e-9)
+    with pytest.raises(SingularJacobianError) as caught:
+        inverse(np.diag((1.0, 1.0, refused)), 1.5)
+    power = 2 if inverse is right_inverse else 1
+    norms = [np.sqrt(2.0 + value ** (2 * power)) for value in (refused, 1.0 / refused)]
+    assert_allclose(caught.value.condition, np.prod(norms) ** (1.0 / power), rtol=1e-9)
+    assert (caught.value.time, caught.value.limit) == (1.5, 1e6)
+    with pytest.raises(SingularJacobianError) as caught:
+        inverse(np.diag((1.0, 1.0, 0.0)), 0.0)
+    assert caught.value.condition == np.inf
+
+
+def test_the_force_gain_bound_of_a_filter():
+    assert [force_gain_bound(pole) for pole in (0.0, 0.5, 0.75)] == [1.0, 3.0, 7.0]
 
 
 @pytest.mark.parametrize("name", ROWS)

@@ -129,7 +129,10 @@ def test_switching_functions():
     s = np.array([-2.0, -0.05, 0.0, 0.05, 2.0])
     assert Sign()(s).tolist() == [-1, -1, 0, 1, 1]
     assert Sign(dead_zone=0.05)(s).tolist() == [-1, 0, 0, 0, 1]
+    assert Sign()(np.array([0.9e-9, 1.1e-9])).tolist() == [0, 1]
     assert_allclose(Saturation(width=0.1)(s), [-1, -0.5, 0, 0.5, 1])
+    assert_allclose(Saturation()(np.array([0.005, 0.01, 0.02])), [0.5, 1, 1])
+    assert_allclose(Tanh()(np.array([0.01])), np.tanh(1.0))
     assert_allclose(Tanh(width=0.1)(s), np.tanh(s / 0.1))
 
 

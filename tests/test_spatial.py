@@ -38,6 +38,10 @@ def shares_of(m: int) -> np.ndarray:
     return shares / shares.sum()
 
 
+def test_a_pose_of_nothing_is_the_identity():
+    assert make_pose().tolist() == np.eye(4).tolist()
+
+
 @law
 @given(pose)
 def test_the_inverse_of_a_pose_undoes_it_from_both_sides(X):

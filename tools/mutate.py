@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import ast
 import contextlib
+import functools
 import gc
 import importlib
 import itertools
@@ -38,6 +39,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from _pytest.runner import runtestprotocol
+from hypothesis import Phase, settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "coop_pin"
@@ -271,8 +273,12 @@ def _name(code: CodeType) -> tuple[str, int]:
 def codes(mutant: Mutant) -> dict[CodeType, CodeType]:
     """Return the code of the module, of its classes and of its functions, before and after the change."""
     path = str(PACKAGE / mutant.file)
-    old, new = (compile(text, path, "exec") for text in (Path(path).read_text(), mutant.source))
-    return dict(_pairs(old, new))
+    return dict(_pairs(_compiled(Path(path).read_text(), path), _compiled(mutant.source, path)))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled(text: str, path: str) -> CodeType:
+    return compile(text, path, "exec")
 
 
 def _pairs(old: CodeType, new: CodeType) -> Iterator[tuple[CodeType, CodeType]]:
@@ -292,20 +298,19 @@ def changed_names(mutant: Mutant) -> set[tuple[str, int]]:
     return {_name(before) for before, after in codes(mutant).items() if _own(before) != _own(after)}
 
 
-def change_functions(mutant: Mutant, functions: list[FunctionType]) -> None:
-    """Give those of the loaded functions that a mutant changes their new code.
-
-    Raises:
-        ValueError: one is not loaded, or has other variables now.
-    """
+def change_functions(mutant: Mutant, functions: list[FunctionType]) -> bool:
+    """Give the loaded functions that a mutant changes their new code; False if that is impossible."""
     path, after = str(PACKAGE / mutant.file), codes(mutant)
     fitting = [one for one in functions if one.__code__.co_filename == path and one.__code__ in after]
-    missing = {_outermost(name) for name, _ in changed_names(mutant)}
-    missing -= {_outermost(function.__code__.co_qualname) for function in fitting}
-    if missing:
-        raise ValueError(f"no such functions: {missing}")
-    for function in fitting:
-        function.__code__ = after[function.__code__]
+    changed = {_outermost(name) for name, _ in changed_names(mutant)}
+    if changed - {_outermost(function.__code__.co_qualname) for function in fitting}:
+        return False
+    try:
+        for function in fitting:
+            function.__code__ = after[function.__code__]
+    except ValueError:  # it has other variables of its surroundings now
+        return False
+    return True
 
 
 def _outermost(name: str) -> str:
@@ -322,7 +327,7 @@ def load_changed(mutant: Mutant) -> None:
 
     def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
         if loader.path == str(PACKAGE / mutant.file):
-            return compile(mutant.source, loader.path, "exec")
+            return _compiled(mutant.source, loader.path)
         return unchanged(loader, fullname)
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
@@ -335,7 +340,7 @@ def is_passed(items: list[pytest.Item], following: pytest.Item | None = None) ->
     """Return whether tests pass, up to the first failure; shared fixtures last for the one that follows."""
     return not any(
         report.failed
-        for item, next_item in zip(items, [*items[1:], following], strict=True)
+        for item, next_item in zip(items, [*items[1:], following], strict=False)
         for report in runtestprotocol(item, log=False, nextitem=next_item)
     )
 
@@ -389,14 +394,9 @@ class MutationRun:
                 else:
                     print(f"not used, {seconds:.1f} s, {passed=}: {name}", flush=True)
         print(f"{len(self.lines)} tests measured in {time.monotonic() - start:.0f} s", flush=True)
-        tests = {mutant: self.tests_of(mutant) for mutant in self.chosen}
-        for mutant, passed in in_children(
-            self.chosen,
-            lambda mutant: self._passed(mutant, tests[mutant]),
-            lambda mutant: 10.0 + 5.0 * sum(self.seconds[name] for name in tests[mutant]),
-            self.workers,
-        ):
-            if passed:
+        tasks = ((mutant, self.tests_of(mutant)) for mutant in self.chosen)
+        for (mutant, names), passed in in_children(tasks, self._passed, self._limit, self.workers):
+            if passed or not names:
                 self.alive.append(mutant)
                 print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
         return True
@@ -449,11 +449,13 @@ class MutationRun:
         order = {name: index for index, name in enumerate(self.items)}
         return sorted(names, key=lambda name: (of_file[_file(name)], order[name]))
 
-    def _passed(self, mutant: Mutant, names: list[str]) -> bool:
-        if not self.is_loaded(mutant):
-            with contextlib.suppress(ValueError):
-                change_functions(mutant, self.functions)
-                return is_passed([self.items[name] for name in names])
+    def _limit(self, task: tuple[Mutant, list[str]]) -> float:
+        return 10.0 + 5.0 * sum(self.seconds[name] for name in task[1])
+
+    def _passed(self, task: tuple[Mutant, list[str]]) -> bool:
+        mutant, names = task
+        if not self.is_loaded(mutant) and change_functions(mutant, self.functions):
+            return is_passed([self.items[name] for name in names])
         load_changed(mutant)
         chosen = Chosen(names)
         run_pytest(sorted({_file(name) for name in names}), chosen)
@@ -462,7 +464,7 @@ class MutationRun:
 
 def run_pytest(files: Iterable[str], plugin: object) -> None:
     """Run pytest in this process with a plugin."""
-    quiet = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--hypothesis-seed=0"]
+    quiet = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
     pytest.main([*quiet, "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
 
 
@@ -473,6 +475,9 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationR
     os.environ |= {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
     sys.path.insert(0, str(REPOSITORY))
     importlib.import_module("dask.array")  # xarray would load it in every child
+    profile = settings(derandomize=True, database=None, phases=[Phase.explicit, Phase.generate])
+    settings.register_profile("mutate", profile)  # no search for a simpler example once one fails
+    settings.load_profile("mutate")
     with executed_lines() as run.at_import:
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
