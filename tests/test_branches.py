@@ -284,3 +284,15 @@ def test_a_slide_has_no_whole_turns(tmp_path):
     assert_close(found[0], (9.6, angle, 0.9 - angle), atol=1e-8)
     assert_close(found[1], (10.4, np.pi - angle, 0.9 - np.pi + angle), atol=1e-8)
     assert len(found) == 2
+
+
+def test_a_path_out_of_reach_is_followed_beyond_the_joint_limits(narrow):
+    """The nearest configuration is the stretched arm, which the limit of the elbow forbids."""
+    model = narrow(0.5, 3.0)
+    distances = np.linspace(AWAY, 1.0, 21)
+    q = solve_ik(model, make_pose((AWAY, 0.0, 0.0)))
+    found = IKSolver(model).follow([make_pose((x, 0.0, 0.0)) for x in distances], q, q)
+    assert_close(
+        [solution.distance for solution in found], np.maximum(distances - sum(LENGTHS), 0.0), atol=1e-5
+    )
+    assert abs(found[-1].q[1]) < 0.01
