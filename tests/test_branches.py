@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pinocchio as pin
 import pytest
+from close import assert_close
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.chain import ik_branches, solve_ik
@@ -51,7 +52,7 @@ def test_every_branch_closes_within_the_limits_and_the_nearest_comes_first(model
     for q, X_WP in poses_of(model, 3):
         branches = ik_branches(model, X_WP, posture=q)
         for branch in branches:
-            assert_allclose(pose_error(model.payload_pose(branch), X_WP), np.zeros(6), atol=1e-9)
+            assert_close(pose_error(model.payload_pose(branch), X_WP), np.zeros(6), atol=1e-9)
             assert_array_equal(limits.violation(branch), np.zeros(model.nv))
         away = [distance(model, branch, q) for branch in branches]
         assert away == sorted(away)
@@ -66,7 +67,7 @@ def test_the_angles_are_no_farther_from_the_posture_than_the_angles_that_made_th
     for q, X_WP in poses_of(model, 4):
         posture = pin.integrate(model.model, q, 0.3 * np.cos(np.arange(model.nv)))
         found = solve_ik(model, X_WP, posture=posture)
-        assert_allclose(pose_error(model.payload_pose(found), X_WP), np.zeros(6), atol=1e-9)
+        assert_close(pose_error(model.payload_pose(found), X_WP), np.zeros(6), atol=1e-9)
         assert distance(model, found, posture) <= distance(model, q, posture) + 1e-9
 
 
@@ -107,7 +108,7 @@ def test_a_posture_for_continuous_joints_is_angles_or_a_configuration(models):
     assert model.nq > model.nv
     q, X_WP = poses_of(model, 1)[0]
     angles = model.joint_angles(q)
-    assert_allclose(solve_ik(model, X_WP, posture=angles), solve_ik(model, X_WP, posture=q), atol=1e-9)
+    assert_close(solve_ik(model, X_WP, posture=angles), solve_ik(model, X_WP, posture=q), atol=1e-9)
     with pytest.raises(ShapeError, match="posture of arm 'kinova'"):
         solve_ik(model, X_WP, posture=q[:-1])
 
@@ -117,7 +118,7 @@ def test_a_joint_of_several_turns_stays_on_the_turn_of_the_posture_while_its_lim
     q = np.array((0.4, -1.1, 1.3, -0.9, 1.2, 0.5))
     X_WP = model.payload_pose(q)
     turned = q - np.array((0, 0, 0, 0, 0, 2 * np.pi))
-    assert_allclose(solve_ik(model, X_WP, posture=turned), turned, atol=1e-8)
+    assert_close(solve_ik(model, X_WP, posture=turned), turned, atol=1e-8)
     beyond = q + np.array((4 * np.pi, 0, 0, 0, 0, 0))
     assert min(distance(model, branch, q) for branch in ik_branches(model, X_WP, posture=beyond)) < 1e-8
 
@@ -141,7 +142,7 @@ def test_a_redundant_arm_stands_as_near_to_its_posture_as_self_motion_and_limits
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_angles_that_already_close_are_kept(models, name):
     q, X_WP = poses_of(models[name], 1)[0]
-    assert_allclose(solve_ik(models[name], X_WP, posture=q), q, atol=1e-9)
+    assert_close(solve_ik(models[name], X_WP, posture=q), q, atol=1e-9)
 
 
 def test_without_a_posture_a_panda_is_within_the_limits_though_zero_is_not(models):
@@ -188,13 +189,13 @@ def test_a_branch_beyond_the_limits_is_no_solution_however_near(narrow, lower, u
         narrow(lower, upper), make_pose((AWAY, 0.0, 0.0)), posture=(0.5, -sign * ELBOW, 0.0)
     )
     assert len(branches) == 1
-    assert_allclose(branches[0][1], sign * ELBOW, atol=1e-7)
+    assert_close(branches[0][1], sign * ELBOW, atol=1e-7)
 
 
 def test_limits_a_whole_turn_away_are_reached_by_unwinding(narrow):
     branches = ik_branches(narrow(4.0, 9.0), make_pose((AWAY, 0.0, 0.0)))
     elbows = sorted(float(q[1]) for q in branches)
-    assert_allclose(elbows, (2 * np.pi - ELBOW, 2 * np.pi + ELBOW), atol=1e-7)
+    assert_close(elbows, (2 * np.pi - ELBOW, 2 * np.pi + ELBOW), atol=1e-7)
 
 
 def test_where_only_a_limit_prevents_it_the_joint_is_named_with_the_gap_that_it_leaves(narrow):
@@ -247,7 +248,7 @@ def test_unwinding_finds_the_turn_that_a_search_over_all_turns_finds(models):
             turns = q[joint] + 2 * np.pi * np.arange(-5, 6)
             inside = turns[(turns >= limits.lower[joint]) & (turns <= limits.upper[joint])]
             nearest = inside[np.argmin(np.abs(inside - near[joint]))]
-            assert_allclose(wrapped[joint], nearest, atol=1e-9)
+            assert_close(wrapped[joint], nearest, atol=1e-9)
 
 
 SLIDER = """<robot name="slider">
@@ -280,6 +281,18 @@ def test_a_slide_has_no_whole_turns(tmp_path):
     branches = ik_branches(model, make_pose((10.0, 0.3, 0.0), (0.0, 0.0, 0.9)), posture=(9.0, 0.0, 0.0))
     angle = np.arcsin(0.6)
     found = [(q[0], np.arctan2(q[2], q[1]), q[3]) for q in branches]
-    assert_allclose(found[0], (9.6, angle, 0.9 - angle), atol=1e-8)
-    assert_allclose(found[1], (10.4, np.pi - angle, 0.9 - np.pi + angle), atol=1e-8)
+    assert_close(found[0], (9.6, angle, 0.9 - angle), atol=1e-8)
+    assert_close(found[1], (10.4, np.pi - angle, 0.9 - np.pi + angle), atol=1e-8)
     assert len(found) == 2
+
+
+def test_a_path_out_of_reach_is_followed_beyond_the_joint_limits(narrow):
+    """The nearest configuration is the stretched arm, which the limit of the elbow forbids."""
+    model = narrow(0.5, 3.0)
+    distances = np.linspace(AWAY, 1.0, 21)
+    q = solve_ik(model, make_pose((AWAY, 0.0, 0.0)))
+    found = IKSolver(model).follow([make_pose((x, 0.0, 0.0)) for x in distances], q, q)
+    assert_close(
+        [solution.distance for solution in found], np.maximum(distances - sum(LENGTHS), 0.0), atol=1e-5
+    )
+    assert abs(found[-1].q[1]) < 0.01

@@ -129,7 +129,7 @@ def test_configurations_of_both_trees_hold_the_payload_at_the_pose_asked_for(nam
     plant, q = built(name, payload)
     _, start = cell_and_start(name)
     assert_allclose(plant.payload_pose(q), start, rtol=0, atol=1e-10)
-    assert_allclose(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-11)
+    assert_close(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-11)
     for arm, place, position in zip(arms_of(plant), plant.model.arms, plant.tip_positions(q), strict=True):
         assert_allclose(arm.payload_pose(q[place.q_slice]), start, rtol=0, atol=1e-10)
         assert_allclose(arm.tip_pose(q[place.q_slice])[:3, 3], position, rtol=0, atol=1e-12)
@@ -211,7 +211,7 @@ def test_the_wrenches_split_as_equations_7_to_12_say(name, payload):
     f, delta = internal_wrenches(F, shares), load_wrenches(F, shares)
     assert_allclose(shares, [0.3, 0.7])
     assert_allclose(f[0] + delta[0], F[0], rtol=1e-12, atol=1e-12)
-    assert_allclose(f.sum(axis=0), np.zeros(6), atol=1e-11)
+    assert_close(f.sum(axis=0), np.zeros(6), atol=1e-11)
     assert_allclose(f[0], 0.7 * F[0] - 0.3 * F[1], rtol=1e-12, atol=1e-11)
     assert_allclose(delta[1] / 0.7, delta[0] / 0.3, rtol=1e-12)
 
@@ -403,8 +403,8 @@ def test_grasps_sit_where_the_description_says(name):
     X_WP = data.oMf[model.getFrameId("payload")].homogeneous
     for key, grasp in plant.cell.grasps.items():
         X_WE = data.oMf[model.getFrameId(f"payload/{key}")].homogeneous
-        assert_allclose(inverse_pose(X_WP) @ X_WE, grasp.matrix, atol=1e-13)
-        assert_allclose(data.oMf[model.getFrameId(f"{key}/grasp")].homogeneous, X_WE, atol=1e-10)
+        assert_close(inverse_pose(X_WP) @ X_WE, grasp.matrix, atol=1e-13)
+        assert_close(data.oMf[model.getFrameId(f"{key}/grasp")].homogeneous, X_WE, atol=1e-10)
 
 
 def test_a_pose_out_of_reach_and_a_wrong_tip_have_their_own_errors(name):

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, random_velocity
+from close import assert_close
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
@@ -209,8 +210,8 @@ def test_a_free_flyer_that_ignores_dexp_would_be_of_second_order():
         truth, ends = end(0.4 / 1024), [end(0.4 / n) for n in (16, 32)]
         found = [np.linalg.norm(pin.difference(model, truth, q)) for q in ends]
         measured[type(space)] = np.log2(found[0] / found[1])
-    assert_allclose(measured[LieGroup], 4.0, atol=0.4)
-    assert_allclose(measured[Naive], 2.0, atol=0.4)
+    assert_close(measured[LieGroup], 4.0, atol=0.4)
+    assert_close(measured[Naive], 2.0, atol=0.4)
 
 
 def spinning_body():
@@ -269,5 +270,5 @@ def test_semi_implicit_euler_moves_with_the_new_velocity():
     assert_allclose([q[0], v[0]], [1.0 - h * h, -h], rtol=1e-15)
     for _ in range(2000):
         q, v, work = integrator.step(lambda _t, q, v: (-q, v * 0.0 - 2.0), 0.0, q, v, h)
-    assert_allclose((q**2 + v**2)[0], 1.0, atol=0.06)
+    assert_close((q**2 + v**2)[0], 1.0, atol=0.06)
     assert_allclose(work, [-2.0 * h], rtol=1e-15)

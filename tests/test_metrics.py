@@ -9,6 +9,7 @@ from close import assert_close
 
 import coop_pin as cp
 from coop_pin.description import PayloadChange
+from coop_pin.errors import OutOfRangeError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.metrics import LimitViolation, Window
@@ -78,6 +79,37 @@ def test_windows_of_a_run():
     without = made([0.0, 20.0])
     assert without.first_event == without.end == 20.0
     assert without.steady_window == (4.0, 20.0)
+
+
+def test_a_window_that_is_asked_for_lies_within_the_run():
+    for window in ((0.0, 4.0), (1.0, 4.0 + 1e-10), (3.0, 3.5)):
+        assert metrics.checked_window(window, 4.0) == window
+    for window in ((-1e-10, 1.0), (4.0, 5.0), (1.0, 1.0), (2.0, 1.0), (1.0, 4.0 + 1e-8)):
+        with pytest.raises(OutOfRangeError):
+            metrics.checked_window(window, 4.0)
+    assert [str(Window(*window)) for window in ((1.0, 2.5), (2.0, 2.0), (2.0, 1.0))] == [
+        "1 to 2.5 s",
+        "empty window",
+        "empty window",
+    ]
+
+
+def test_the_window_of_each_metric():
+    windows = {
+        "after_event_position_rms_m": (16.0, 20.0),
+        "position_rms_m": (4.0, 10.0),
+        "settling_time_s": (0.0, 10.0),
+        "resettling_time_s": (10.0, 20.0),
+        "event_peak_position_error_m": (10.0, 20.0),
+        "torque_peak_Nm": (0.0, 20.0),
+    }
+    result = made([0.0, 20.0], events=(event(12.0), event(10.0)))
+    assert {name: result.window_of(name) for name in windows} == windows
+
+
+def test_what_serves_to_compute_is_not_stored():
+    result = made([0.0, 1.0])
+    assert not {"time", "payload_pose", "desired_pose", "desired_squeeze"} & set(result.data.data_vars)
 
 
 # ------------------------------------------------------------ tracking

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +19,7 @@ from coop_pin.control import (
     SlidingModeController,
     ZeroedController,
 )
-from coop_pin.control.terms import right_inverse
+from coop_pin.control.terms import force_gain_bound, jacobian_inverse, right_inverse
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial import internal_wrenches, make_pose, task_rows
 
@@ -103,7 +104,7 @@ def test_motion_terms_have_no_internal_part():
     wrenches = [
         -np.linalg.solve(m.payload_jacobian.T, c.step(later, r, c.init(m, r)).torque) for c in controllers
     ]
-    assert_allclose(internal_wrenches(np.array(wrenches), shares), 0.0, atol=1e-12)
+    assert_close(internal_wrenches(np.array(wrenches), shares), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -293,17 +294,39 @@ def test_posture_does_no_work_on_the_payload(name):
     J_plus = right_inverse(m.payload_jacobian, 0.0)
     tau = posture.torque(m.q, m.v, m.payload_jacobian, J_plus)
     assert np.linalg.norm(tau) > 1.0
-    assert_allclose(J_plus.T @ tau, 0.0, atol=1e-10)
+    assert_close(J_plus.T @ tau, 0.0, atol=1e-10)
 
 
 def test_right_inverse():
     J = np.random.default_rng(0).normal(size=(3, 7))
-    assert_allclose(right_inverse(J, 0.0), np.linalg.pinv(J), atol=1e-12)
-    assert_allclose(right_inverse(J, 0.0, 0.1), J.T @ np.linalg.inv(J @ J.T + 0.01 * np.eye(3)), atol=1e-12)
+    assert_close(right_inverse(J, 0.0), np.linalg.pinv(J), atol=1e-12)
+    assert_close(right_inverse(J, 0.0, 0.1), J.T @ np.linalg.inv(J @ J.T + 0.01 * np.eye(3)), atol=1e-12)
     J[2] = J[1]
     with pytest.raises(SingularJacobianError):
         right_inverse(J, 1.0)
     assert np.isfinite(right_inverse(J, 1.0, 0.1)).all()
+
+
+@pytest.mark.parametrize(
+    ("inverse", "fine", "refused"),
+    [(jacobian_inverse, 1.42e-6, 1.41e-6), (right_inverse, 1.20e-6, 1.18e-6)],
+)
+def test_jacobians_are_refused_beyond_a_condition_number_of_a_million(inverse, fine, refused):
+    """Of J = diag(1, 1, s), in the Frobenius norm: |J| |J^-1|, or the root of |J J^T| |(J J^T)^-1|."""
+    assert_close(inverse(np.diag((1.0, 1.0, fine)), 0.0) @ np.diag((1.0, 1.0, fine)), np.eye(3), atol=1e-9)
+    with pytest.raises(SingularJacobianError) as caught:
+        inverse(np.diag((1.0, 1.0, refused)), 1.5)
+    power = 2 if inverse is right_inverse else 1
+    norms = [np.sqrt(2.0 + value ** (2 * power)) for value in (refused, 1.0 / refused)]
+    assert_allclose(caught.value.condition, np.prod(norms) ** (1.0 / power), rtol=1e-9)
+    assert (caught.value.time, caught.value.limit) == (1.5, 1e6)
+    with pytest.raises(SingularJacobianError) as caught:
+        inverse(np.diag((1.0, 1.0, 0.0)), 0.0)
+    assert caught.value.condition == np.inf
+
+
+def test_the_force_gain_bound_of_a_filter():
+    assert [force_gain_bound(pole) for pole in (0.0, 0.5, 0.75)] == [1.0, 3.0, 7.0]
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -315,7 +338,7 @@ def test_redundant_variant_is_the_printed_law_for_square_jacobians(name):
     variant = RedundantSlidingModeController(printed, Posture(np.zeros(k), np.zeros(k), np.zeros(k)))
     (m, r), (m1, r1) = inputs(rows, k), inputs(rows, k, seed=3, time=0.2)
     one, other = printed.step(m1, r1, printed.init(m, r)), variant.step(m1, r1, variant.init(m, r))
-    assert_allclose(other.torque, one.torque, atol=1e-9)
+    assert_close(other.torque, one.torque, atol=1e-9)
     assert_allclose(other.state.sign_integral, one.state.sign_integral)
 
 
@@ -331,7 +354,7 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
     s_r = -variant.step(m, r, state).torque
     J, xtilde = m.payload_jacobian, rows.pose_error(m.payload_pose, r.pose)
     expected = m.payload_twist - r.twist + xtilde + J @ (0.2 * state.sign_integral - state.start_surface)
-    assert_allclose(J @ s_r, expected, atol=1e-10)
+    assert_close(J @ s_r, expected, atol=1e-10)
 
 
 GAINS = {"pose_gain": 2, "sliding_gain": [800, 800, 40], "sign_gain": 0.2, "transient_rate": 5}
@@ -400,4 +423,4 @@ def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_
     per_metre = gains["sliding_gain"][0] * gains["sign_gain"] * gains["pose_gain"] / width
     expected = np.prod(result.scenario.cell.shares) * per_metre * (R_WE @ bias)
     assert np.linalg.norm(expected) > 0.1
-    assert_allclose(rate, expected, atol=0.01 * np.linalg.norm(expected))
+    assert_close(rate, expected, atol=0.01 * np.linalg.norm(expected))

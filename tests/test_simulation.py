@@ -6,6 +6,7 @@ import numpy as np
 import psutil
 import pytest
 from cells import SCENARIOS
+from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -119,9 +120,9 @@ def test_welded_and_free_payload_run_the_same(cell, formulation):
     scenario = scenario.override({"controller.gains.sign_gain": 0.0, "clock.steps_per_tick": 8})
     welded = cp.run(scenario)
     free = cp.run(scenario, {"plant.payload": "free", "plant.formulation": formulation})
-    assert_allclose(free.data.payload_position, welded.data.payload_position, atol=1e-9)
+    assert_close(free.data.payload_position, welded.data.payload_position, atol=1e-9)
     difference = (free.data.internal_wrench - welded.data.internal_wrench).values
-    assert_allclose(np.nan_to_num(difference), 0.0, atol=1e-5)
+    assert_close(np.nan_to_num(difference), 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
@@ -138,7 +139,7 @@ def test_timeline_cuts_steps_at_events():
     )
     timeline = Timeline(clock, 0.1, events)
     starts = [step.start for step in timeline.steps(2)]
-    assert_allclose(starts, [0.02, 0.0225, 0.0231, 0.025, 0.02525, 0.0275], atol=1e-15)
+    assert_close(starts, [0.02, 0.0225, 0.0231, 0.025, 0.02525, 0.0275], atol=1e-15)
     for tick in range(timeline.ticks):
         assert sum(step.length for step in timeline.steps(tick)) == pytest.approx(0.01, abs=1e-15)
     assert timeline.push_at(0.02)[0] == 1.0
@@ -191,13 +192,13 @@ def test_force_path_delivers_the_wrench_of_one_tick_before(cell, pole):
     drives = Transmission(scenario.cell, chain.model.arms, chain.mechanism.model.nv)
     rows = scenario.cell.task_rows
     expected = rows.select(data.desired_internal_wrench.values[0, 0])
-    assert_allclose(spy.seen[0][0].internal_wrench, expected, atol=1e-12)
+    assert_close(spy.seen[0][0].internal_wrench, expected, atol=1e-12)
     for k in range(1, len(data.time)):
         q, v = data.configuration.values[k], data.velocity.values[k]
         tau = drives.torque(list(data.torque.values[k - 1])) + drives.friction(v)
         before = internal_wrenches(chain.interaction_wrenches(q, v, tau), scenario.cell.shares)[0]
         expected = pole * expected + (1 - pole) * rows.select(before)
-        assert_allclose(spy.seen[k][0].internal_wrench, expected, atol=1e-8)
+        assert_close(spy.seen[k][0].internal_wrench, expected, atol=1e-8)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
@@ -211,7 +212,7 @@ def test_friction_acts_in_drive_coordinates(cell):
         at_drive = -np.array(friction.viscous) * speeds - np.array(friction.coulomb) * np.tanh(
             speeds / friction.coulomb_velocity
         )
-        assert_allclose(drives.friction(v)[place.v_slice], place.drive.T @ at_drive, atol=1e-12)
+        assert_close(drives.friction(v)[place.v_slice], place.drive.T @ at_drive, atol=1e-12)
 
 
 class Nothing(CellController):
@@ -262,7 +263,7 @@ def test_time_is_counted_from_tick_numbers(paper):
 def test_without_torque_the_planar_cell_rests():
     """Gravity does no work in the plane: the bar stays where it is."""
     data = cp.simulate(cp.Scenario.load("adept-paper").replace(events=(), duration=0.5), Nothing()).data
-    assert_allclose(
+    assert_close(
         data.payload_position.values, np.broadcast_to(data.payload_position.values[0], (41, 3)), atol=1e-13
     )
 
@@ -316,6 +317,4 @@ def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload)
     assert max(closed.closure_error_max()) < 1e-8
     assert np.linalg.norm(closed.data.payload_position.values[0] - scenario.start.xyz) < 0.11
     held = cp.run(scenario.replace(start_angles=open_start(scenario, 0.0)))
-    assert_allclose(
-        held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9
-    )
+    assert_close(held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9)

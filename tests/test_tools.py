@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -213,11 +214,57 @@ def mutate():
 def test_a_line_has_these_mutants(mutate, line, becomes):
     found = list(mutate.mutants("one.py", line))
     assert {ast.unparse(ast.parse(mutant.source)) for mutant in found} == becomes
-    assert all(mutant.line == 1 for mutant in found)
+    assert all(mutant.lines == range(1, 2) and mutant.text == line for mutant in found)
 
 
-def test_every_file_of_the_mutated_packages_has_its_tests(mutate):
+def test_every_test_file_of_the_mutation_run_exists_and_every_equivalent_mutant_too(mutate):
     found = mutate.all_mutants()
     assert len(found) > 1000
-    assert all((REPOSITORY / test).is_file() for mutant in found for test in mutate.tests_of(mutant.file))
-    assert {mutant.file.partition("/")[0] for mutant in found} == {"control", "chain", "results", "spatial"}
+    assert all((REPOSITORY / "tests" / f"test_{name}.py").is_file() for name in mutate.TESTS.split())
+    assert {mutant.package for mutant in found} == set(mutate.PACKAGES)
+    assert mutate.equivalent() <= {mutant.key for mutant in found}
+
+
+def other_sign(mutate):
+    (mutant,) = (
+        mutant
+        for mutant in mutate.mutants(
+            "spatial/internal_wrench.py", (mutate.PACKAGE / "spatial/internal_wrench.py").read_text()
+        )
+        if mutant.new == "interaction + load_wrenches(interaction, load_shares)"
+    )
+    return mutant
+
+
+def internal_sum(_):
+    module = importlib.import_module("coop_pin.spatial.internal_wrench")
+    return float(module.internal_wrenches(np.ones((2, 1)), np.full(2, 0.5)).sum())
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_mutant_acts_in_its_child_whether_a_function_is_changed_or_its_file_loaded_anew(mutate):
+    mutant = other_sign(mutate)
+    assert {name for name, _ in mutate.changed_names(mutant)} == {"internal_wrenches"}
+    functions = [importlib.import_module("coop_pin.spatial.internal_wrench").internal_wrenches]
+
+    def change(way):
+        if way == "function":
+            mutate.change_functions(mutant, functions)
+        elif way == "file":
+            mutate.load_changed(mutant)
+        elif way == "slow":
+            time.sleep(60.0)
+        return internal_sum(way)
+
+    ways = ["none", "function", "file", "slow"]
+    found = dict(mutate.in_children(ways, change, lambda way: 0.01 if way == "slow" else 60.0, 1))
+    assert found == {"none": 0.0, "function": 4.0, "file": 4.0, "slow": None}
+    assert internal_sum(None) == 0.0
+
+
+def test_the_lines_that_are_executed(mutate):
+    with mutate.executed_lines() as lines:
+        internal_sum(None)
+    (line,) = other_sign(mutate).lines
+    assert ("spatial/internal_wrench.py", line) in lines
+    assert {file for file, _ in lines} == {"spatial/internal_wrench.py"}

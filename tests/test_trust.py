@@ -14,7 +14,7 @@ from coop_pin.description import TrustThresholds
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, DivergedError, FieldError, OutOfRangeError
 from coop_pin.results.metrics import STEADY_METRICS
-from coop_pin.results.trust import TrustMonitor
+from coop_pin.results.trust import WORK, TrustMonitor
 
 GOALS = {  # straight paths that stretch an arm: through a singular pose
     "planar": {"xyz": (0.5, 0.75, 0.0)},
@@ -320,3 +320,75 @@ def test_the_command_can_end_a_run_at_its_first_breach(tmp_path):
     result = cp.RunResult.load(tmp_path / "result.nc")
     assert 0.0 < result.end < 0.5
     assert json.loads((tmp_path / "metrics.json").read_text())["trustworthy"] is False
+
+
+# ---------------------------------------------------------------- samples written by hand
+
+
+def found_by_hand(lower=(np.nan, np.nan), upper=(np.nan, np.nan), at_once=True, **given):
+    """Breaches in six samples of one arm with two joints, 0.1 s apart, all zero but for what is given."""
+    shapes = {"joint_position": (6, 1, 2), "saturated": (6, 1, 2), "jacobian_condition": (6, 1)}
+    shapes |= {"closure_distance": (6, 1), "closure_angle": (6, 1)}
+    names = (*WORK, "kinetic_energy", "potential_energy")
+    samples = {name: np.zeros(shape) for name, shape in shapes.items()} | {
+        name: np.zeros(6) for name in names
+    }
+    for name, values in given.items():
+        samples[name].reshape(6, -1)[:, 0] = values
+    samples["time"] = 0.1 * np.arange(6)
+    thresholds = TrustThresholds(
+        joint_slack=0.125,
+        jacobian_condition=100.0,
+        torque_cut=0.3,
+        closure_error=1e-3,
+        energy_floor=0.5,
+        energy_share=0.1,
+    )
+    monitor = TrustMonitor(thresholds, 0.1, [("arm", ("one", "two"))], np.array([lower]), np.array([upper]))
+    if at_once:
+        return monitor.breaches(samples)
+    ticks = [{name: values[k : k + 1] for name, values in samples.items()} for k in range(6)]
+    return tuple(breach for tick in ticks for breach in monitor.breaches(tick))
+
+
+@pytest.mark.parametrize(
+    ("positions", "found"),
+    [
+        ([0.0, 2.0625, 2.25, 2.5, -1.75, -1.0625], [("joint limit", "arm", "one", 0.2, -1.75, -1.0)]),
+        ([0.0, 2.0625, 2.25, 2.5, -1.25, -1.0625], [("joint limit", "arm", "one", 0.2, 2.5, 2.0)]),
+        ([0.0, 2.125, 2.125, -1.125, 0.0, 0.0], []),
+    ],
+)
+def test_the_joint_limit_is_the_one_exceeded_most(positions, found):
+    limits = {"lower": (-1.0, np.nan), "upper": (2.0, np.nan)}
+    assert list(found_by_hand(joint_position=positions, **limits)) == found
+
+
+def test_the_first_sample_beyond_and_the_worst_value_of_condition_and_closure_error():
+    condition, opened = [1.0, 100.0, 101.0, 300.0, 200.0, 1.0], [0.0, 1e-3, 2e-3, 5e-3, 0.0, 0.0]
+    assert found_by_hand(jacobian_condition=condition) == (
+        ("jacobian condition", "arm", "", 0.2, 300.0, 100.0),
+    )
+    for name in ("closure_distance", "closure_angle"):
+        assert found_by_hand(**{name: opened}) == (("closure error", "arm", "", 0.2, 5e-3, 1e-3),)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_torque_cut_of_the_allowed_time_is_borne(at_once):
+    """From the first to the last of n ticks are n - 1 periods; 3 times 0.1 exceeds 0.3 by rounding."""
+    assert found_by_hand(saturated=[1, 1, 1, 1, 0, 1], at_once=at_once) == ()
+    found = found_by_hand(saturated=[0, 1, 1, 1, 1, 1], at_once=at_once)
+    assert [breach[:3] for breach in found] == [("torque cut", "arm", "one")]
+    assert_allclose(found[0][3:], (0.1, 0.4, 0.3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_energy_may_be_off_by_a_share_of_all_work_done_and_of_all_lifting(at_once):
+    """Each work counts by its amount; allowed are 0.5, 0.7, 0.8, 1.1, 1.4 and 1.4 J."""
+    works = {"work_actuation": [10, 11, 12, 12, 12, 12], "work_friction": [-1, -2, -2, -2, -2, -2]}
+    lifted, off = np.array([0, 0, 0, 3, 0, 0]), np.array([0.0, 0.69, 0.81, 1.0, 2.0, 1.9])
+    kinetic = 5.0 + off - lifted + np.sum(list(works.values()), axis=0)
+    found = found_by_hand(kinetic_energy=kinetic, potential_energy=lifted, at_once=at_once, **works)
+    assert [breach[:3] for breach in found] == [("energy", "", "")] * (1 if at_once else 3)
+    assert_allclose(found[0][3], 0.2, rtol=0, atol=1e-12)
+    assert_allclose(found[0 if at_once else 1][4:], (2.0, 1.4), rtol=0, atol=1e-12)

@@ -1,47 +1,59 @@
-"""Mutation run: small changes of the code, one at a time, that the tests of the changed file must notice.
+"""Mutation run: small changes of the code, one at a time, that the tests must notice.
 
-    python tools/mutate.py                       every mutant of control, chain, results and spatial: hours
-    python tools/mutate.py --sample 40 --seed 1  some of them
-    python tools/mutate.py --package results     those of one package
+    python tools/mutate.py                            every mutant of control, chain, results and spatial
+    python tools/mutate.py results chain/closure.py   those of a package or of a file
+    python tools/mutate.py --sample 40 --seed 1       some of them
 
-Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped, in
-a copy of the repository. Exit code 1 if the tests notice less than 95 % of the mutants of a package.
+Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped.
+The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a process in
+which the tests that execute its line run, the shortest first, until one fails or runs into its time limit. A
+line that no test executes is not noticed. Mutants that change nothing are listed with the reason in
+mutate_equivalent.toml and are not run. Exit code 1 if less than 95 % of the others of a package are noticed.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import functools
+import gc
+import importlib
 import itertools
+import json
 import os
+import pickle
 import random
-import shutil
-import subprocess
+import signal
 import sys
 import tempfile
+import threading
 import time
-from collections import defaultdict
-from collections.abc import Iterator
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from types import CodeType, FrameType, FunctionType
 from typing import Any, NamedTuple
 
+import pytest
+from _pytest.runner import runtestprotocol
+from hypothesis import Phase, settings
+
 REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGE = REPOSITORY / "coop_pin"
+EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
-_COPIED = ("coop_pin", "urdf", "tests", "examples", "tools", "docs", "pyproject.toml")
-TESTS = {
-    "control": "test_sliding_mode test_payload_space test_redundant_sliding_mode test_interface",
-    "chain": "test_closures test_projection test_closed_chain test_cell_chain "
-    "test_invariants test_mechanisms",
-    "chain/ik_solver.py": "test_inverse_kinematics test_branches test_reachability",
-    "chain/inverse_kinematics.py": "test_inverse_kinematics test_branches",
-    "chain/integrators.py": "test_integrators test_invariants test_simulation",
-    "chain/trajectory.py": "test_mechanisms test_integrators",
-    "results": "test_metrics test_results test_simulation",
-    "results/atomic_write.py": "test_sweep_store test_simulation",
-    "results/snapshot.py": "test_live_view test_live_run",
-    "spatial": "test_spatial test_cell_chain test_sliding_mode",
-}
-"""Test files of a package, or of a single file of it."""
+PACKAGES = ("chain", "control", "results", "spatial")
+TESTS = (
+    "branches cell_chain closed_chain closures integrators interface invariants inverse_kinematics live_run "
+    "mechanisms metrics motion payload_space projection reachability redundant_sliding_mode results "
+    "simulation sizes sliding_mode spatial sweep_store trust user_files"
+)
+"""Test files that are run; those of figures, live view, command line and sweeps hardly judge the packages."""
+LONGEST = 8.0
+"""Processor time of a test, with its lines counted, beyond which it is not used, s."""
 
 
 class Mutant(NamedTuple):
@@ -49,17 +61,29 @@ class Mutant(NamedTuple):
 
     Attributes:
         file: under coop_pin.
-        line: of the change.
+        lines: of what is changed.
+        text: the first of these lines.
         old: text of what is changed.
         new: text of what it becomes.
         source: the whole file with the change.
     """
 
     file: str
-    line: int
+    lines: range
+    text: str
     old: str
     new: str
     source: str
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What mutate_equivalent.toml knows it by: no line number, which other changes would move."""
+        return self.file, self.text, self.old, self.new
+
+    @property
+    def package(self) -> str:
+        """First folder of the file."""
+        return self.file.partition("/")[0]
 
 
 _SWAPS: dict[type[ast.AST], type[ast.AST]] = {
@@ -137,7 +161,7 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
         file: its name.
         text: its source.
     """
-    data = text.encode()
+    data, lines = text.encode(), text.splitlines()
     starts = [0, *itertools.accumulate(len(line) for line in data.splitlines(keepends=True))]
     for node in _sites(ast.parse(text)):
         place: Any = getattr(node, "test", node)
@@ -146,80 +170,350 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
             first = starts[place.lineno - 1] + place.col_offset
             last = starts[place.end_lineno - 1] + place.end_col_offset
             source = data[:first] + f"({becomes})".encode() + data[last:]
-            yield Mutant(file, place.lineno, old, becomes, source.decode())
+            span = range(place.lineno, place.end_lineno + 1)
+            yield Mutant(file, span, lines[place.lineno - 1].strip(), old, becomes, source.decode())
+
+
+def files() -> dict[str, Path]:
+    """Return the files of the packages by their names under coop_pin."""
+    paths = (path for package in PACKAGES for path in sorted((PACKAGE / package).rglob("*.py")))
+    return {str(path.relative_to(PACKAGE)): path for path in paths}
 
 
 def all_mutants() -> list[Mutant]:
-    """Return every mutant of the packages in TESTS."""
-    package = REPOSITORY / "coop_pin"
-    folders = sorted({key.partition("/")[0] for key in TESTS})
-    files = [path for folder in folders for path in sorted((package / folder).rglob("*.py"))]
-    return [mutant for path in files for mutant in mutants(str(path.relative_to(package)), path.read_text())]
+    """Return every mutant of the packages."""
+    return [mutant for file, path in files().items() for mutant in mutants(file, path.read_text())]
 
 
-def tests_of(file: str) -> list[str]:
-    """Return the test files of a file of the package."""
-    names = TESTS.get(file) or TESTS[file.partition("/")[0]]
-    return [f"tests/{name}.py" for name in names.split()]
+def equivalent() -> set[tuple[str, ...]]:
+    """Return the keys of the mutants that were judged to change nothing."""
+    groups = tomllib.loads(EQUIVALENT.read_text())["equivalent"]
+    return {tuple(row) for group in groups for row in group["mutants"]}
 
 
-def is_noticed(folder: Path, tests: list[str], limit: float | None = None) -> bool:
-    """Return whether tests fail in a copy of the repository; running into the time limit counts, s."""
-    environment = os.environ | {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+# ---------------------------------------------------------------- children
+
+
+def in_children(
+    tasks: Iterable[Any], work: Callable[[Any], Any], limit: Callable[[Any], float], workers: int
+) -> Iterator[tuple[Any, Any]]:
+    """Yield each task and what its work returns in a child process.
+
+    None stands for a crash, or for more processor time than its limit, s (or twenty times that on the clock).
+    """
+    running: dict[int, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+
+        def ended() -> tuple[Any, Any]:
+            pid = 0
+            while pid not in running:
+                pid, _ = os.wait()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGKILL)  # what the tests of the child started
+            answer = Path(folder, str(pid))
+            return running.pop(pid), pickle.loads(answer.read_bytes()) if answer.exists() else None
+
+        for task in tasks:
+            if len(running) == workers:
+                yield ended()
+            pid = os.fork()
+            if pid == 0:
+                _work_as_a_child(lambda task=task: work(task), limit(task), Path(folder))
+            running[pid] = task
+        while running:
+            yield ended()
+
+
+def _work_as_a_child(work: Callable[[], Any], limit: float, folder: Path) -> None:
     try:
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, timeout=limit, check=False
-        )
-    except subprocess.TimeoutExpired:
+        os.setsid()
+        signal.setitimer(signal.ITIMER_PROF, limit)
+        signal.setitimer(signal.ITIMER_REAL, 20.0 * limit)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+        answer = pickle.dumps(work())
+        (folder / "answer").with_suffix(f".{os.getpid()}").write_bytes(answer)
+        (folder / "answer").with_suffix(f".{os.getpid()}").rename(folder / str(os.getpid()))
+    finally:
+        os._exit(0)
+
+
+@contextlib.contextmanager
+def executed_lines() -> Iterator[set[tuple[str, Any]]]:
+    """Collect the lines and functions of the packages that are executed: file and number, file and name."""
+    lines: set[tuple[str, Any]] = set()
+    names = {str(path): file for file, path in files().items()}
+    calls: Counter[CodeType] = Counter()
+
+    def line(frame: FrameType, _event: str, _argument: object) -> Any:
+        lines.add((names[frame.f_code.co_filename], frame.f_lineno))
+        return line
+
+    def call(frame: FrameType, _event: str, _argument: object) -> Any:
+        if frame.f_code.co_filename not in names:
+            return None
+        calls[frame.f_code] += 1
+        lines.add((names[frame.f_code.co_filename], _name(frame.f_code)))
+        return line if calls[frame.f_code] <= 100 else None  # by then, nearly all that it does was seen
+
+    threading.settrace(call)
+    sys.settrace(call)
+    try:
+        yield lines
+    finally:
+        sys.settrace(None)
+        threading.settrace(None)
+
+
+def _name(code: CodeType) -> tuple[str, int]:
+    return code.co_qualname, code.co_firstlineno
+
+
+def codes(mutant: Mutant) -> dict[CodeType, CodeType]:
+    """Return the code of the module, of its classes and of its functions, before and after the change."""
+    path = str(PACKAGE / mutant.file)
+    return dict(_pairs(_compiled(Path(path).read_text(), path), _compiled(mutant.source, path)))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled(text: str, path: str) -> CodeType:
+    return compile(text, path, "exec")
+
+
+def _pairs(old: CodeType, new: CodeType) -> Iterator[tuple[CodeType, CodeType]]:
+    yield old, new
+    parts = ([part for part in code.co_consts if isinstance(part, CodeType)] for code in (old, new))
+    for before, after in zip(*parts, strict=False):  # a term with a lambda may be the one dropped
+        yield from _pairs(before, after)
+
+
+def _own(code: CodeType) -> tuple[object, ...]:
+    constants = [repr(value) for value in code.co_consts if not isinstance(value, CodeType)]
+    return code.co_code, code.co_names, code.co_varnames, code.co_freevars, constants
+
+
+def changed_names(mutant: Mutant) -> set[tuple[str, int]]:
+    """Return name and first line of what changes itself, and not only in what it contains."""
+    return {_name(before) for before, after in codes(mutant).items() if _own(before) != _own(after)}
+
+
+def change_functions(mutant: Mutant, functions: list[FunctionType]) -> bool:
+    """Give the loaded functions that a mutant changes their new code; False if that is impossible."""
+    path, after = str(PACKAGE / mutant.file), codes(mutant)
+    fitting = [one for one in functions if one.__code__.co_filename == path and one.__code__ in after]
+    changed = {_outermost(name) for name, _ in changed_names(mutant)}
+    if changed - {_outermost(function.__code__.co_qualname) for function in fitting}:
+        return False
+    try:
+        for function in fitting:
+            function.__code__ = after[function.__code__]
+    except ValueError:  # it has other variables of its surroundings now
+        return False
+    return True
+
+
+def _outermost(name: str) -> str:
+    return name.partition(".<locals>")[0]
+
+
+def load_changed(mutant: Mutant) -> None:
+    """Forget the loaded package and its tests; load them with a mutant from now on."""
+    ours = tuple(str(REPOSITORY / name) + os.sep for name in ("coop_pin", "tests"))
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(ours):
+            del sys.modules[name]
+    unchanged = SourceFileLoader.get_code
+
+    def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
+        if loader.path == str(PACKAGE / mutant.file):
+            return _compiled(mutant.source, loader.path)
+        return unchanged(loader, fullname)
+
+    SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
+
+
+# ---------------------------------------------------------------- the run, inside of pytest
+
+
+def is_passed(items: list[pytest.Item], following: pytest.Item | None = None) -> bool:
+    """Return whether tests pass, up to the first failure; shared fixtures last for the one that follows."""
+    return not any(
+        report.failed
+        for item, next_item in zip(items, [*items[1:], following], strict=False)
+        for report in runtestprotocol(item, log=False, nextitem=next_item)
+    )
+
+
+def _file(name: str) -> str:
+    return name.partition("::")[0]
+
+
+class Chosen:
+    """Pytest plugin: of the tests collected, those chosen run in their order."""
+
+    def __init__(self, names: list[str]) -> None:
+        self.names = names
+        self.passed = False
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Run them in place of all."""
+        items = {item.nodeid: item for item in session.items}
+        self.passed = all(name in items for name in self.names) and is_passed([items[n] for n in self.names])
         return True
-    return done.returncode != 0
 
 
-def _copied(folder: Path) -> None:
-    for name in _COPIED:
-        source = REPOSITORY / name
-        if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+class MutationRun:
+    """Pytest plugin: tests run for each mutant in place of once."""
+
+    def __init__(self, chosen: list[Mutant], budget: float, workers: int) -> None:
+        self.chosen, self.budget, self.workers = chosen, budget, workers
+        self.alive: list[Mutant] = []
+        self.at_import: set[tuple[str, Any]] = set()
+        self.seconds: dict[str, float] = {}
+        self.lines: dict[str, set[tuple[str, Any]]] = {}
+        self.items: dict[str, pytest.Item] = {}
+        self.functions: list[FunctionType] = []
+        self.current: set[tuple[str, Any]] = set()
+        self.shared: set[tuple[str, Any]] = set()
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Measure the tests, then run them for each mutant."""
+        sys.settrace(None)
+        self.items = {item.nodeid: item for item in session.items}
+        self.functions = [one for one in gc.get_objects() if isinstance(one, FunctionType)]
+        gc.freeze()  # children share this memory
+        start = time.monotonic()
+        test_files = dict.fromkeys(_file(name) for name in self.items)
+        for file, found in in_children(test_files, self._measured, lambda _: 600.0, self.workers):
+            if found is None:
+                raise pytest.UsageError(f"{file} does not end without any change")
+            for name, (passed, seconds, lines) in found.items():
+                if passed and seconds < LONGEST:
+                    self.seconds[name], self.lines[name] = seconds, lines
+                else:
+                    print(f"not used, {seconds:.1f} s, {passed=}: {name}", flush=True)
+        print(f"{len(self.lines)} tests measured in {time.monotonic() - start:.0f} s", flush=True)
+        tasks = ((mutant, self.tests_of(mutant)) for mutant in self.chosen)
+        for (mutant, names), passed in in_children(tasks, self._passed, self._limit, self.workers):
+            if passed or not names:
+                self.alive.append(mutant)
+                print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
+        return True
+
+    def _measured(self, file: str) -> dict[str, tuple[bool, float, set[tuple[str, Any]]]]:
+        """Return of each test of a file whether it passes, its time, s, and what it executes.
+
+        What a fixture of several tests executes counts for all that follow.
+        """
+        found = {}
+        items = [item for name, item in self.items.items() if _file(name) == file]
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            start = time.process_time()
+            with executed_lines() as self.current:
+                passed = is_passed([item], following)
+            found[item.nodeid] = passed, time.process_time() - start, self.current | self.shared
+        return found
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Iterator[None]:
+        """Keep what fixtures of several tests execute."""
+        before = set(self.current)
+        result = yield
+        if fixturedef.scope != "function":
+            self.shared |= self.current - before
+        return result
+
+    def is_loaded(self, mutant: Mutant) -> bool:
+        """Return whether the change acts as its file is imported."""
+        return any((mutant.file, name) in self.at_import for name in changed_names(mutant))
+
+    def tests_of(self, mutant: Mutant) -> list[str]:
+        """Return the tests for a mutant: the shortest that execute it, as many as the budget allows.
+
+        What acts at import may change every test: those that execute the file come first.
+        """
+        place = {(mutant.file, line) for line in mutant.lines}
+        if self.is_loaded(mutant):
+            uses = {name: any(file == mutant.file for file, _ in lines) for name, lines in self.lines.items()}
+            names = sorted(self.lines, key=lambda name: (not uses[name], self.seconds[name]))
         else:
-            shutil.copy(source, folder / name)
+            names = sorted((n for n in self.lines if self.lines[n] & place), key=self.seconds.__getitem__)
+        total = itertools.accumulate(self.seconds[name] for name in names)
+        names = [
+            name for name, spent in zip(names, total, strict=True) if spent <= self.budget or name == names[0]
+        ]
+        of_file: dict[str, float] = defaultdict(float)
+        for name in names:
+            of_file[_file(name)] += self.seconds[name]
+        order = {name: index for index, name in enumerate(self.items)}
+        return sorted(names, key=lambda name: (of_file[_file(name)], order[name]))
+
+    def _limit(self, task: tuple[Mutant, list[str]]) -> float:
+        return 10.0 + 5.0 * sum(self.seconds[name] for name in task[1])
+
+    def _passed(self, task: tuple[Mutant, list[str]]) -> bool:
+        mutant, names = task
+        if not self.is_loaded(mutant) and change_functions(mutant, self.functions):
+            return is_passed([self.items[name] for name in names])
+        load_changed(mutant)
+        chosen = Chosen(names)
+        run_pytest(sorted({_file(name) for name in names}), chosen)
+        return chosen.passed
+
+
+def run_pytest(files: Iterable[str], plugin: object) -> None:
+    """Run pytest in this process with a plugin."""
+    quiet = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    pytest.main([*quiet, "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
+
+
+def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationRun:
+    """Return a finished mutation run."""
+    run = MutationRun(chosen, budget, workers)
+    os.chdir(REPOSITORY)
+    os.environ |= {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
+    sys.path.insert(0, str(REPOSITORY))
+    importlib.import_module("dask.array")  # xarray would load it in every child
+    profile = settings(derandomize=True, database=None, phases=[Phase.explicit, Phase.generate])
+    settings.register_profile("mutate", profile)  # no search for a simpler example once one fails
+    settings.load_profile("mutate")
+    with executed_lines() as run.at_import:
+        for file in {mutant.file for mutant in chosen}:
+            importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
+        run_pytest([f"tests/test_{name}.py" for name in TESTS.split()], run)
+    return run
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the mutants, print the ones alive and the score of each package, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    packages = sorted({key.partition("/")[0] for key in TESTS})
-    parser.add_argument("--package", action="append", choices=packages, help="all when omitted")
+    parser.add_argument(
+        "under", nargs="*", default=[""], help="packages or files of coop_pin; all when omitted"
+    )
     parser.add_argument("--sample", type=int, help="number of mutants; all when omitted")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
+    parser.add_argument("--workers", type=int, default=1, help="mutants at a time")
+    parser.add_argument("--budget", type=float, default=30.0, help="longest time of the tests of a mutant, s")
     given = parser.parse_args(arguments)
-    wanted = given.package or packages
-    chosen = [mutant for mutant in all_mutants() if mutant.file.partition("/")[0] in wanted]
+    found, left_out = all_mutants(), equivalent()
+    for row in sorted(left_out - {mutant.key for mutant in found}):
+        print("no such mutant:", json.dumps(row, ensure_ascii=False))
+    chosen = [mutant for mutant in found if mutant.file.startswith(tuple(given.under))]
     if given.sample is not None:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
-    noticed: dict[str, list[bool]] = defaultdict(list)
-    limits: dict[str, float] = {}
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        _copied(folder)
-        for mutant in chosen:
-            tests = tests_of(mutant.file)
-            if (key := " ".join(tests)) not in limits:
-                start = time.monotonic()
-                if is_noticed(folder, tests):
-                    raise SystemExit(f"{key} fail without any change")
-                limits[key] = 60.0 + 4.0 * (time.monotonic() - start)
-            path = folder / "coop_pin" / mutant.file
-            before = path.read_text()
-            path.write_text(mutant.source)
-            seen = is_noticed(folder, tests, limits[key])
-            path.write_text(before)
-            noticed[mutant.file.partition("/")[0]].append(seen)
-            if not seen:
-                print(f"alive: {mutant.file}:{mutant.line}: {mutant.old} -> {mutant.new}", flush=True)
-    for package, found in sorted(noticed.items()):
-        print(f"{package}: {sum(found)} of {len(found)} noticed, {sum(found) / len(found):.1%}")
-    return int(any(sum(found) < FLOOR * len(found) for found in noticed.values()))
+    start = time.monotonic()
+    run = measured_run([one for one in chosen if one.key not in left_out], given.budget, given.workers)
+    alive, ran = Counter(one.package for one in run.alive), Counter(one.package for one in run.chosen)
+    for package, total in sorted(Counter(one.package for one in chosen).items()):
+        noticed, different = ran[package] - alive[package], ran[package]
+        print(
+            f"{package}: {total} mutants, {total - different} equivalent, {noticed} of the others noticed",
+            end="",
+        )
+        print(f", {noticed / max(different, 1):.1%}")
+    print(f"{time.monotonic() - start:.0f} s")
+    return int(any(alive[package] > (1.0 - FLOOR) * ran[package] for package in ran))
 
 
 if __name__ == "__main__":
