@@ -19,7 +19,8 @@ from coop_pin.control import (
     SlidingModeController,
     ZeroedController,
 )
-from coop_pin.control.terms import force_gain_bound, jacobian_inverse, right_inverse
+from coop_pin.control.bounds import force_gain_bound
+from coop_pin.control.terms import jacobian_inverse, right_inverse
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial import internal_wrenches, make_pose, task_rows
 
