@@ -21,6 +21,7 @@ from coop_pin.control import (
 )
 from coop_pin.description.controller import (
     Law,
+    NoForcePath,
     PayloadSpace,
     PostureGains,
     RedundantSlidingMode,
@@ -74,7 +75,7 @@ def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
         return PayloadSpaceController(
             load_share=share,
             payload_weight=_payload_weight(scenario, law.payload_mass),
-            stale_after=law.stale_after,
+            stale_after=law.stale_after + _oldest_in_time(scenario),
             posture=posture,
             **common,
         )
@@ -94,6 +95,13 @@ def _leak(law: PayloadSpace, arm: str, period: float) -> float:
             "controller.gains.leak",
         )
     return leak
+
+
+def _oldest_in_time(scenario: Scenario) -> int:
+    """Return the age that measured wrenches reach without being lost, ticks."""
+    path = scenario.controller.force_path
+    delay = 0 if isinstance(path, NoForcePath) else path.delay
+    return delay + max((wrist.delay + wrist.every - 1 for wrist in scenario.wrists), default=0)
 
 
 def _payload_weight(scenario: Scenario, mass: float | None) -> Array | None:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import anchor_gain_bound, force_gain_bound
-from coop_pin.errors import FieldError
+from coop_pin.errors import FieldError, OutOfRangeError
 
 
 def is_stable(anchor_gain, pole=0.0, delay=0, every=1, force_gain=0.0):
@@ -71,6 +71,12 @@ def test_without_an_anchor_the_bound_is_that_of_the_force_gain():
     for p in (0.0, 0.5, 0.9):
         assert anchor_gain_bound(pole=p, force_gain=0.99 * force_gain_bound(p)) > 0.0
         assert anchor_gain_bound(pole=p, force_gain=1.01 * force_gain_bound(p)) == 0.0
+
+
+@pytest.mark.parametrize("loop", [{"pole": 1.0}, {"pole": -0.1}, {"delay": -1}, {"every": 0}], ids=str)
+def test_loops_that_do_not_exist_are_refused(loop):
+    with pytest.raises(OutOfRangeError):
+        anchor_gain_bound(**loop)
 
 
 def test_a_gain_beyond_the_bound_is_refused_with_both_numbers_unless_insisted_on():

@@ -149,7 +149,11 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         np.diagonal(np.array(gain) * np.eye(rows.size) if np.ndim(gain) < 2 else np.array(gain))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
-    beta, leak = gains.anchor_gain / scenario.clock.period, law.leak_of(next(iter(scenario.cell.arms)))
+    every = max((wrist.every for wrist in scenario.wrists), default=1)
+    beta, leak = (
+        gains.anchor_gain / (every * scenario.clock.period),
+        law.leak_of(next(iter(scenario.cell.arms))),
+    )
     anchored = (internal or own) and beta > 0.0
     return [
         _Direction(

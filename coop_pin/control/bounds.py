@@ -7,6 +7,7 @@ from functools import cache, partial
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.errors import OutOfRangeError
 
 _BISECTIONS = 50
 
@@ -23,7 +24,12 @@ def force_gain_bound(pole: float, delay: int = 0) -> float:
     Args:
         pole: p of the filter, in [0, 1); p = 0 is the wrench of one tick before.
         delay: D, further samples.
+
+    Raises:
+        OutOfRangeError: the pole is not.
     """
+    if not 0.0 <= pole < 1.0:
+        raise OutOfRangeError("pole", pole, "at least 0 and less than 1")
     low, high = 0.0, np.pi
     for _ in range(_BISECTIONS if delay else 0):
         angle = (low + high) / 2.0
@@ -50,7 +56,13 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
         delay: D, ticks by which the measurement is older than f(t_k^-), the one just before tick k.
         every: ticks from one sample of the sensor to the next.
         force_gain: K_f; from its own bound on, the result is 0.
+
+    Raises:
+        OutOfRangeError: the pole is not in [0, 1), the delay is negative, or ``every`` is less than 1.
     """
+    if delay < 0 or every < 1:
+        name, value, least = ("delay", delay, 0) if delay < 0 else ("every", every, 1)
+        raise OutOfRangeError(name, value, f"at least {least}")
     high = 2.0 * force_gain_bound(pole)  # of a filter alone; delay and K_f lower it, a slow sensor does not
     low = 0.0
     decays = partial(force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.switching import Saturation, Sign, Switching
-from coop_pin.errors import FieldError, suggestion
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
 from coop_pin.schema.user_code import FunctionName
 
@@ -250,97 +248,3 @@ class UserController(Description):
 
 
 Controller = Annotated[Law | UserController, Field(discriminator="kind")]
-
-_INSIST = "or insist with beyond_bound = true"
-
-
-class SampledWrist(NamedTuple):
-    """Timing of a wrist sensor, in ticks.
-
-    Attributes:
-        delay: of a sample.
-        every: from one sample to the next.
-    """
-
-    delay: int
-    every: int
-
-
-def controller_problems(
-    controller: Law | UserController, arms: list[str], wrists: Collection[SampledWrist] = ()
-) -> list[FieldError]:
-    """Return what is wrong with a controller for a cell.
-
-    Args:
-        controller: the law with its gains.
-        arms: of the cell.
-        wrists: the wrist sensors that the arms have.
-    """
-    if isinstance(controller, UserController):
-        return []
-    strangers = [name for name in controller.arm_gains if name not in arms]
-    if strangers:
-        detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
-        return [FieldError(detail, "arm_gains")]
-    problems = [*_unequal(controller, arms), *_beyond_force_bound(controller, arms, wrists)]
-    return problems or _beyond_anchor_bound(controller, arms, wrists)
-
-
-def _unequal(controller: Law, arms: list[str]) -> list[FieldError]:
-    """Return the gains that differ between arms although the theory needs one value for all."""
-    equal = {"pose_gain": "Theorem 2 needs one gamma", "force_gain": "Theorem 2 needs one K_f"}
-    if isinstance(controller, PayloadSpace):
-        equal["anchor_gain"] = "else the anchors move the payload: it needs one g"
-    problems: list[FieldError] = []
-    for field, reason in equal.items():
-        values = {name: getattr(controller.gains_of(name), field) for name in arms}
-        if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
-            detail = f"differs between arms: {values}; {reason} for all arms"
-            problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
-    return problems
-
-
-def _beyond_force_bound(
-    controller: Law, arms: list[str], wrists: Collection[SampledWrist]
-) -> list[FieldError]:
-    """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
-    path, largest = controller.force_path, max(controller.gains_of(name).force_gain for name in arms)
-    if isinstance(path, NoForcePath):
-        allowed = largest == 0.0
-        detail = (
-            "but force_path.kind 'none' measures no force; "
-            "set the gain to 0, or the kind to 'late' or 'low-pass'"
-        )
-    else:
-        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
-        delay = max(((path.delay + wrist.delay) // wrist.every for wrist in wrists), default=path.delay)
-        bound = force_gain_bound(path.pole, delay)
-        allowed = largest < bound
-        loop = f"{path.kind!r}{_late(delay)}"
-        detail = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {_INSIST}"
-    return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
-
-
-def _beyond_anchor_bound(
-    controller: Law, arms: list[str], wrists: Collection[SampledWrist]
-) -> list[FieldError]:
-    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
-    if not isinstance(controller, PayloadSpace):
-        return []
-    gains, path = [controller.gains_of(name) for name in arms], controller.force_path
-    largest, force_gain = max(gain.anchor_gain for gain in gains), max(gain.force_gain for gain in gains)
-    pole, delay = (0.0, 0) if isinstance(path, NoForcePath) else (path.pole, path.delay)
-    delay += max((wrist.delay for wrist in wrists), default=0)
-    every = max((wrist.every for wrist in wrists), default=1)
-    bound = anchor_gain_bound(pole=pole, delay=delay, every=every, force_gain=force_gain)
-    if largest < bound:
-        return []
-    detail = (
-        f"is {largest:g}, but the anchored integral over {path.kind!r}{_late(delay)} with K_f ="
-        f" {force_gain:g} is unstable from {bound:.4g} on; lower it, {_INSIST}"
-    )
-    return [FieldError(detail, "gains.anchor_gain")]
-
-
-def _late(delay: int) -> str:
-    return f" with a delay of {delay}" if delay else ""

@@ -14,9 +14,11 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, NoForcePath, SampledWrist, controller_problems
+from coop_pin.description.controller import Controller, NoForcePath
+from coop_pin.description.controller_checks import SampledWrist, controller_problems
 from coop_pin.description.events import Event, WrenchPulse
 from coop_pin.description.plant import Clock, PlantOptions
+from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
@@ -163,7 +165,7 @@ class Scenario(Description):
     @field_validator("sensors")
     @classmethod
     def _sensors_fit_the_run(cls, sensors: Sensors, earlier: ValidationInfo) -> Sensors:
-        if problems := _timing_problems(sensors, earlier):
+        if problems := sensors.timing_problems(earlier.data):
             raise one_or_all(problems, "the sensors")
         return sensors
 
@@ -179,25 +181,28 @@ class Scenario(Description):
             if name not in arms
         ]
         for name, entry in sensors.items():
-            problems += [problem.below(name) for problem in _timing_problems(entry, earlier)]
+            problems += [problem.below(name) for problem in entry.timing_problems(earlier.data)]
         if problems:
             raise one_or_all(problems, "the sensors")
         return sensors
 
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
-        path, arms = self.controller.force_path, list(self.cell.arms)
-        if isinstance(path, NoForcePath):
-            return self
-        if late := late_delay(path.delay, self.clock, self.duration):
+        path = self.controller.force_path
+        late = None if isinstance(path, NoForcePath) else late_delay(path.delay, self.clock, self.duration)
+        if late:
             raise FieldError(late, "controller.force_path.delay")
-        sensors = [wrist for arm in arms if (wrist := self.sensors_of(arm).wrist) is not None]
-        wrists = [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
-        if wrists and not self.beyond_bound:
-            problems = controller_problems(self.controller, arms, wrists)
+        if self.wrists and not self.beyond_bound:
+            problems = controller_problems(self.controller, list(self.cell.arms), self.wrists)
             if problems:
                 raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
+
+    @property
+    def wrists(self) -> list[SampledWrist]:
+        """Delay and sampling of the wrist sensors that the arms have, in ticks."""
+        sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
+        return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
 
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""
@@ -228,7 +233,7 @@ class Scenario(Description):
         if not path.is_file():
             raise _missing(path)
         data = read_toml(path, kind="a scenario")
-        _anchor_files(data, path.parent)
+        anchor_files(data, path.parent)
         scenario = cls(**data)
         return scenario if overrides is None else scenario.override(overrides)
 
@@ -256,13 +261,6 @@ class Scenario(Description):
         Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 
-def _timing_problems(sensors: Sensors, earlier: ValidationInfo) -> list[FieldError]:
-    """Return the mistakes of the times of sensors, as far as the run's times have none themselves."""
-    if not {"clock", "duration"} <= set(earlier.data):
-        return []
-    return sensors.timing_problems(earlier.data["clock"], earlier.data["duration"])
-
-
 def _missing(path: Path) -> NameNotFoundError:
     """Return the error for a name or path without a scenario; TOML files in its folder are suggested."""
     folder = path if path.is_dir() else path.parent
@@ -270,37 +268,6 @@ def _missing(path: Path) -> NameNotFoundError:
     return NameNotFoundError(
         "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
     )
-
-
-def _anchor_files(data: dict[str, Any], folder: Path) -> None:
-    """Make the paths of URDF, mesh and CSV files and of package folders in the scenario's folder absolute."""
-    cell = _table(data.get("cell"))
-    arms = [_table(arm) for arm in _table(cell.get("arms")).values()]
-    payload, motion = _table(cell.get("payload")), _table(data.get("motion"))
-    paths = [(arm, "urdf") for arm in arms] + [(payload, "path"), (payload, "mesh_file"), (motion, "path")]
-    for table, field in paths:
-        if table.get(field):
-            table[field] = _anchored(folder, table[field])
-    for arm in arms:
-        if isinstance(arm.get("package_dirs"), list):
-            arm["package_dirs"] = [_anchored(folder, entry) for entry in arm["package_dirs"]]
-
-
-def _table(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _anchored(folder: Path, path: Any) -> Any:
-    """Return a path that exists in a folder as absolute, any other as it is.
-
-    A URDF that exists nowhere becomes absolute as well, so that the error names the intended folder.
-    """
-    if not isinstance(path, str):
-        return path
-    if (folder / path).exists():
-        return str((folder / path).resolve())
-    is_missing_robot = path.endswith((".urdf", ".xacro")) and not Path(path).exists()
-    return str((folder / path).absolute()) if is_missing_robot else path
 
 
 def _without_none(value: Any) -> Any:

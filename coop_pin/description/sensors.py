@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
@@ -172,16 +173,17 @@ class Sensors(Description):
         """Whether positions and velocities of the drives are measured as they are."""
         return self.encoder == Encoder() and self.velocity == IdealVelocity()
 
-    def timing_problems(self, clock: Clock, duration: float) -> list[FieldError]:
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with the times of the wrist sensor.
 
         Args:
-            clock: of the run.
-            duration: of the run, s.
+            run: fields of the run; without its ``clock`` or ``duration``, which then have mistakes
+                themselves, nothing is checked.
         """
         wrist, problems = self.wrist, []
-        if wrist is None:
+        if wrist is None or not {"clock", "duration"} <= set(run):
             return []
+        clock, duration = run["clock"], run["duration"]
         if late := late_delay(wrist.delay, clock, duration):
             problems.append(FieldError(late, "wrist.delay"))
         ratio = clock.rate_hz / (wrist.rate_hz or clock.rate_hz)
