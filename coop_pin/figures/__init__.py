@@ -13,7 +13,7 @@ _PUBLIC = {
     "save_figure": "coop_pin.figures.style",
     "singularity_figure": "coop_pin.figures.run_figures",
     "sweep_figure": "coop_pin.figures.sweep_figures",
-    "theorem_figure": "coop_pin.figures.theorem_figure",
+    "theorem_figure": "coop_pin.figures.proof_figure",
     "torque_figure": "coop_pin.figures.run_figures",
     "tracking_figure": "coop_pin.figures.run_figures",
 }
