@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
 from close import assert_close
-from linkages import four_bar
+from linkages import bar, four_bar, robot
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
@@ -420,3 +420,16 @@ def test_the_least_motion_is_that_of_the_damped_normal_equations(damping):
     damped = W + damping * np.linalg.eigvalsh(W)[-1] * np.eye(3)
     found = constraint_svd(M, J).least_motion(target, damping)
     assert_close(found, np.linalg.solve(M, J.T @ np.linalg.solve(damped, target)), atol=1e-12)
+
+
+def test_a_torque_that_grows_with_time_is_integrated_exactly_up_to_the_third_power():
+    """Runge and Kutta's weights are Simpson's: inertia v = t^4 / 4 for a torque of t^3, in any steps."""
+    chain = ClosedChain.from_urdf(robot(bar("one", "ground", (0, 0, 0))), gravity=(0, 0, 0))
+    inertia = pin.crba(chain.model, chain.model.createData(), np.zeros(1))[0, 0]
+    motion = chain.integrate([0.0], [0.0], duration=2.0, step=0.5, torque=lambda t, *_: np.array([t**3]))
+    assert_close(motion.v[:, 0] * inertia, motion.time**4 / 4.0, atol=1e-12)
+
+
+def test_gravity_points_down_when_omitted():
+    chain = ClosedChain.from_urdf(robot(bar("one", "ground", (0, 0, 0))))
+    assert chain.model.gravity.linear.tolist() == [0.0, 0.0, -9.81]
