@@ -296,3 +296,14 @@ def test_a_path_out_of_reach_is_followed_beyond_the_joint_limits(narrow):
         [solution.distance for solution in found], np.maximum(distances - sum(LENGTHS), 0.0), atol=1e-5
     )
     assert abs(found[-1].q[1]) < 0.01
+
+
+def test_a_path_is_followed_through_the_joint_limits(narrow):
+    model = narrow(0.5, ELBOW + 0.05)
+    distances = np.linspace(AWAY, 0.4, 21)
+    q = solve_ik(model, make_pose((AWAY, 0.0, 0.0)))
+    found = IKSolver(model).follow([make_pose((x, 0.0, 0.0)) for x in distances], q, q)
+    assert_close([solution.distance for solution in found], np.zeros(21), atol=1e-9)
+    l_1, l_2 = LENGTHS
+    expected = np.arccos((distances**2 - l_1**2 - l_2**2) / (2.0 * l_1 * l_2))
+    assert_close([solution.q[1] for solution in found], expected, atol=1e-7)

@@ -5,11 +5,12 @@ import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
 from close import assert_close
-from linkages import four_bar
+from linkages import bar, four_bar, robot
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
 from coop_pin.chain.integrators import RungeKutta, configuration_space
+from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.description import PlantOptions, Stabilisation
 from coop_pin.errors import ConstraintSolveError, OutOfRangeError, ShapeError
 from coop_pin.model import ArmModel
@@ -407,3 +408,28 @@ def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(monkey
     truncated = values[values < 1e-5 * values[0]].max()
     assert truncated > 1e-8
     assert_close(refused.value.allowed, 6e-6 + 10.0 * truncated * np.sqrt(a @ M @ a), atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 1.0])
+def test_the_least_motion_is_that_of_the_damped_normal_equations(damping):
+    """M^-1 J^T (W + mu s_1^2 I)^-1 target with W = J M^-1 J^T, whose largest eigenvalue is s_1^2."""
+    rng = np.random.default_rng(5)
+    root, J, target = rng.normal(size=(5, 5)), rng.normal(size=(3, 5)), rng.normal(size=3)
+    M = root @ root.T + np.eye(5)
+    W = J @ np.linalg.solve(M, J.T)
+    damped = W + damping * np.linalg.eigvalsh(W)[-1] * np.eye(3)
+    found = constraint_svd(M, J).least_motion(target, damping)
+    assert_close(found, np.linalg.solve(M, J.T @ np.linalg.solve(damped, target)), atol=1e-12)
+
+
+def test_a_torque_that_grows_with_time_is_integrated_exactly_up_to_the_third_power():
+    """Runge and Kutta's weights are Simpson's: inertia v = t^4 / 4 for a torque of t^3, in any steps."""
+    chain = ClosedChain.from_urdf(robot(bar("one", "ground", (0, 0, 0))), gravity=(0, 0, 0))
+    inertia = pin.crba(chain.model, chain.model.createData(), np.zeros(1))[0, 0]
+    motion = chain.integrate([0.0], [0.0], duration=2.0, step=0.5, torque=lambda t, *_: np.array([t**3]))
+    assert_close(motion.v[:, 0] * inertia, motion.time**4 / 4.0, atol=1e-12)
+
+
+def test_gravity_points_down_when_omitted():
+    chain = ClosedChain.from_urdf(robot(bar("one", "ground", (0, 0, 0))))
+    assert chain.model.gravity.linear.tolist() == [0.0, 0.0, -9.81]

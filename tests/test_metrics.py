@@ -112,6 +112,14 @@ def test_what_serves_to_compute_is_not_stored():
     assert not {"time", "payload_pose", "desired_pose", "desired_squeeze"} & set(result.data.data_vars)
 
 
+def test_a_result_of_two_megabytes_is_read_back(tmp_path):
+    """What a file unpacks to is bounded by its size; the slack for small files does not cover this one."""
+    result = made(np.arange(2000.0))
+    assert result.data.nbytes > 2e6
+    result.save(tmp_path / "result.nc")
+    assert cp.RunResult.load(tmp_path / "result.nc").data.identical(result.data)
+
+
 # ------------------------------------------------------------ tracking
 
 

@@ -21,7 +21,7 @@ from coop_pin.control import (
 )
 from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.terms import jacobian_inverse, right_inverse
-from coop_pin.errors import SingularJacobianError
+from coop_pin.errors import ArgumentError, SingularJacobianError
 from coop_pin.spatial import internal_wrenches, make_pose, task_rows
 
 ROWS = ["planar", "positional", "full"]
@@ -324,6 +324,12 @@ def test_jacobians_are_refused_beyond_a_condition_number_of_a_million(inverse, f
     with pytest.raises(SingularJacobianError) as caught:
         inverse(np.diag((1.0, 1.0, 0.0)), 0.0)
     assert caught.value.condition == np.inf
+
+
+@pytest.mark.parametrize(("rows", "joints", "error"), [(3, 2, ArgumentError), (3, 3, SingularJacobianError)])
+def test_too_few_joints_are_told_from_a_singular_pose(rows, joints, error):
+    with pytest.raises(error):
+        right_inverse(np.ones((rows, joints)), 0.0)
 
 
 def test_the_force_gain_bound_of_a_filter():

@@ -6,7 +6,7 @@
 
 Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped.
 The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a process in
-which the tests that execute its line run, the shortest first, until one fails or runs into its time limit. A
+which tests that execute its line run, the most promising first, until one fails or exceeds its time limit. A
 line that no test executes is not noticed. Mutants that change nothing are listed with the reason in
 mutate_equivalent.toml and are not run. Exit code 1 if less than 95 % of the others of a package are noticed.
 """
@@ -336,13 +336,12 @@ def load_changed(mutant: Mutant) -> None:
 # ---------------------------------------------------------------- the run, inside of pytest
 
 
-def is_passed(items: list[pytest.Item], following: pytest.Item | None = None) -> bool:
-    """Return whether tests pass, up to the first failure; shared fixtures last for the one that follows."""
-    return not any(
-        report.failed
-        for item, next_item in zip(items, [*items[1:], following], strict=False)
-        for report in runtestprotocol(item, log=False, nextitem=next_item)
-    )
+def first_failure(items: list[pytest.Item], following: pytest.Item | None = None) -> str:
+    """Return the name of the first test that fails, or ""; shared fixtures last for the test that follows."""
+    for item, next_item in zip(items, [*items[1:], following], strict=False):
+        if any(report.failed for report in runtestprotocol(item, log=False, nextitem=next_item)):
+            return item.nodeid
+    return ""
 
 
 def _file(name: str) -> str:
@@ -354,12 +353,13 @@ class Chosen:
 
     def __init__(self, names: list[str]) -> None:
         self.names = names
-        self.passed = False
+        self.failure = "not collected"
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Run them in place of all."""
         items = {item.nodeid: item for item in session.items}
-        self.passed = all(name in items for name in self.names) and is_passed([items[n] for n in self.names])
+        if all(name in items for name in self.names):
+            self.failure = first_failure([items[name] for name in self.names])
         return True
 
 
@@ -374,6 +374,7 @@ class MutationRun:
         self.lines: dict[str, set[tuple[str, Any]]] = {}
         self.items: dict[str, pytest.Item] = {}
         self.functions: list[FunctionType] = []
+        self.noticed: dict[str, Counter[str]] = defaultdict(Counter)
         self.current: set[tuple[str, Any]] = set()
         self.shared: set[tuple[str, Any]] = set()
 
@@ -395,8 +396,10 @@ class MutationRun:
                     print(f"not used, {seconds:.1f} s, {passed=}: {name}", flush=True)
         print(f"{len(self.lines)} tests measured in {time.monotonic() - start:.0f} s", flush=True)
         tasks = ((mutant, self.tests_of(mutant)) for mutant in self.chosen)
-        for (mutant, names), passed in in_children(tasks, self._passed, self._limit, self.workers):
-            if passed or not names:
+        for (mutant, names), failure in in_children(tasks, self._failure, self._limit, self.workers):
+            if failure:
+                self.noticed[mutant.file][failure] += 1
+            elif failure == "" or not names:
                 self.alive.append(mutant)
                 print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
         return True
@@ -411,7 +414,7 @@ class MutationRun:
         for item, following in zip(items, [*items[1:], None], strict=True):
             start = time.process_time()
             with executed_lines() as self.current:
-                passed = is_passed([item], following)
+                passed = not first_failure([item], following)
             found[item.nodeid] = passed, time.process_time() - start, self.current | self.shared
         return found
 
@@ -429,37 +432,41 @@ class MutationRun:
         return any((mutant.file, name) in self.at_import for name in changed_names(mutant))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Return the tests for a mutant: the shortest that execute it, as many as the budget allows.
+        """Return the tests for a mutant, as many as the budget allows, file by file.
 
-        What acts at import may change every test: those that execute the file come first.
+        Those that execute it, or its file if it acts at import; first those that noticed the most mutants of
+        this file for their time so far, then the shortest.
         """
+        noticed, seconds = self.noticed[mutant.file], self.seconds
         place = {(mutant.file, line) for line in mutant.lines}
-        if self.is_loaded(mutant):
-            uses = {name: any(file == mutant.file for file, _ in lines) for name, lines in self.lines.items()}
-            names = sorted(self.lines, key=lambda name: (not uses[name], self.seconds[name]))
-        else:
-            names = sorted((n for n in self.lines if self.lines[n] & place), key=self.seconds.__getitem__)
-        total = itertools.accumulate(self.seconds[name] for name in names)
+        is_loaded = self.is_loaded(mutant)
+        names = [
+            name
+            for name, lines in self.lines.items()
+            if (any(file == mutant.file for file, _ in lines) if is_loaded else lines & place)
+        ]
+        names.sort(key=lambda name: (-noticed[name] / (seconds[name] + 0.01), seconds[name]))
+        total = itertools.accumulate(seconds[name] for name in names)
         names = [
             name for name, spent in zip(names, total, strict=True) if spent <= self.budget or name == names[0]
         ]
-        of_file: dict[str, float] = defaultdict(float)
-        for name in names:
-            of_file[_file(name)] += self.seconds[name]
+        first: dict[str, int] = {}
+        for rank, name in enumerate(names):
+            first.setdefault(_file(name), rank)
         order = {name: index for index, name in enumerate(self.items)}
-        return sorted(names, key=lambda name: (of_file[_file(name)], order[name]))
+        return sorted(names, key=lambda name: (first[_file(name)], order[name]))
 
     def _limit(self, task: tuple[Mutant, list[str]]) -> float:
         return 10.0 + 5.0 * sum(self.seconds[name] for name in task[1])
 
-    def _passed(self, task: tuple[Mutant, list[str]]) -> bool:
+    def _failure(self, task: tuple[Mutant, list[str]]) -> str:
         mutant, names = task
         if not self.is_loaded(mutant) and change_functions(mutant, self.functions):
-            return is_passed([self.items[name] for name in names])
+            return first_failure([self.items[name] for name in names])
         load_changed(mutant)
         chosen = Chosen(names)
         run_pytest(sorted({_file(name) for name in names}), chosen)
-        return chosen.passed
+        return chosen.failure
 
 
 def run_pytest(files: Iterable[str], plugin: object) -> None:
