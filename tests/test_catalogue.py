@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from cells import CATALOGUE_CELLS
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.model import ArmModel
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import holding_torques
+from coop_pin.spatial import shift_wrench
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
@@ -89,9 +90,52 @@ def test_the_law_takes_over_without_a_jump(result):
     assert not result.data.saturated.values.any()
     assert not result.limit_violations()
     simulation = Simulation(result.scenario, build_controller(result.scenario))
-    holding = holding_torques(result.scenario.cell, simulation.plant.chain.model.arms, simulation.plant.q)
+    holding = simulation.actuation.holding_commands(simulation.plant.q)
     for torque, held in zip(result.data.torque.values[0], holding, strict=True):
         assert_allclose(torque[: len(held)], held, atol=1e-8)
+
+
+# ------------------------------------------------------------ squeeze at the tips
+
+ABOUT_P = {"left": (-10.0, 0.0, 0.0, 0.0, 0.0, 0.0), "right": (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)}
+CELLS_AT_REST = {
+    "box": {},
+    "crate": {  # the arms stand as before, and P hangs 0.2 m below the line between the tips
+        "cell.grasps.left.xyz": [-0.2, 0.0, 0.2],
+        "cell.grasps.right.xyz": [0.2, 0.0, 0.2],
+        "start.xyz": [0.0, 0.0, 0.25],
+    },
+}
+
+
+def moments_at_the_wrists(changes, squeeze):
+    """About the tips, by the payload, of two Pandas at rest once the squeeze acts, N m, shape (2, 3)."""
+    scenario = cp.Scenario.load("two-pandas-box", {**changes, "duration": 1.2, "clock.steps_per_tick": 1})
+    result = cp.run(scenario, {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, **squeeze})
+    R_WP = Rotation.from_quat(result.data.payload_quaternion.values[-1]).as_matrix()
+    tips = np.array([R_WP @ grasp.xyz for grasp in scenario.cell.grasps.values()])
+    return shift_wrench(result.data.interaction_wrench.values[-1], -tips)[:, 3:]
+
+
+@pytest.mark.parametrize("cell", CELLS_AT_REST)
+def test_a_squeeze_at_the_tips_loads_no_wrist(cell):
+    """About P it adds r_i x f_i at each; the weight's share acts about P too, unless tip moments carry it."""
+    scenario = cp.Scenario.load("two-pandas-box", CELLS_AT_REST[cell])
+    tips = np.array([grasp.xyz for grasp in scenario.cell.grasps.values()])
+    forces = np.array([f[:3] for f in ABOUT_P.values()])
+    of_squeeze = -np.cross(tips, forces)
+    share = 0.5 * scenario.cell.payload.mass * np.array(scenario.cell.gravity)
+    of_weight = -np.cross(tips, share)
+    rows = np.hstack((forces, -of_weight))
+    weightless = {"kind": "tip-wrench", "wrenches": dict(zip(ABOUT_P, rows.tolist(), strict=True))}
+    for squeeze, expected in (
+        ({"squeeze": ABOUT_P}, of_weight + of_squeeze),
+        ({}, of_weight),
+        ({"squeeze": weightless}, np.zeros((2, 3))),
+    ):
+        found = moments_at_the_wrists(CELLS_AT_REST[cell], squeeze)
+        assert_allclose(found, expected, atol=0.02)
+    assert np.abs(of_squeeze).max() > 0.4
 
 
 PLANTS = {
