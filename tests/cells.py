@@ -88,6 +88,8 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
 
 CATALOGUE_CELLS = ["two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair"]
 """In space, with gravity: redundant, mixed, three-armed and with continuous joints."""
+FAR_CELLS = ["three-ur5-far", "five-joint-pair"]
+"""In space, with gravity: 0.5 m and 60 degrees in 5 s; the last one has five joints and positional rows."""
 
 
 def catalogue_cell(name: str) -> tuple[Cell, np.ndarray]:

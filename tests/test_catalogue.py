@@ -6,17 +6,21 @@ import sys
 
 import numpy as np
 import pytest
-from cells import CATALOGUE_CELLS
+from cells import CATALOGUE_CELLS, FAR_CELLS
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.model import ArmModel
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
+from coop_pin.spatial import shift_wrench
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
-del CHANGES["adept-paper"]  # it has the printed law
+for other in ["adept-paper", *FAR_CELLS]:  # it has the printed law; these have tests of their own, below
+    del CHANGES[other]
 
 
 @pytest.fixture(scope="module", params=CHANGES)
@@ -91,6 +95,107 @@ def test_the_law_takes_over_without_a_jump(result):
     holding = simulation.actuation.holding_commands(simulation.plant.q)
     for torque, held in zip(result.data.torque.values[0], holding, strict=True):
         assert_allclose(torque[: len(held)], held, atol=1e-8)
+
+
+# ------------------------------------------------------------ far motions
+
+
+@pytest.mark.parametrize("name", FAR_CELLS)
+def test_a_far_motion_can_be_followed_and_held(name):
+    """0.5 m and 60 degrees within 5 s: reach, singular poses, limits, static torques and both rules."""
+    scenario = cp.Scenario.load(name)
+    motion = scenario.motion
+    (X_0, *_), (X_1, *_) = motion.at(0.0), motion.at(scenario.duration)
+    assert motion.duration <= 5.0
+    assert np.linalg.norm(X_1[:3, 3] - X_0[:3, 3]) >= 0.5
+    assert Rotation.from_matrix(X_1[:3, :3] @ X_0[:3, :3].T).magnitude() >= np.deg2rad(60.0)
+    reach = cp.reachability(scenario, poses=9)
+    assert reach.ok
+    assert min(arm.sigma_min.min() for arm in reach.arms) > 0.1
+    assert cp.static_torques(scenario, poses=9).ok
+    assert cp.sampled_stability(scenario).ok
+    cell, gains = scenario.cell, scenario.controller.gains
+    for at in range(len(reach.arms[0].times)):
+        J, M = zip(*(sampled(ArmModel.from_cell(cell, arm.arm), arm.q[at]) for arm in reach.arms), strict=True)
+        turn = np.kron(np.eye(2), motion.at(float(reach.arms[0].times[at])).X_WP_d[:3, :3])
+        inertia = block_diag(cell.payload.mass * np.eye(3), cell.payload.inertia_matrix)
+        rows = np.ix_(cell.task_rows.indices, cell.task_rows.indices)
+        A = (turn @ inertia @ turn.T)[rows]
+        for J_i, M_i in zip(J, M, strict=True):
+            A = A + np.linalg.inv((J_i @ np.linalg.solve(M_i, J_i.T))[rows])
+        rates = np.linalg.eigvals(np.linalg.solve(A, np.diag(gains.sliding_gain))).real
+        k_I = gains.sign_gain / scenario.controller.switching.width
+        assert scenario.clock.period * rates.max() <= 1.0
+        assert k_I <= min(0.25 / scenario.clock.period, rates.min() / 2.0)
+
+
+def sampled(model, q):
+    """The payload Jacobian and the mass matrix of an arm."""
+    return model.payload_jacobian(q), model.mass_matrix(q)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAR_CELLS)
+def test_a_far_motion_keeps_tracking_and_internal_force(name):
+    """The largest values, not rms. On positional rows no moment is controlled."""
+    result = cp.run(name)
+    assert result.verdict() == "trustworthy"
+    assert not result.limit_violations()
+    R = Rotation.from_quat(result.data.payload_quaternion.values[[0, -1]])
+    assert (R[1] * R[0].inv()).magnitude() >= np.deg2rad(60.0)
+    assert np.linalg.norm(np.diff(result.data.payload_position.values[[0, -1]], axis=0)) >= 0.5
+    time, error = result.data.time.values, result.data.internal_wrench - result.data.desired_internal_wrench
+    tracking = np.linalg.norm(result.data.pose_error.values[:, :3], axis=1)
+    for window, force, moment, position in (((1.0, 6.0), 0.3, 0.2, 0.5e-3), ((7.0, 8.0), 0.05, 0.02, 0.1e-3)):
+        at = (time >= window[0]) & (time < window[1])
+        assert np.linalg.norm(error.values[at, :, :3], axis=2).max() <= force
+        assert tracking[at].max() <= position
+        if result.scenario.cell.rows == "full":
+            assert np.linalg.norm(error.values[at, :, 3:], axis=2).max() <= moment
+
+
+# ------------------------------------------------------------ squeeze at the tips
+
+ABOUT_P = {"left": (-10.0, 0.0, 0.0, 0.0, 0.0, 0.0), "right": (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)}
+CELLS_AT_REST = {
+    "box": {},
+    "crate": {  # the arms stand as before, and P hangs 0.2 m below the line between the tips
+        "cell.grasps.left.xyz": [-0.2, 0.0, 0.2],
+        "cell.grasps.right.xyz": [0.2, 0.0, 0.2],
+        "start.xyz": [0.0, 0.0, 0.25],
+    },
+}
+
+
+def moments_at_the_wrists(changes, squeeze):
+    """About the tips, by the payload, of two Pandas at rest once the squeeze acts, N m, shape (2, 3)."""
+    quick = {"duration": 0.4, "clock.steps_per_tick": 1, "controller.gains.transient_rate": 20.0}
+    scenario = cp.Scenario.load("two-pandas-box", {**changes, **quick})
+    result = cp.run(scenario, {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, **squeeze})
+    R_WP = Rotation.from_quat(result.data.payload_quaternion.values[-1]).as_matrix()
+    tips = np.array([R_WP @ grasp.xyz for grasp in scenario.cell.grasps.values()])
+    return shift_wrench(result.data.interaction_wrench.values[-1], -tips)[:, 3:]
+
+
+@pytest.mark.parametrize("cell", CELLS_AT_REST)
+def test_a_squeeze_at_the_tips_loads_no_wrist(cell):
+    """About P it adds r_i x f_i at each; the weight's share acts about P too, unless tip moments carry it."""
+    scenario = cp.Scenario.load("two-pandas-box", CELLS_AT_REST[cell])
+    tips = np.array([grasp.xyz for grasp in scenario.cell.grasps.values()])
+    forces = np.array([f[:3] for f in ABOUT_P.values()])
+    of_squeeze = -np.cross(tips, forces)
+    share = 0.5 * scenario.cell.payload.mass * np.array(scenario.cell.gravity)
+    of_weight = -np.cross(tips, share)
+    rows = np.hstack((forces, -of_weight))
+    weightless = {"kind": "tip-wrench", "wrenches": dict(zip(ABOUT_P, rows.tolist(), strict=True))}
+    for squeeze, expected in (
+        ({"squeeze": ABOUT_P}, of_weight + of_squeeze),
+        ({}, of_weight),
+        ({"squeeze": weightless}, np.zeros((2, 3))),
+    ):
+        found = moments_at_the_wrists(CELLS_AT_REST[cell], squeeze)
+        assert_allclose(found, expected, atol=0.02)
+    assert np.abs(of_squeeze).max() > 0.4
 
 
 PLANTS = {

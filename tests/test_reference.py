@@ -125,6 +125,10 @@ KINDS: dict[str, tuple[PoseReference, tuple[float, ...]]] = {
         (0.0, 1.0),
     ),
     "turn": (TurnMotion(pose=START, axis=AXIS, angle=9.0, duration=2.0, start_time=0.5), (0.5, 2.5)),
+    "turn about a point": (
+        TurnMotion(pose=START, axis=AXIS, angle=2.0, duration=2.0, centre=(0.3, -0.2, 0.1)),
+        (0.0, 2.0),
+    ),
     "swing": (
         SwingMotion(pose=START, axis=AXIS, amplitude=0.7, period=1.3, ramp=1.0, start_time=0.5),
         (0.5, 1.5),
@@ -350,6 +354,15 @@ def test_turn_is_a_line_between_the_same_orientations() -> None:
     for time in np.linspace(-0.1, 2.1, 12):
         for first, second in zip(turn.at(time), line.at(time), strict=True):
             assert_allclose(first, second, atol=1e-13)
+
+
+def test_a_turn_about_a_point_keeps_the_pose_seen_from_it() -> None:
+    centre = np.array((0.3, -0.2, 0.1))
+    turn = TurnMotion(pose=START, axis=AXIS, angle=2.0, duration=2.0, centre=tuple(centre))
+    (X_0, *_), (X, *_) = turn.at(0.0), turn.at(1.3)
+    assert np.linalg.norm(X[:3, 3] - X_0[:3, 3]) > 0.1
+    assert_allclose(X[:3, :3].T @ (X[:3, 3] - centre), X_0[:3, :3].T @ (X_0[:3, 3] - centre), atol=1e-15)
+    assert_allclose((X[:3, 3] - X_0[:3, 3]) @ AXIS, 0.0, atol=1e-15)
 
 
 def test_swing_is_a_sine_after_its_ramp() -> None:

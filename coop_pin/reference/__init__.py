@@ -9,7 +9,7 @@ acceleration of the payload frame P, world axes, linear first. The kinds:
 - ``ExponentialMotion``: decaying exponentials, the reference experiment of Gueaieb et al. (2007).
 - ``LineMotion``: straight from one pose to another, from rest to rest.
 - ``CircleMotion``: round a circle, from rest.
-- ``TurnMotion``, ``SwingMotion``: about an axis through P, once or to and fro.
+- ``TurnMotion``: about an axis through P or another point; ``SwingMotion``: through P, to and fro.
 - ``WaypointsMotion``, ``CsvMotion``: a spline through poses, given in the scenario or in a file.
 - ``FunctionMotion``: a user-written function of time.
 

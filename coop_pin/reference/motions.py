@@ -218,7 +218,9 @@ def _radial_and_tangential(phi: float, spokes: Array) -> Array:
 
 
 class TurnMotion(PoseReference):
-    """R = exp(theta e) R_0 about an axis e through P; theta goes from 0 to angle by the quintic.
+    """R = exp(theta e) R_0, p = c + exp(theta e) (p_0 - c); theta goes from 0 to angle by the quintic.
+
+    The turn is about an axis e through the centre c: through P itself, which then rests, unless it is given.
 
     Attributes:
         pose: X_WP_d before the turn.
@@ -226,6 +228,7 @@ class TurnMotion(PoseReference):
         angle: reached at the end, rad; may be more than a whole turn.
         duration: of the turn, s.
         start_time: s.
+        centre: c, a point of the axis in world axes, m; P itself when omitted.
     """
 
     kind: Literal["turn"] = "turn"
@@ -234,6 +237,7 @@ class TurnMotion(PoseReference):
     angle: float
     duration: Positive
     start_time: float = 0.0
+    centre: Vector3 | None = None
 
     @cached_property
     def _start(self) -> tuple[Array, Array, Array]:
@@ -244,7 +248,13 @@ class TurnMotion(PoseReference):
         axis, p, terms = self._start
         s, turn = quintic(time, self.start_time, self.duration), self.angle * axis
         R = _rotation_about_axis(terms, self.angle * s.value)
-        return make_target(R, p, omega=s.rate * turn, alpha=s.acceleration * turn)
+        omega, alpha = s.rate * turn, s.acceleration * turn
+        if self.centre is None:
+            return make_target(R, p, omega=omega, alpha=alpha)
+        centre = np.array(self.centre)
+        r = Rotation.from_rotvec(s.value * turn).apply(p - centre)
+        v = np.cross(omega, r)
+        return make_target(R, centre + r, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
 
 
 class SwingMotion(PoseReference):
