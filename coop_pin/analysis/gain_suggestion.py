@@ -13,9 +13,7 @@ from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import statics_along
 from coop_pin.arrays import as_count, require_type
-from coop_pin.description.controller import (
-    PayloadSpace,
-)
+from coop_pin.description.controller import PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
@@ -48,12 +46,12 @@ def suggest(scenario: Scenario, *, poses: int = 101) -> Suggestion:
     The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2.
     The rate is the scenario's, or the first multiple of it up to 1000 Hz at which the error to expect while
     moving is below 0.2 mm and 0.2 N. The integral is anchored where the scenario has a force path, or a wrist
-    sensor on every arm; otherwise it leaks. The postures are the branches of the inverse kinematics with the
-    largest margin of torque, position limits and singularity. The scenario's own gains are not used;
-    collisions are not considered.
+    sensor on every arm; otherwise it leaks (the law of an arm's own wrist is not proposed). The postures are
+    the branches of the inverse kinematics with the largest margin of torque, position limits and singularity.
+    The scenario's own gains are not used; collisions are not considered.
 
     Args:
-        scenario: cell, motion and squeeze; its controller gives the force path only.
+        scenario: cell, motion and squeeze; its controller gives force_path and zero_at_grasp only.
         poses: number of poses looked at along the motion.
 
     Raises:
@@ -93,7 +91,10 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
     steps = max(2, math.ceil(clock.steps_per_tick * clock.rate_hz / proposal.rate_hz))
     steps = clock.steps_per_tick if proposal.rate_hz == clock.rate_hz else steps
     controller = PayloadSpace(
-        gains=proposal.gains, posture=proposal.posture, force_path=force_path_of(scenario)
+        gains=proposal.gains,
+        posture=proposal.posture,
+        force_path=force_path_of(scenario),
+        zero_at_grasp=getattr(scenario.controller, "zero_at_grasp", False),
     )
     clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
     return scenario.replace(controller=controller, clock=clock)

@@ -27,6 +27,7 @@ from coop_pin.model.arm_model import ArmModel
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
 _ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
@@ -91,7 +92,8 @@ def gain_proposal(scenario: Scenario, found: Reachability) -> GainProposal:
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
     root = np.sqrt(scale)
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
-    spread = float(eigenvalues.max()), float(eigenvalues.min())
+    largest = float(eigenvalues.max())
+    spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     for rate in _rates(scenario):
         proposal = _at_rate(scenario, found, inertia, scale, spread, rate)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
