@@ -77,6 +77,7 @@ _PUBLIC = {
     "Span": "coop_pin.sweeps",
     "Stabilisation": "coop_pin.description",
     "StaticTorques": "coop_pin.analysis",
+    "Suggestion": "coop_pin.analysis",
     "SweepPlan": "coop_pin.sweeps",
     "SweepResult": "coop_pin.sweeps",
     "SwingMotion": "coop_pin.reference",
@@ -106,6 +107,7 @@ _PUBLIC = {
     "simulate": "coop_pin.simulation",
     "solve_ik": "coop_pin.chain",
     "static_torques": "coop_pin.analysis",
+    "suggest": "coop_pin.analysis",
     "sweep": "coop_pin.sweeps",
     "tune": "coop_pin.sweeps",
 }

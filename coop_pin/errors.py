@@ -274,6 +274,14 @@ class JointLimitError(UnreachablePoseError):
         super().__init__(arm, distance, angle, f". Only joint limits prevent it: {needed}")
 
 
+class InfeasibleMotionError(CoopPinError, ValueError):
+    """A motion beyond a cell: ``cause`` is "rank", "reach", "singularity", "limits" or "torque"."""
+
+    def __init__(self, cause: str, detail: str) -> None:
+        self.cause, self.detail = cause, detail
+        super().__init__(f"the cell cannot do this motion ({cause}): {detail}")
+
+
 class OpenClosureError(CoopPinError, ValueError):
     """A closure error of ``closure`` beyond the tolerance: ``distance`` in m, ``angle`` in rad."""
 

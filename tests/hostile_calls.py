@@ -347,6 +347,7 @@ class Calls:
             "logspace": {"first": 0.1, "last": 1.0, "count": 3},
             "open_view": {"source": self.scenario, "frames_per_second": 30.0, "port": 0},
             "reachability": {"scenario": self.scenario, "poses": 5},
+            "suggest": {"scenario": self.scenario, "poses": 5},
             "run": {"scenario": self.scenario, "overrides": {}, "progress": None, "view": None,
                 "realtime_rate": None},
             "sampled_stability": {"scenario": self.scenario},

@@ -2,6 +2,8 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.analysis.gain_suggestion import Suggestion, suggest
+from coop_pin.analysis.gain_tuning import GainProposal, gain_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
@@ -20,6 +22,7 @@ from coop_pin.analysis.statics import (
     statics_along,
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
+from coop_pin.analysis.task_inertia import TaskInertia, task_inertia
 from coop_pin.analysis.theorem_monitor import theorem_monitor
 
 __all__ = [
@@ -28,6 +31,7 @@ __all__ = [
     "CellSummary",
     "DriveTorque",
     "FastestJoint",
+    "GainProposal",
     "JointLimitMargin",
     "NearlySingular",
     "Reachability",
@@ -35,8 +39,11 @@ __all__ = [
     "StaticTorques",
     "SteadyErrors",
     "StepStability",
+    "Suggestion",
+    "TaskInertia",
     "Unreachable",
     "cell_summary",
+    "gain_proposal",
     "maximum_reach",
     "reachability",
     "sampled_stability",
@@ -46,5 +53,7 @@ __all__ = [
     "statics_along",
     "steady_errors",
     "step_stability",
+    "suggest",
+    "task_inertia",
     "theorem_monitor",
 ]

@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     failures = (
         errors.CodeChangedError,
+        errors.InfeasibleMotionError,
         errors.NothingFeasibleError,
         errors.StoreLockedError,
         errors.FileWriteError,

@@ -1,4 +1,4 @@
-"""Commands that simulate nothing: ``coop-pin list``, ``fields``, ``show``, ``check`` and ``check-urdf``."""
+"""Commands without a run: ``coop-pin list``, ``fields``, ``show``, ``check``, ``suggest``, ``check-urdf``."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ class Check:
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
     control rate, and the joint friction in the plant's steps; say what the law measures and what a kinematic
-    bias and an unknown load leave. Every field of the scenario can be changed as in 'coop-pin run'.
+    bias and an unknown load leave; the proposal of 'coop-pin suggest' for these postures follows. Every field
+    of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -138,6 +139,7 @@ class Check:
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            gain_proposal,
             reachability,
             start_stability,
             statics_along,
@@ -157,9 +159,43 @@ class Check:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
         held, steps = start_stability(simulation), step_stability(simulation)
-        print(f"  {held.summary()}\n  {steps.summary()}")
+        print(f"  {held.summary()}\n  {steps.summary()}\n  {gain_proposal(scenario, found).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
         return OK if ok and held.ok and steps.ok else FAILED
+
+
+@dataclasses.dataclass(frozen=True)
+class Suggest:
+    """Propose control rate, gains of the payload-space law, postures and squeeze, and say what limits each.
+
+    Nothing is simulated. Where the cell cannot do the motion, the cause is named: rank, reach, singularity,
+    limits or torque. Every field of the scenario can be changed as in 'coop-pin run'.
+
+    Attributes:
+        scenario: a name listed by 'coop-pin list', or a TOML file; the gains of its controller are not used.
+        out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
+        poses: number of poses looked at along the motion.
+        fields: fields of the scenario, as typed.
+    """
+
+    scenario: _ScenarioName
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    poses: int = 101
+    fields: TypedFields = dataclasses.field(default_factory=dict)
+
+    def execute(self) -> int:
+        """Print the proposal and write its scenario.
+
+        Raises:
+            InfeasibleMotionError: the cell cannot do the motion.
+        """
+        from coop_pin.analysis import suggest
+
+        suggested = suggest(load_scenario(self.scenario, self.fields), poses=self.poses)
+        print(suggested.summary())
+        if self.out is not None:
+            suggested.scenario.save(self.out)
+        return OK
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show
+from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show, Suggest
 from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
@@ -22,12 +22,20 @@ Command = (
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Show, tyro.conf.subcommand("show")]
     | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Suggest, tyro.conf.subcommand("suggest")]
     | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
 )
-_WITH_FIELDS: dict[str, Any] = {"run": Run, "view": View, "show": Show, "check": Check, "tune": Tune}
+_WITH_FIELDS: dict[str, Any] = {
+    "run": Run,
+    "view": View,
+    "show": Show,
+    "check": Check,
+    "suggest": Suggest,
+    "tune": Tune,
+}
 """Commands that take the fields of a scenario as options."""
 
 _DESCRIPTION = "Two or more robot arms that hold one object: simulate scenarios, view runs, compute metrics."
