@@ -116,7 +116,9 @@ def test_a_far_motion_can_be_followed_and_held(name):
     assert cp.sampled_stability(scenario).ok
     cell, gains = scenario.cell, scenario.controller.gains
     for at in range(len(reach.arms[0].times)):
-        J, M = zip(*(sampled(ArmModel.from_cell(cell, arm.arm), arm.q[at]) for arm in reach.arms), strict=True)
+        J, M = zip(
+            *(sampled(ArmModel.from_cell(cell, arm.arm), arm.q[at]) for arm in reach.arms), strict=True
+        )
         turn = np.kron(np.eye(2), motion.at(float(reach.arms[0].times[at])).X_WP_d[:3, :3])
         inertia = block_diag(cell.payload.mass * np.eye(3), cell.payload.inertia_matrix)
         rows = np.ix_(cell.task_rows.indices, cell.task_rows.indices)
