@@ -4,78 +4,79 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 from collections.abc import Generator, Iterator
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from coop_pin.errors import FieldError, MissingExtraError
-from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin.sweeps.job import Job, Outcome, distinct_ctrl_c, run_job
+from coop_pin.sweeps.local_pool import BATCH_S, LocalPool
 
 
 class Backend(Protocol):
     """Execution backend: computes jobs in any order, in memory that does not grow with their number."""
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Yield the outcome of every job as it finishes."""
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+        """Yield the outcomes of all jobs, some at a time, as they finish."""
 
 
 class SerialBackend:
     """Execution backend that computes jobs one after the other in this process."""
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Yield the outcome of every job."""
-        for job in jobs:
-            yield run_job(job)
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+        """Yield the outcomes of all jobs, those of a quarter of a second together."""
+        batch: list[Outcome] = []
+        start = time.monotonic()
+        with distinct_ctrl_c():
+            for job in jobs:
+                try:
+                    batch.append(run_job(job))
+                except BaseException:
+                    yield batch
+                    raise
+                if time.monotonic() - start > BATCH_S:
+                    yield batch
+                    batch, start = [], time.monotonic()
+        yield batch
 
 
-class BackendOptions(NamedTuple):
-    """Choice of an execution backend.
+def worker_count(workers: int | None) -> int:
+    """Return the number of local workers; one for each available processor if it is None.
 
-    Attributes:
+    Raises:
+        FieldError: it is negative.
+    """
+    if workers is None:
+        affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
+        return len(affinity(0))
+    if workers < 0:
+        raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
+    return workers
+
+
+@contextlib.contextmanager
+def open_backend(workers: int, scheduler: str | None) -> Iterator[Backend]:
+    """Yield an execution backend, with its workers while the ``with`` block runs.
+
+    Args:
         workers: number of local workers; 0 for this process, where a run that hangs or crashes takes the
             sweep with it.
         scheduler: address of a dask scheduler to use instead.
+
+    Raises:
+        MissingExtraError: dask is not installed.
+        FieldError: the scheduler's address is malformed.
+        WorkersLostError: there is no scheduler at that address.
     """
-
-    workers: int
-    scheduler: str | None = None
-
-    @classmethod
-    def of(cls, workers: int | None, scheduler: str | None = None) -> BackendOptions:
-        """Return the options with their default: one local worker for each available processor.
-
-        Raises:
-            FieldError: the number of workers is negative.
-        """
-        if workers is None:
-            affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
-            workers = len(affinity(0))
-        if workers < 0:
-            raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
-        return cls(workers, scheduler)
-
-    @property
-    def is_distributed(self) -> bool:
-        """Whether runs leave this process."""
-        return bool(self.workers or self.scheduler)
-
-    @contextlib.contextmanager
-    def open(self) -> Iterator[Backend]:
-        """Yield the backend, with its workers while the ``with`` block runs.
-
-        Raises:
-            MissingExtraError: dask is not installed.
-            FieldError: the scheduler's address is malformed.
-            WorkersLostError: there is no scheduler at that address.
-        """
-        if not self.is_distributed:
-            yield SerialBackend()
-            return
+    if scheduler:
         try:
-            from coop_pin.sweeps import cluster, dask_backend  # dask is an extra, and slow to load
+            from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
         except ModuleNotFoundError:
-            purpose = "to run a sweep on several processes"
-            raise MissingExtraError("distributed", "sweep", purpose) from None
-        address = self.scheduler
-        opened = cluster.remote_cluster(address) if address else cluster.local_cluster(self.workers)
-        with opened as client:
-            yield dask_backend.DaskBackend(client)
+            raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
+        with connected(scheduler) as backend:
+            yield backend
+    elif workers:
+        with LocalPool(workers) as pool:
+            yield pool
+    else:
+        yield SerialBackend()

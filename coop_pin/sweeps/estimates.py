@@ -9,7 +9,7 @@ from typing import NamedTuple
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
 from coop_pin.run_scenario import run
-from coop_pin.sweeps.backend import BackendOptions
+from coop_pin.sweeps.backend import worker_count
 from coop_pin.sweeps.plan import SweepPlan
 
 _SAMPLE_S = 1.0
@@ -56,7 +56,7 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
         FieldError: the number of workers is negative.
         CoopPinError: the first point cannot be run.
     """
-    count = max(BackendOptions.of(workers).workers, 1)
+    count = max(worker_count(workers), 1)
     _tick_times(plan.scenario(0))  # the first run of a process also loads modules
     start = time.perf_counter()
     ticks = _tick_times(plan.scenario(0))

@@ -97,6 +97,7 @@ class SweepPlan(Description):
         sample: points over the ranges of several fields.
         metrics: user functions, "module:function", that take a RunResult and return numbers by name.
         time_limit_s: wall time after which a run is aborted, s.
+        memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
     """
 
@@ -108,6 +109,7 @@ class SweepPlan(Description):
     sample: Sample | None = None
     metrics: tuple[FunctionName, ...] = ()
     time_limit_s: float = Field(default=600.0, gt=0.0)
+    memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
 
     @model_validator(mode="before")

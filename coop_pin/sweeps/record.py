@@ -1,44 +1,37 @@
-"""Record of one run, finished or failed, and its file format: JSON with a checksum."""
+"""Record of one run, finished or failed, and its format: a line of JSON with a checksum."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+import re
 import traceback
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 from coop_pin.errors import CoopPinError, FileReadError
 
-_HEAD, _MIDDLE, _TAIL = b'{"content": ', b', "sha256": "', b'"}\n'
-_DIGEST = 64
+_LINE = re.compile(rb'\{"sha256": "([0-9a-f]{64})", "content": (.*)\}')
 
 
 def to_checksummed_json(content: Mapping[str, Any]) -> bytes:
-    """Return ``{"content": ..., "sha256": digest of the content's bytes}`` as JSON."""
-    body = json.dumps(content, allow_nan=False).encode()
-    return _HEAD + body + _MIDDLE + hashlib.sha256(body).hexdigest().encode() + _TAIL
+    """Return ``{"sha256": digest of the content's bytes, "content": ...}`` as one line, without its end."""
+    body = json.dumps(content, allow_nan=False, default=str).encode()
+    return b'{"sha256": "%s", "content": %s}' % (hashlib.sha256(body).hexdigest().encode(), body)
 
 
-def from_checksummed_json(data: bytes) -> dict[str, Any]:
-    """Return the content of a file written by ``to_checksummed_json``.
+def from_checksummed_json(line: bytes) -> dict[str, Any]:
+    """Return the content of a line written by ``to_checksummed_json``.
 
     Raises:
-        FileReadError: the file is damaged, or was written by something else.
+        FileReadError: the line is damaged, cut, or was written by something else.
     """
-    end = len(data) - len(_TAIL) - _DIGEST - len(_MIDDLE)
-    framed = data.startswith(_HEAD) and data[end : end + len(_MIDDLE)] == _MIDDLE and data.endswith(_TAIL)
-    if end < len(_HEAD) or not framed:
-        raise FileReadError("the file was not written by a sweep, or is truncated")
-    body, digest = data[len(_HEAD) : end], data[end + len(_MIDDLE) : -len(_TAIL)]
-    if hashlib.sha256(body).hexdigest().encode() != digest:
-        raise FileReadError("the file is damaged: its checksum does not match its content")
-    content: dict[str, Any] = json.loads(body)
+    found = _LINE.fullmatch(line)
+    if found is None or hashlib.sha256(found[2]).hexdigest().encode() != found[1]:
+        raise FileReadError("it was not written by a sweep, or is damaged: its checksum does not match")
+    content: dict[str, Any] = json.loads(found[2])
     return content
-
-
-_FORMAT = 1
 
 
 class Failure(NamedTuple):
@@ -57,7 +50,7 @@ class Failure(NamedTuple):
     trace: str = ""
 
     @classmethod
-    def of(cls, error: Exception) -> Self:
+    def of(cls, error: BaseException) -> Self:
         """Return text and numbers of an error; not its result up to then, which may be large."""
         numbers = {name: value for name, value in error.__dict__.items() if isinstance(value, int | float)}
         foreign = error.__cause__ if isinstance(error, CoopPinError) else error
@@ -70,7 +63,7 @@ class Record(NamedTuple):
 
     Attributes:
         key: what ``run_key`` returned.
-        scenario: the resolved scenario as JSON; empty if the changed scenario had mistakes.
+        changes: what was changed in the base scenario, by dotted path.
         metrics: metrics by name; empty if the run failed.
         failure: its error if it failed.
         times: wall_s and cpu_s; apart from the metrics, because they differ from run to run.
@@ -78,37 +71,33 @@ class Record(NamedTuple):
     """
 
     key: str
-    scenario: str
+    changes: Mapping[str, Any]
     metrics: dict[str, float]
     failure: Failure | None = None
     times: Mapping[str, float] = {}
     result_digest: str = ""
 
-    def to_bytes(self) -> bytes:
-        """Return the content of its file."""
-        content = self._asdict() | {
-            "format": _FORMAT,
-            "metrics": _written(self.metrics),
-            "times": dict(self.times),
-        }
+    def to_line(self) -> bytes:
+        """Return its line in the store."""
+        content = self._asdict() | {"metrics": _written(self.metrics)}
         if self.failure is not None:
             content["failure"] = self.failure._asdict() | {"numbers": _written(self.failure.numbers)}
         return to_checksummed_json(content)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
+    def from_line(cls, line: bytes) -> Self:
         """Read a record.
 
         Raises:
-            FileReadError: the file is damaged, or not a record.
+            FileReadError: the line is damaged, or not a record.
         """
-        content = from_checksummed_json(data)
-        if content.pop("format", None) != _FORMAT or set(content) != set(cls._fields):
-            raise FileReadError("the file is not a record of a run, or one of another version")
-        failure = content["failure"]
-        if failure is not None:
-            failure = Failure(**failure | {"numbers": _read(failure["numbers"])})
-        return cls(**content | {"metrics": _read(content["metrics"]), "failure": failure})
+        content = from_checksummed_json(line)
+        if set(content) != set(cls._fields):
+            raise FileReadError("it is not the record of a run, or one of another version")
+        if content["failure"] is not None:
+            numbers = _read(content["failure"]["numbers"])
+            content["failure"] = Failure(**content["failure"] | {"numbers": numbers})
+        return cls(**content | {"metrics": _read(content["metrics"])})
 
 
 def _written(numbers: Mapping[str, float]) -> dict[str, float | str]:
