@@ -20,8 +20,8 @@ import psutil
 
 import coop_pin as cp
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
+from coop_pin.sweeps.backend import LocalPool
 from coop_pin.sweeps.job import Job, Outcome, run_job
-from coop_pin.sweeps.local_pool import LocalPool
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import point_key
 
@@ -124,7 +124,7 @@ def storage(count: int) -> None:
         memory = Memory()
         memory.start()
         result = SweepResult.load(folder)
-        assert result.counts()["ok"] == count
+        assert result.counts()["ok"] == count, result.counts()
         seconds.append(time.perf_counter())
         result.write_tables()
         seconds.append(time.perf_counter())

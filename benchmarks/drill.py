@@ -18,7 +18,6 @@ import contextlib
 import json
 import os
 import random
-import re
 import resource
 import signal
 import subprocess
@@ -32,7 +31,7 @@ from pathlib import Path
 import psutil
 
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep
-from coop_pin.sweeps.record import Record
+from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.store import SweepStore
 
 HERE = ("kill", "interrupt", "second", "lock-removed", "file-size", "flip-bits", "foreign")
@@ -63,6 +62,10 @@ changes = {{ duration = 0.25, events = [] }}
 """
 
 ROGUES = """
+base = "adept-paper"
+changes = { duration = 0.25, events = [] }
+memory_limit_gb = 0.5
+axes = { "clock.rate_hz" = [80.0, 100.0] }
 [cases.rogue]
 none = {}
 exit = { "controller" = { kind = "user", target = "rogue:Exit" } }
@@ -100,7 +103,7 @@ class Session:
     def __init__(self, drill: Drill, *options: str, plan: Path | None = None) -> None:
         self._drill = drill
         words = ["-m", "coop_pin", "sweep", str(plan or drill.file), "--out", str(drill.folder), "--quiet"]
-        path = os.pathsep.join([str(drill.place), *sys.path])
+        path = os.pathsep.join(sys.path)
         self.process = subprocess.Popen(
             [sys.executable, *words, *options],
             stderr=subprocess.PIPE,
@@ -164,6 +167,7 @@ class Drill:
         self.file.write_text(PLAN.format(count=runs // 4))
         self.plan = SweepPlan.load(self.file)
         (place / "rogue.py").write_text(ROGUE_LAWS)
+        sys.path.insert(0, str(place))  # for keys of runs with these laws, here and in sessions
         self.random = random.Random(seed)
         self.done: Counter[str] = Counter()
 
@@ -332,10 +336,7 @@ class Drill:
     def _rogue_runs(self) -> None:
         """Add runs that end their process, and some that eat memory, to the folder."""
         rogues = self.place / "rogues.toml"
-        text = self.file.read_text().replace(
-            "time_limit_s = 6.0", "time_limit_s = 60.0\nmemory_limit_gb = 0.5"
-        )
-        rogues.write_text(re.sub(r"linspace = .*]", "linspace = [0.0, 0.4, 1]", text) + ROGUES)
+        rogues.write_text(ROGUES)
         said = Session(self, "--workers", "2", plan=rogues).end(None)
         assert not said, said
         plan = SweepPlan.load(rogues)
@@ -343,8 +344,8 @@ class Drill:
         kinds = {"none": set(), "exit": {"WorkerDiedError"}, "memory": {"MemoryError"}}
         for law, wanted in kinds.items():
             part = found.at({"rogue": law})
-            assert part.counts()["missing"] == 0
-            assert {failure.kind for failure in part.failures} - {"DivergedError"} == wanted
+            assert part.counts()["missing"] == 0, law
+            assert {failure.kind for failure in part.failures} == wanted
 
     def _kill_host(self) -> None:
         session = Session(self, "--workers", "2")

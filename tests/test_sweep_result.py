@@ -6,8 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
-from coop_pin.sweeps.job import Outcome
-from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.job import Failure, Outcome, Record
 from coop_pin.sweeps.sensitivity import pareto_front
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import point_key

@@ -12,9 +12,8 @@ import pytest
 
 from coop_pin.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
 from coop_pin.sweeps import SweepResult, sweep
-from coop_pin.sweeps.job import Outcome
+from coop_pin.sweeps.job import Failure, Outcome, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.store import SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"

@@ -14,8 +14,8 @@ from faulty import law
 import coop_pin as cp
 from coop_pin.errors import WorkersLostError
 from coop_pin.sweeps import SweepPlan, linspace, sweep
+from coop_pin.sweeps.backend import LocalPool
 from coop_pin.sweeps.job import Job
-from coop_pin.sweeps.local_pool import LocalPool
 
 PLAN = SweepPlan(
     base="adept-paper",

@@ -31,7 +31,7 @@ from coop_pin.errors import (
     SweepInterruptedError,
     UnknownFieldError,
 )
-from coop_pin.sweeps import SweepResult, backend
+from coop_pin.sweeps import SweepResult, backend, engine
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.tuner import Bound, Objective
 from coop_pin.sweeps.tuner import search as find
@@ -206,8 +206,8 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
 @pytest.fixture
 def pools(monkeypatch):
     """The pools of local workers that are opened."""
-    opened, original = [], backend.LocalPool
-    monkeypatch.setattr(backend, "LocalPool", lambda workers: opened.append(workers) or original(workers))
+    opened, original = [], engine.LocalPool
+    monkeypatch.setattr(engine, "LocalPool", lambda workers: opened.append(workers) or original(workers))
     return opened
 
 

@@ -6,7 +6,7 @@ Names are loaded on first use: the host process of local workers lies in this pa
 from coop_pin import lazy_names
 
 _PUBLIC = {
-    "Estimate": "coop_pin.sweeps.estimates",
+    "Estimate": "coop_pin.sweeps.engine",
     "PointFailure": "coop_pin.sweeps.result",
     "PointResult": "coop_pin.sweeps.result",
     "Sample": "coop_pin.sweeps.sampling",
@@ -14,7 +14,7 @@ _PUBLIC = {
     "Span": "coop_pin.sweeps.sampling",
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
-    "estimate": "coop_pin.sweeps.estimates",
+    "estimate": "coop_pin.sweeps.engine",
     "linspace": "coop_pin.sweeps.dimensions",
     "logspace": "coop_pin.sweeps.dimensions",
     "sweep": "coop_pin.sweeps.engine",

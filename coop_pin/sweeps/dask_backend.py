@@ -16,8 +16,8 @@ import distributed
 from distributed.comm.addressing import resolve_address
 
 from coop_pin.errors import CoopPinError, FieldError, WorkersLostError
+from coop_pin.sweeps.backend import BatchingBackend, LocalPool
 from coop_pin.sweeps.job import Job, Outcome
-from coop_pin.sweeps.local_pool import BatchingBackend, LocalPool
 
 _CLIENT: Any = distributed.Client  # without types
 _POLL_S, _PATIENCE_S = 2.0, 30.0

@@ -1,28 +1,52 @@
-"""Sweep engine: computes the missing runs of a plan and stores them; ``sweep`` is its public function."""
+"""Sweep engine: computes the missing runs of a plan and stores them; estimates how long that takes."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import itertools
+import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, ScenarioError, SweepInterruptedError
+from coop_pin.errors import (
+    FieldError,
+    MissingExtraError,
+    RunTimeoutError,
+    ScenarioError,
+    SweepInterruptedError,
+)
 from coop_pin.progress_bar import ProgressBar
-from coop_pin.sweeps.backend import Backend, open_backend, worker_count
-from coop_pin.sweeps.job import Job, Outcome
+from coop_pin.run_scenario import run
+from coop_pin.sweeps.backend import BatchingBackend, LocalPool, SerialBackend
+from coop_pin.sweeps.job import Failure, Job, Outcome, Record
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, unresolved_key
 from coop_pin.sweeps.store import SweepStore
 
 _TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
+_SAMPLE_S = 1.0
+"""Time for which the ticks of a run are timed, s."""
+
+
+def worker_count(workers: int | None) -> int:
+    """Return the number of local workers; one for each available processor if it is None.
+
+    Raises:
+        FieldError: it is negative.
+    """
+    if workers is None:
+        affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
+        return len(affinity(0))
+    if workers < 0:
+        raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
+    return workers
 
 
 class Session:
@@ -67,8 +91,15 @@ class Session:
         self._refused.clear()
 
     @functools.cached_property
-    def _backend(self) -> Backend:
-        return self.stack.enter_context(open_backend(*self._place))
+    def _backend(self) -> SerialBackend | BatchingBackend:
+        workers, scheduler = self._place
+        if not scheduler:
+            return self.stack.enter_context(LocalPool(workers)) if workers else SerialBackend()
+        try:
+            from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
+        except ModuleNotFoundError:
+            raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
+        return self.stack.enter_context(connected(scheduler))
 
     def _jobs(self, plan: SweepPlan, retry_failed: bool) -> Iterator[Job]:
         """Yield the jobs still to be computed; points whose scenario has mistakes are recorded at once."""
@@ -191,3 +222,63 @@ def sweep(
     result = SweepResult(chosen, session.store)
     result.write_tables()
     return result
+
+
+class Estimate(NamedTuple):
+    """Estimated duration of a sweep.
+
+    Attributes:
+        runs: number of runs.
+        run_s: duration of one run, s.
+        workers: number of runs computed at a time.
+    """
+
+    runs: int
+    run_s: float
+    workers: int
+
+    @property
+    def total_s(self) -> float:
+        """Duration of the sweep, s."""
+        return self.runs * self.run_s / self.workers
+
+    def summary(self) -> str:
+        """Return the estimate on one line."""
+        minutes, seconds = divmod(round(self.total_s), 60)
+        hours, minutes = divmod(minutes, 60)
+        each = f"{self.runs} runs of {self.run_s:.2g} s on {self.workers} workers"
+        return f"about {hours}:{minutes:02}:{seconds:02} h for {each}"
+
+
+def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
+    """Return the estimated duration of a sweep, from at most a second of its first point's ticks.
+
+    Args:
+        plan: the points.
+        workers: number of processes, 0 for this process; one for each processor when omitted.
+
+    Raises:
+        FieldError: the number of workers is negative.
+        CoopPinError: the first point cannot be run.
+    """
+    count = max(worker_count(workers), 1)
+    _tick_times(plan.scenario(0))  # the first run of a process also loads modules
+    start = time.perf_counter()
+    ticks = _tick_times(plan.scenario(0))
+    (first, total), (last, _) = ticks[0], ticks[-1]
+    run_s = first - start + (last - first) / max(len(ticks) - 1, 1) * total
+    return Estimate(len(plan), run_s, count)
+
+
+def _tick_times(scenario: Scenario) -> list[tuple[float, int]]:
+    """Run at most a second of a scenario's ticks; return the time of each, s, and their number in all."""
+    ticks: list[tuple[float, int]] = []
+
+    def note(_done: int, total: int) -> None:
+        ticks.append((time.perf_counter(), total))
+        if ticks[-1][0] - ticks[0][0] > _SAMPLE_S:
+            raise RunTimeoutError(_SAMPLE_S)
+
+    with contextlib.suppress(RunTimeoutError):
+        run(scenario, progress=note)
+    return ticks

@@ -17,9 +17,8 @@ from filelock import FileLock, Timeout
 from coop_pin.errors import FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.sweeps.job import Outcome
+from coop_pin.sweeps.job import Outcome, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Record, from_checksummed_json, to_checksummed_json
 from coop_pin.user_files import read_user_file
 
 _LOG = logging.getLogger("coop_pin.sweeps")

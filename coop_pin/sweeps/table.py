@@ -13,8 +13,8 @@ import xarray as xr
 from coop_pin.arrays import Array
 from coop_pin.errors import ScenarioError
 from coop_pin.sweeps.dimensions import Dimension
+from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Record
 from coop_pin.sweeps.run_key import run_key, unresolved_key
 from coop_pin.sweeps.store import SweepStore
 
