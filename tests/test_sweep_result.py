@@ -233,6 +233,8 @@ def test_fields_without_effect_are_named(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.1, 0.2], RATE: [100.0, 200.0], MASS: [1.0]})
     result = filled(tmp_path / "a", plan, lambda p: {"f": p[RATE], "g": np.nan})
     assert result.fields_without_effect() == [GAIN]
+    sometimes = filled(tmp_path / "d", plan, lambda p: {"f": p[RATE], "g": np.nan if p[GAIN] == 0.2 else 1.0})
+    assert sometimes.fields_without_effect() == []
     assert f"no effect on any metric here: {GAIN}\n" in result.summary()
     assert filled(tmp_path / "b", plan, lambda p: {"f": p[RATE] * p[GAIN]}).fields_without_effect() == []
     assert (

@@ -7,8 +7,8 @@ from coop_pin import lazy_names
 
 _PUBLIC = {
     "Estimate": "coop_pin.sweeps.engine",
-    "PointFailure": "coop_pin.sweeps.result",
-    "PointResult": "coop_pin.sweeps.result",
+    "PointFailure": "coop_pin.sweeps.table",
+    "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.sampling",
     "SobolIndices": "coop_pin.sweeps.sensitivity",
     "Span": "coop_pin.sweeps.sampling",

@@ -8,7 +8,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
@@ -22,42 +22,11 @@ from coop_pin.errors import (
     OutOfRangeError,
 )
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.run_scenario import run
 from coop_pin.sweeps import sensitivity
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import FAILED, MISSING, OK, Table, point_key
-
-
-class PointResult(NamedTuple):
-    """One run of a sweep.
-
-    Attributes:
-        number: its place in the plan, counted from 0; ``open`` takes it.
-        parameters: values of the varied fields.
-        metrics: metrics by name.
-    """
-
-    number: int
-    parameters: dict[str, Any]
-    metrics: dict[str, float]
-
-
-class PointFailure(NamedTuple):
-    """One run of a sweep that failed.
-
-    Attributes:
-        number: its place in the plan, counted from 0.
-        parameters: values of the varied fields.
-        kind: name of the error's class.
-        message: its message.
-    """
-
-    number: int
-    parameters: dict[str, Any]
-    kind: str
-    message: str
+from coop_pin.sweeps.table import FAILED, MISSING, OK, PointFailure, PointResult, Table, describe, point_key
 
 
 class SweepResult:
@@ -292,6 +261,20 @@ class SweepResult:
             raise OutOfRangeError("number", nearest, f"a run of the plan, which has {len(self.plan)}")
         return int(number)
 
+    def fields_without_effect(self) -> list[str]:
+        """Return the dimensions along which all runs finished with the same metrics, bit for bit.
+
+        For example the posture of arms that have no joint to spare.
+        """
+        if not self.metric_names or (self.data["status"] != OK).any():
+            return []
+        columns = [self.data[name] for name in self.metric_names]
+        return [
+            str(dim)
+            for dim, size in self.data.sizes.items()
+            if size > 1 and all(column.equals(column.roll({dim: 1})) for column in columns)
+        ]
+
     def summary(self) -> str:
         """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""
         counts = self.counts()
@@ -301,51 +284,8 @@ class SweepResult:
         for kind, first in sorted({failure.kind: failure for failure in reversed(failures)}.items()):
             reason = f"{numbers[kind]} {kind}; run {first.number}: {first.message}"
             lines.append("  " + reason.replace("\n", "\n    "))
-        lines += [f"  {count} {text}" for text, count in self._doubts().items() if count]
         if idle := self.fields_without_effect():
             lines.append(f"  no effect on any metric here: {', '.join(idle)}")
-        empty = {name: int(np.isnan(self._finished(name)).sum()) for name in self.metric_names}
-        if any(empty.values()):
-            named = ", ".join(f"{name} ({count})" for name, count in empty.items() if count)
-            lines.append(f"  not a number, by the number of finished runs: {named}")
-        for name in self.metric_names:
-            values = self._finished(name)
-            values = values[np.isfinite(values)]
-            if values.size:
-                span = f"{values.min():>11.4g} .. {values.max():<11.4g}"
-                lines.append(f"  {name:<30} {span} median {np.median(values):.4g}")
-        return "\n".join(lines)
-
-    def _finished(self, metric: str) -> Array:
-        """Return a metric of the finished runs; none if no run has it."""
-        if metric not in self.metric_names:
-            return np.empty(0)
-        return np.asarray(self.data[metric].values[self.data["status"].values == OK])
-
-    def _doubts(self) -> dict[str, int]:
-        """Return how many finished runs are not trustworthy, never settled, or have no steady metrics."""
-        ends, starts = self._finished("window_end_s"), self._finished("window_start_s")
-        return {
-            "NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why": int(
-                (self._finished("trustworthy") == 0.0).sum()
-            ),
-            "never settled: settling_time_s is infinite": int(
-                np.isposinf(self._finished("settling_time_s")).sum()
-            ),
-            f"without steady metrics: {NO_STEADY_METRICS}": int((ends <= starts).sum()),
-        }
-
-    def fields_without_effect(self) -> list[str]:
-        """Return the dimensions along which all runs finished with the same metrics, bit for bit.
-
-        For example the posture of arms that have no joint to spare.
-        """
-        data = self.data[self.metric_names]
-        if not data or (self.data["status"] != OK).any():
-            return []
-        return [
-            str(dim)
-            for dim, size in data.sizes.items()
-            if size > 1
-            and data.equals(data.isel({dim: [0]}).isel({dim: [0] * size}).assign_coords(data.coords))
-        ]
+        ok = self.data["status"].values == OK
+        metrics = {name: self.data[name].values[ok] for name in self.metric_names}
+        return "\n".join(lines + describe(metrics))

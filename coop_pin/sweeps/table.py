@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import xarray as xr
 
 from coop_pin.arrays import Array
 from coop_pin.errors import ScenarioError
+from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.plan import SweepPlan
@@ -28,6 +29,36 @@ def point_key(plan: SweepPlan, index: int) -> str:
     except ScenarioError:
         point = plan[index]
         return unresolved_key(plan.base[point.base], point.changes)
+
+
+class PointResult(NamedTuple):
+    """One run of a sweep.
+
+    Attributes:
+        number: its place in the plan, counted from 0; ``open`` takes it.
+        parameters: values of the varied fields.
+        metrics: metrics by name.
+    """
+
+    number: int
+    parameters: dict[str, Any]
+    metrics: dict[str, float]
+
+
+class PointFailure(NamedTuple):
+    """One run of a sweep that failed.
+
+    Attributes:
+        number: its place in the plan, counted from 0.
+        parameters: values of the varied fields.
+        kind: name of the error's class.
+        message: its message.
+    """
+
+    number: int
+    parameters: dict[str, Any]
+    kind: str
+    message: str
 
 
 class Table(NamedTuple):
@@ -126,6 +157,28 @@ class Table(NamedTuple):
             range(len(self.keys)), *(c.tolist() for c in self.times.values()), self.keys, strict=True
         )
         _write_lines(path, ["point", *self.times, "key"], columns)
+
+
+def describe(metrics: Mapping[str, Array]) -> list[str]:
+    """Return lines about the metrics of finished runs: doubtful runs, values that are none, and ranges."""
+    none = np.empty(0)
+    starts, ends = (metrics.get(f"window_{end}_s", none) for end in ("start", "end"))
+    doubts = {
+        "NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why": metrics.get("trustworthy", none)
+        == 0,
+        "never settled: settling_time_s is infinite": np.isposinf(metrics.get("settling_time_s", none)),
+        f"without steady metrics: {NO_STEADY_METRICS}": ends <= starts,
+    }
+    lines = [f"  {np.count_nonzero(runs)} {text}" for text, runs in doubts.items() if runs.any()]
+    empty = {name: np.count_nonzero(np.isnan(values)) for name, values in metrics.items()}
+    if any(empty.values()):
+        named = ", ".join(f"{name} ({count})" for name, count in empty.items() if count)
+        lines.append(f"  not a number, by the number of finished runs: {named}")
+    for name, values in metrics.items():
+        if (finite := values[np.isfinite(values)]).size:
+            span = f"{finite.min():>11.4g} .. {finite.max():<11.4g}"
+            lines.append(f"  {name:<30} {span} median {np.median(finite):.4g}")
+    return lines
 
 
 def _coordinates(dimension: Dimension) -> dict[str, tuple[str, Any]]:

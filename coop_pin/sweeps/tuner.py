@@ -16,8 +16,9 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError
 from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.result import PointResult, SweepResult
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.sampling import Sample, Span
+from coop_pin.sweeps.table import PointResult
 
 _SMALLEST = 5
 """Runs in a generation, at least."""
