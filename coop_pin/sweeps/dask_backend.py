@@ -42,7 +42,7 @@ class DaskBackend(BatchingBackend):
 
     def slots(self) -> int:
         """Return the number of threads of all workers, which come and go; at least one."""
-        if time.monotonic() - self._counted > _POLL_S:
+        if time.monotonic() - self._counted > _POLL_S:  # asking takes milliseconds
             with self._answering():
                 self._threads = max(1, sum(self._client.nthreads().values()))
             self._counted = time.monotonic()
@@ -116,22 +116,21 @@ def connected(address: str) -> Iterator[DaskBackend]:
         FieldError: the address is malformed.
         WorkersLostError: there is no scheduler at that address.
     """
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)  # lost connections and workers arrive as errors and records
-    try:
-        resolve_address(address)  # a client with a malformed address would take ten seconds to close
-        client = _CLIENT(address, set_as_default=False, timeout="5s")
-    except (ValueError, TypeError) as error:
-        wanted = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
-        raise FieldError(f"is {address!r} ({error}); it must be {wanted}", "scheduler") from None
-    except OSError as error:
-        advice = "start one with: dask scheduler"
-        raise WorkersLostError(f"there is no dask scheduler at {address!r} ({error}); {advice}") from None
-    if not address.startswith("tls://"):
-        _LOG.warning("%s has no TLS: whoever reaches it can read the runs and run code as you", address)
-    try:
+    with contextlib.ExitStack() as stack:
+        for name in ("distributed", "distributed.client"):  # what is lost arrives as errors and records
+            logger = logging.getLogger(name)
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.CRITICAL)
+        try:
+            resolve_address(address)  # a client with a malformed address would take ten seconds to close
+            client = _CLIENT(address, set_as_default=False, timeout="5s")
+        except (ValueError, TypeError) as error:
+            wanted = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
+            raise FieldError(f"is {address!r} ({error}); it must be {wanted}", "scheduler") from None
+        except OSError as error:
+            said = f"there is no dask scheduler at {address!r} ({error})"
+            raise WorkersLostError(f"{said}; start one with: dask scheduler") from None
+        if not address.startswith("tls://"):
+            _LOG.warning("%s has no TLS: whoever reaches it can read the runs and run code as you", address)
         with client, contextlib.closing(DaskBackend(client)) as backend:
             yield backend
-    finally:
-        logger.setLevel(level)

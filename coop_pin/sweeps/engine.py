@@ -41,6 +41,7 @@ def worker_count(workers: int | None) -> int:
     Raises:
         FieldError: it is negative.
     """
+    require_type("workers", workers, int, type(None))
     if workers is None:
         affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
         return len(affinity(0))
@@ -158,10 +159,11 @@ def open_session(
         FileReadError: an older version wrote the folder.
         SweepInterruptedError: Ctrl-C.
     """
-    store = SweepStore(folder)
+    require_type("scheduler", scheduler, str, type(None))
+    count, store = worker_count(workers), SweepStore(folder)
     with store.locked(), ProgressBar("runs", total=total, quiet=quiet, keep=True) as bar:
         try:
-            session = Session(store, bar, worker_count(workers), scheduler)
+            session = Session(store, bar, count, scheduler)
             with session.stack:
                 yield session
         except KeyboardInterrupt:

@@ -29,6 +29,11 @@ from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointFailure, PointResult, Table, describe, point_key
 
 
+def _equal(label: Any, value: Any) -> bool:
+    """Return whether a value is the number of a coordinate."""
+    return isinstance(label, int | float) and isinstance(value, int | float) and label == value
+
+
 class SweepResult:
     """Results of a sweep, or of a part of it.
 
@@ -75,6 +80,8 @@ class SweepResult:
             FieldError: no run has the value.
         """
         require_type("fields", fields, Mapping)
+        for field in fields:
+            require_type("a field", field, str)
         part = type(self)(self.plan, self.store)
         part._table, part.data = self._table, self.data
         for field, value in fields.items():
@@ -82,7 +89,7 @@ class SweepResult:
                 known = [str(name) for name in part.data.coords]
                 raise NameNotFoundError("field", field, known, "the sweep")
             labels = np.atleast_1d(part.data[field].values).tolist()
-            places = [i for i, label in enumerate(labels) if label == value or str(label) == str(value)]
+            places = [i for i, label in enumerate(labels) if str(label) == str(value) or _equal(label, value)]
             if not places:
                 wanted = ", ".join(map(str, labels[:20]))
                 raise FieldError(f"never is {value!r}; it must be one of {wanted}", field)

@@ -13,7 +13,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError
+from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
 from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
@@ -45,6 +45,7 @@ class Bound(NamedTuple):
         Raises:
             FieldError: the text is not a constraint.
         """
+        require_type("a constraint", text, str)
         form = _FORM.fullmatch(text)
         with contextlib.suppress(ValueError):
             if form is not None and np.isfinite(bound := float(form["bound"])):
@@ -218,6 +219,7 @@ def tune(
     require_type("quiet", quiet, bool)
     require_type("minimize", minimize, str)
     require_type("subject_to", subject_to, str, Sequence)
+    require_type("metrics", metrics, Sequence)
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     generations, population = as_count("generations", generations), as_count("population", population, 1)
     seed = as_count("seed", seed)
@@ -261,12 +263,11 @@ def _check(base: Scenario, vary: Ranges) -> None:
     if not vary:
         raise FieldError("names no field; give at least one, with its lowest and highest value", "vary")
     for field, ends in vary.items():
+        low, high = ends if isinstance(ends, Sequence) and len(ends) == 2 else (ends, None)
         try:
-            low, high = map(float, ends)
-        except (TypeError, ValueError):
-            detail = f"has the range {ends!r}; it must be a lowest and a highest number"
-            raise FieldError(detail, field) from None
-        if not (np.isfinite([low, high]).all() and low < high):
-            detail = f"goes from {low:g} to {high:g}; the range must have a lower and a higher end"
-            raise FieldError(detail, field)
+            Span(low=low, high=high)
+        except (FieldError, ScenarioError) as error:
+            raise FieldError(
+                f"has the range {ends!r}, not two numbers, the lower first: {error}", field
+            ) from None
     SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that do not exist

@@ -20,14 +20,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-_START_S, _STARTS, _PAUSE_S = 60.0, 5, 0.1
-"""Time in which a worker starts, how many may die in a row while they start, and duration of a spawn."""
+_START_S, _STARTS, _POLL_S, _PAUSE_S = 60.0, 5, 0.2, 0.1
+"""Time in which a worker starts and how many may die in a row meanwhile; interval of looks; time of a spawn."""
 _TRIES = {"died": 3, "late": 2}
 """Workers that die with a job, or are killed at its time limit, before it has failed."""
 
@@ -77,29 +78,38 @@ class _Slot(threading.Thread):
         end, content = self._attempt(jobs)
         if end == "done":
             return [content]
-        if len(jobs) == 1 and deaths + 1 == _TRIES[end]:
+        if end == "failed":
+            raise content
+        if len(jobs) == 1 and deaths + 1 >= _TRIES[end]:
             return [(first, end, deaths + 1, content)]
         alone = enumerate(jobs, first)
         return [part for number, job in alone for part in self._parts([job], number, deaths + 1)]
 
     def _attempt(self, jobs: list[bytes]) -> tuple[str, Any]:
+        """Return how an attempt ended, and pickled outcomes or an exit code."""
         limit_s, memory_limit = self._limits
         for _ in range(_STARTS):
-            if not self.pool.active:
-                self._replace_pool()
-            future = self.pool.schedule(compute, (jobs, memory_limit), timeout=limit_s)
-            try:
-                return "done", future.result(timeout=limit_s + _START_S)
-            except BrokenProcessPool:  # the worker died before it took the jobs
-                continue
-            except (ProcessExpired, MemoryError) as error:
-                return "died", getattr(error, "exitcode", 0)
-            except TimeoutError:
-                if future.done():
+            with contextlib.suppress(RuntimeError):  # the pool broke just now
+                future = self.pool.schedule(compute, (jobs, memory_limit), timeout=limit_s)
+                end = time.monotonic() + limit_s + _START_S
+                while (
+                    not futures.wait([future], _POLL_S).done and self.pool.active and time.monotonic() < end
+                ):
+                    pass
+                error = future.exception() if future.done() else None
+                if future.done() and error is None:
+                    return "done", future.result()
+                if isinstance(error, ProcessExpired | MemoryError):
+                    return "died", getattr(error, "exitcode", 0)
+                if isinstance(error, TimeoutError):
                     return "late", -signal.SIGKILL
-                self._replace_pool()  # stopped before it took the jobs, or holding the pool's lock
-                return "died", -signal.SIGKILL
-        raise RuntimeError(f"{_STARTS} workers in a row died while they started")
+                if error is not None and not isinstance(error, BrokenProcessPool):
+                    return "failed", error
+                if self.pool.active:  # stopped before it took the jobs, or holding the lock of its pool
+                    self._replace_pool()
+                    return "died", -signal.SIGKILL
+            self._replace_pool()  # the worker died before it took the jobs
+        return "failed", RuntimeError(f"{_STARTS} workers in a row died while they started")
 
     def _replace_pool(self) -> None:
         self.pool.stop()
