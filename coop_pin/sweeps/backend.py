@@ -34,15 +34,15 @@ class SerialBackend:
         batch: list[Outcome] = []
         start = time.monotonic()
         with distinct_ctrl_c():
-            for job in jobs:
-                try:
+            try:
+                for job in jobs:
                     batch.append(run_job(job))
-                except BaseException:
-                    yield batch
-                    raise
-                if time.monotonic() - start > BATCH_S:
-                    yield batch
-                    batch, start = [], time.monotonic()
+                    if time.monotonic() - start > BATCH_S:
+                        yield batch
+                        batch, start = [], time.monotonic()
+            except (Exception, KeyboardInterrupt):  # not of the consumer, which closes
+                yield batch
+                raise
         yield batch
 
 

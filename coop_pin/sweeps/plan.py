@@ -201,7 +201,7 @@ class SweepPlan(Description):
         return math.prod(self.shape)
 
     def __getitem__(self, index: int) -> Point:
-        """Return one point; negative places count from the end."""
+        """Return one point with all that is overridden in its run; negative places count from the end."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -108,7 +108,15 @@ def search(evaluate: Evaluate, ranges: Ranges, *, generations: int, size: int, s
     """
     spans = {field: Span(low=low, high=high) for field, (low, high) in ranges.items()}
     first = Sample(fields=spans, count=size, method="latin-hypercube", seed=seed)
-    with _quiet() as optuna:
+    try:
+        import optuna  # an extra, and slow to load
+    except ImportError:
+        raise MissingExtraError("optuna", "tune", "to search for gains") from None
+    experimental = optuna.exceptions.ExperimentalWarning
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings(action="ignore", category=experimental))
+        stack.callback(optuna.logging.set_verbosity, optuna.logging.get_verbosity())
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
         # Pending points count as bad ones, so that a generation spreads.
         sampler = optuna.samplers.TPESampler(
             n_startup_trials=size, multivariate=True, constant_liar=True, seed=seed
@@ -124,27 +132,6 @@ def search(evaluate: Evaluate, ranges: Ranges, *, generations: int, size: int, s
             for trial, metric, excess in zip(trials, *evaluate(np.array(points)), strict=True):
                 trial.set_constraint("bounds", min(float(excess), _LARGEST))
                 study.tell(trial, float(metric) if np.isfinite(metric) else 0.0)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[Any]:
-    """Yield optuna without its log messages and without its warnings about experimental options.
-
-    Raises:
-        MissingExtraError: optuna is not installed.
-    """
-    try:
-        import optuna  # an extra, and slow to load
-    except ImportError:
-        raise MissingExtraError("optuna", "tune", "to search for gains") from None
-    level = optuna.logging.get_verbosity()
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            yield optuna
-    finally:
-        optuna.logging.set_verbosity(level)
 
 
 class TuneResult(NamedTuple):

@@ -28,7 +28,7 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 _START_S, _STARTS, _POLL_S, _PAUSE_S = 60.0, 5, 0.2, 0.1
-"""Time in which a worker starts and how many may die in a row meanwhile; interval of looks; time of a spawn."""
+"""Time of a start, workers that may die in a row while they start, interval of looks, pause at the end; s."""
 _TRIES = {"died": 3, "late": 2}
 """Workers that die with a job, or are killed at its time limit, before it has failed."""
 
