@@ -1,12 +1,14 @@
 """Fault drill: faults are injected into a sweep at random times, and it must lose nothing.
 
-    python benchmarks/drill.py [--faults 100] [--runs 400] [--seed 0]
+    python benchmarks/drill.py [--faults 110] [--runs 400] [--seed 0]
 
-Each round runs ``coop-pin sweep`` on one folder and injects a fault: it kills a worker, the host of the
-workers, the process itself or a remote dask scheduler, sends Ctrl-C, starts a second sweep, limits the size
-of files, fills the disk (a small one in memory, if this user may mount it), flips bits in stored files, or
-adds foreign files. After every round each run that was finished before is still stored with the same numbers,
-unless the round damaged its file. The final table is that of an undisturbed sweep, byte for byte.
+Each round runs ``coop-pin sweep`` on one folder and injects a fault: it kills a worker, at work or while it
+starts, the host of the workers, the process itself or a remote dask scheduler, stops a worker for ever, sends
+Ctrl-C, starts a second sweep, also after removing the lock by hand, adds runs that end their process or eat
+memory, limits the size of files, fills the disk (a small one in memory, if this user may mount it), flips
+bits in stored files, or adds foreign files, pipes among them. After every round each run that was finished
+before is still stored with the same numbers, but for one for each bit that the round flipped. The final table
+is that of an undisturbed sweep, byte for byte.
 """
 
 from __future__ import annotations
@@ -28,24 +30,66 @@ from pathlib import Path
 
 import psutil
 
-from coop_pin.errors import FileReadError
-from coop_pin.sweeps import SweepPlan, sweep
-from coop_pin.sweeps.record import Record
+from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.store import SweepStore
 
-HERE = ("kill", "interrupt", "second", "file-size", "flip-bits", "foreign")
+HERE = ("kill", "interrupt", "second", "lock-removed", "file-size", "flip-bits", "foreign")
 """Faults of a sweep in one process, which starts faster than workers."""
-FAULTS = (*HERE, "kill-worker", "kill-host", "kill-both", "kill-scheduler", "full-disk")
+FAULTS = (
+    *HERE,
+    "kill-worker",
+    "kill-start",
+    "kill-host",
+    "kill-both",
+    "kill-scheduler",
+    "stop-worker",
+    "rogue-runs",
+    "full-disk",
+)
 OK, FAILED, INTERRUPTED = 0, 1, 130
+WORKER = "--multiprocessing-fork"
 _PATIENCE_S = 240.0
 
 PLAN = """
 base = "adept-paper"
+time_limit_s = 6.0
 changes = {{ duration = 0.25, events = [] }}
 [axes]
 # the last diverges
 "controller.gains.damping_gain" = [[60.0, 60.0, 10.0], [50.0, 50.0, 9.0], [40.0, 40.0, 8.0], [3e3, 3e3, 5e2]]
 "controller.gains.sign_gain" = {{ linspace = [0.0, 0.4, {count}] }}
+"""
+
+ROGUES = """
+base = "adept-paper"
+changes = { duration = 0.25, events = [] }
+memory_limit_gb = 0.5
+axes = { "clock.rate_hz" = [80.0, 100.0] }
+[cases.rogue]
+none = {}
+exit = { "controller" = { kind = "user", target = "rogue:Exit" } }
+memory = { "controller" = { kind = "user", target = "rogue:Memory" } }
+"""
+ROGUE_LAWS = """
+import os
+import numpy as np
+import coop_pin as cp
+
+class Exit(cp.CellController):
+    def __init__(self, scenario):
+        self.blocks = []
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        os._exit(3)
+
+class Memory(Exit):
+    def step(self, measurements, references, state):
+        while True:
+            self.blocks.append(np.ones(1 << 24))
 """
 
 
@@ -56,11 +100,16 @@ class Session:
         process: its process.
     """
 
-    def __init__(self, drill: Drill, *options: str) -> None:
+    def __init__(self, drill: Drill, *options: str, plan: Path | None = None) -> None:
         self._drill = drill
-        words = ["-m", "coop_pin", "sweep", str(drill.file), "--out", str(drill.folder), "--quiet", *options]
+        words = ["-m", "coop_pin", "sweep", str(plan or drill.file), "--out", str(drill.folder), "--quiet"]
+        path = os.pathsep.join(sys.path)
         self.process = subprocess.Popen(
-            [sys.executable, *words], stderr=subprocess.PIPE, text=True, start_new_session=True
+            [sys.executable, *words, *options],
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"PYTHONPATH": path},
         )
         self._start = drill.count()
 
@@ -69,7 +118,7 @@ class Session:
         end = time.monotonic() + _PATIENCE_S
         while self._drill.count() < self._start + runs and self.process.poll() is None:
             assert time.monotonic() < end, f"no progress in {_PATIENCE_S:g} s"
-            time.sleep(0.01)
+            time.sleep(0.02)
         self._start = self._drill.count()
         time.sleep(self._drill.random.uniform(0.0, 0.1))
 
@@ -117,30 +166,34 @@ class Drill:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.file.write_text(PLAN.format(count=runs // 4))
         self.plan = SweepPlan.load(self.file)
-        self.store = SweepStore(self.folder)
+        (place / "rogue.py").write_text(ROGUE_LAWS)
+        sys.path.insert(0, str(place))  # for keys of runs with these laws, here and in sessions
         self.random = random.Random(seed)
         self.done: Counter[str] = Counter()
 
     # ------------------------------------------------------------ stored runs
 
+    def segments(self) -> list[Path]:
+        """Return the files of records, in order."""
+        return sorted(path for path in (self.folder / "runs").glob("*.jsonl") if path.is_file())
+
     def count(self) -> int:
         """Return the number of stored records."""
-        return sum(1 for _ in (self.folder / "runs").glob("??/*.json"))
+        return sum(path.read_bytes().count(b'{"sha256"') for path in self.segments())
 
     def records(self) -> dict[str, Record]:
         """Return every undamaged record, without times."""
-        found = {}
-        for path in (self.folder / "runs").glob("??/*.json"):
-            with contextlib.suppress(FileReadError, OSError):
-                record = self.store.read(path.stem)
-                found[path.stem] = record._replace(times={}) if record else None
-        return {key: record for key, record in found.items() if record is not None}
+        records = SweepStore(self.folder).records()
+        return {record.key: record._replace(times={}) for record in records}
 
     def make_work(self) -> None:
         """Remove a part of the records when few runs are missing."""
-        files = sorted((self.folder / "runs").glob("??/*.json"))
-        if len(files) > 0.7 * len(self.plan):
-            for path in self.random.sample(files, len(files) // 2):
+        lines = {line for path in self.segments() for line in path.read_bytes().splitlines() if line}
+        if len(self.records()) > 0.7 * len(self.plan):
+            kept = self.random.sample(sorted(lines), len(lines) // 2)
+            first, *others = self.segments()
+            first.write_bytes(b"".join(b"\n%s\n" % line for line in kept))
+            for path in others:
                 path.unlink()
 
     # ------------------------------------------------------------ rounds
@@ -149,11 +202,12 @@ class Drill:
         """Run one round with a fault and check that nothing was lost."""
         self.make_work()
         before = self.records()
-        damaged: set[str] = getattr(self, "_" + fault.replace("-", "_"))() or set()
+        damaged: int = getattr(self, "_" + fault.replace("-", "_"))() or 0
         after = self.records()
-        for key, record in before.items():
-            assert key in damaged or key in after, f"{fault}: the finished run {key} is lost"
-            assert key not in after or repr(after[key]) == repr(record), f"{fault}: the run {key} changed"
+        lost = before.keys() - after.keys()
+        assert len(lost) <= damaged, f"{fault}: finished runs are lost: {lost}"
+        for key in before.keys() - lost:
+            assert repr(after[key]) == repr(before[key]), f"{fault}: the run {key} changed"
         self.done[fault] += 1
 
     def finish(self) -> bytes:
@@ -208,37 +262,90 @@ class Drill:
         filler.unlink()
         assert not said or "the disk is full" in said, said
 
-    def _flip_bits(self) -> set[str]:
+    def _lock_removed(self) -> None:
+        first = self._here()
+        first.progress(1)
+        (self.folder / "lock").unlink(missing_ok=True)
+        second = self._here()
+        for session in (first, second):
+            session.end(signal.SIGINT, INTERRUPTED)
+
+    def _flip_bits(self) -> int:
+        """Flip bits, or cut a segment in its last line, while a sweep runs or not."""
         session = self._here() if self.random.random() < 0.5 else None
-        files = sorted((self.folder / "runs").glob("??/*.json"))
-        damaged = self.random.sample(files, min(len(files), self.random.randint(1, 5)))
-        for path in [*damaged, self.folder / "plan.json"]:
-            if path.exists():
-                content = bytearray(path.read_bytes())
-                content[self.random.randrange(len(content))] ^= 1 << self.random.randrange(8)
-                path.write_bytes(content)
+        damaged = 0
+        for path in [*self.segments()[-3:], self.folder / "plan.json"]:
+            if path.exists() and (content := bytearray(path.read_bytes())):
+                if session is None and self.random.random() < 0.3:
+                    content = content[: -self.random.randint(1, min(100, len(content)))]
+                else:
+                    content[self.random.randrange(len(content))] ^= 1 << self.random.randrange(8)
+                with path.open("r+b") as file:  # in place: the session writes to it
+                    file.write(content)
+                    if session is None:
+                        file.truncate()
+                damaged += 1
         if session:
             session.progress(1)  # see _interrupt
             session.end(signal.SIGINT, INTERRUPTED)
         self._interrupt()
-        return {path.stem for path in damaged}
+        return damaged
 
     def _foreign(self) -> None:
-        for name in ("notes.txt", f".{64 * 'a'}.{32 * 'b'}.json", f"{64 * 'c'}.json", "ab"):
-            path = self.folder / "runs" / self.random.choice(("ab", "cd", "")) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists():
-                path.write_bytes(self.random.randbytes(100))
+        (self.folder / "runs").mkdir(exist_ok=True)
+        for name in ("runs/notes.txt", "runs/readme.jsonl", f".{64 * 'c'}", "ab"):
+            (self.folder / name).write_bytes(self.random.randbytes(100))
+        for name in ("runs/000000.jsonl", "runs/pipe", "table.csv", "times.csv"):
+            (self.folder / name).unlink(missing_ok=True)
+            os.mkfifo(self.folder / name)
         self._interrupt()
+        (self.folder / "runs" / "readme.jsonl").unlink()
 
     def _kill_worker(self) -> None:
         session = Session(self, "--workers", "2")
         for _ in range(self.random.randint(1, 3)):
             session.progress(self.random.randint(1, 12))
-            for worker in session.children("--multiprocessing-fork")[:1]:
+            for worker in session.children(WORKER)[:1]:
                 worker.kill()
         session.progress(1)
         session.end(signal.SIGINT, INTERRUPTED)
+
+    def _kill_start(self) -> None:
+        """Kill workers as soon as they are there."""
+        session = Session(self, "--workers", "2")
+        killed = set[int]()
+        end = time.monotonic() + _PATIENCE_S
+        while len(killed) < 3 and session.process.poll() is None and time.monotonic() < end:
+            for worker in session.children(WORKER):
+                if worker.pid not in killed and len(killed) < 3:
+                    time.sleep(self.random.uniform(0.0, 0.3))
+                    with contextlib.suppress(psutil.NoSuchProcess):
+                        worker.kill()
+                    killed.add(worker.pid)
+        session.progress(1)
+        session.end(signal.SIGINT, INTERRUPTED)
+
+    def _stop_worker(self) -> None:
+        """Stop one of two workers at work: it is replaced, and all runs end."""
+        session = Session(self, "--workers", "2")
+        session.progress(1)
+        for worker in session.children(WORKER)[:1]:
+            worker.suspend()
+        session.end(None)
+
+    def _rogue_runs(self) -> None:
+        """Add runs that end their process, and some that eat memory, to the folder."""
+        rogues = self.place / "rogues.toml"
+        rogues.write_text(ROGUES)
+        said = Session(self, "--workers", "2", plan=rogues).end(None)
+        assert not said, said
+        plan = SweepPlan.load(rogues)
+        found = SweepResult(plan, SweepStore(self.folder))
+        kinds = {"none": set(), "exit": {"WorkerDiedError"}, "memory": {"MemoryError"}}
+        for law, wanted in kinds.items():
+            part = found.at({"rogue": law})
+            assert part.counts()["missing"] == 0, law
+            assert {failure.kind for failure in part.failures} == wanted
 
     def _kill_host(self) -> None:
         session = Session(self, "--workers", "2")
@@ -330,7 +437,7 @@ def run_drill(
 def main(arguments: list[str] | None = None) -> None:
     """Drill and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--faults", type=int, default=100)
+    parser.add_argument("--faults", type=int, default=110)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)

@@ -403,11 +403,14 @@ class RunTimeoutError(CoopPinError, TimeoutError):
 
 
 class WorkerDiedError(CoopPinError, RuntimeError):
-    """A run whose worker died ``deaths`` times: a crash in native code, an exit, or too little memory."""
+    """A run whose worker died ``deaths`` times, last with exit ``code``: a crash, an exit, or no memory."""
 
-    def __init__(self, deaths: int) -> None:
-        self.deaths = deaths
-        super().__init__(f"{deaths} workers died while running it; run it alone (workers = 0) to see why")
+    def __init__(self, deaths: int, code: int) -> None:
+        self.deaths, self.code = deaths, code
+        super().__init__(
+            f"{deaths} workers died while running it, the last with exit code {code} (negative: killed by"
+            " that signal); run it alone (workers = 0) to see why"
+        )
 
 
 class WorkersLostError(CoopPinError, ConnectionError):

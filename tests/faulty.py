@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import signal
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -12,8 +14,8 @@ import coop_pin as cp
 class Faulty(cp.CellController):
     """Does nothing until it misbehaves at the first tick."""
 
-    def __init__(self, scenario, mode="none"):
-        self.mode = mode
+    def __init__(self, scenario, mode="none", marker=""):
+        self.mode, self.marker = mode, Path(marker)
         self.shapes = [3 for _ in scenario.cell.arms]
 
     def init(self, measurements, references):
@@ -31,6 +33,18 @@ class Faulty(cp.CellController):
                 time.sleep(3600.0)
             case "slow":
                 time.sleep(0.05)
+            case "SystemExit":
+                raise SystemExit(4)
+            case "KeyboardInterrupt":
+                raise KeyboardInterrupt
+            case "ctrl-c":
+                os.kill(os.getpid(), signal.SIGINT)
+            case "stop once":
+                if not self.marker.exists():
+                    self.marker.touch()
+                    os.kill(os.getpid(), signal.SIGSTOP)
+            case "memory":
+                self.eaten = np.ones(1 << 34)
         return cp.CellCommand([np.zeros(size) for size in self.shapes], state)
 
 
@@ -38,5 +52,14 @@ def answer(result):
     return {"answer": 42.0, "ticks": float(result.data.sizes["time"])}
 
 
-def law(mode):
-    return {"controller": {"kind": "user", "target": "faulty:Faulty", "options": {"mode": mode}}}
+def stiffness(result):
+    return {"stiffness": abs(result.scenario.controller.gains.pose_gain - 3.0)}
+
+
+def loud(_result):
+    print("printed by a metric")
+    return {"loud": 1.0}
+
+
+def law(mode, **options):
+    return {"controller": {"kind": "user", "target": "faulty:Faulty", "options": {"mode": mode} | options}}

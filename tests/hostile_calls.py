@@ -328,6 +328,7 @@ class Calls:
             "Simulation.replace_squeeze": {"squeeze": self.scenario.squeeze},
             "SweepResult": {"plan": self.plan, "store": self.SweepResult.store},
             "SweepResult.load": {"folder": self.folder / "sweep"},
+            "SweepResult.at": {"fields": {"duration": 0.02}},
             "SweepResult.best": {"metric": metric, "n": 1, "largest": False},
             "SweepResult.marginal": {"field": "duration", "metric": metric, "average": np.nanmean},
             "SweepResult.open": {"number": 0},
@@ -360,7 +361,7 @@ class Calls:
             "tune": {"scenario": self.scenario, "vary": ranges, "minimize": metric,
                 "out": self.folder / "t",
                      "generations": 1, "population": 1, "workers": 0, "subject_to": (), "seed": 0,
-                         "quiet": True},
+                         "metrics": (), "quiet": True},
         }  # fmt: skip
         for name in ("joint_angles", "mass_matrix", "tip_pose", "payload_pose", "payload_jacobian"):
             good[f"ArmModel.{name}"] = {"q": arm_state["q"]}

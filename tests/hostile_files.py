@@ -39,13 +39,13 @@ import pinocchio  # noqa: F401  loaded once, before the forks
 import trimesh
 import xarray as xr
 from cells import SCENARIOS
+from coop_pin.sweeps.record import from_checksummed_json, to_checksummed_json
 from malformed_urdf import CORPUS, arm
 
 import coop_pin as cp
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
-from coop_pin.sweeps.record import from_checksummed_json, to_checksummed_json
 
 ALLOWED = {"result", "refused"}
 LIMIT_S, LIMIT_BYTES = 5, 4 << 30

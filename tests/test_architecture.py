@@ -83,7 +83,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
-        {"dask", "distributed", "optuna", "pydantic", "scipy", "xarray"},
+        {"distributed", "filelock", "optuna", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),

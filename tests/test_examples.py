@@ -30,8 +30,6 @@ def run(name, folder):
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_shows_what_it_promises(path, tmp_path):
-    if path.stem == "stability_map":
-        pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
     out = run(path.name, tmp_path)
     assert out
     PROMISES[path.stem](out, tmp_path)

@@ -3,7 +3,7 @@
 import pytest
 
 from coop_pin.cli import main
-from coop_pin.sweeps.store import FolderLock
+from coop_pin.sweeps.store import SweepStore
 
 PLAN = """
 base = "adept-paper"
@@ -25,12 +25,28 @@ def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
     said = capsys.readouterr().out
     assert "2 ok, 1 failed, 0 missing" in said
     assert "torque_peak_Nm" in said
+    assert main(["sweep", "gains.toml", "--workers", "0"]) == 0
+    assert capsys.readouterr().out == said
     assert (folder / "out" / "gains" / "table.csv").read_text().count("\n") == 4
     assert main(["sweep-show", "out/gains", "--best", "torque_peak_Nm", "--failures"]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith(said[: said.index("written to")])
     assert "smallest torque_peak_Nm:" in shown
     assert "run 1: controller.gains.sign_gain = -1.0" in shown
+
+
+@pytest.mark.usefixtures("folder")
+def test_sweep_show_shows_a_part_of_a_sweep(capsys):
+    assert main(["sweep", "gains.toml", "--workers", "0", "--quiet"]) == 0
+    shown = []
+    for words in (["--at", "controller.gains.sign_gain=0.2"], ["--at", "controller.gains.sign_gain=-1.0"]):
+        assert main(["sweep-show", "out/gains", *words]) == 0
+        shown.append(capsys.readouterr().out)
+    assert "1 ok, 0 failed, 0 missing" in shown[0]
+    assert "0 ok, 1 failed, 0 missing" in shown[1]
+    for words, said in (("controller.gains.sign_gain=7", "0.1, -1.0, 0.2"), ("clock=1", "sign_gain")):
+        assert main(["sweep-show", "out/gains", "--at", words]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_an_estimate_runs_nothing_and_writes_nothing(folder, capsys):
@@ -68,6 +84,6 @@ def test_mistakes_are_one_line_and_an_exit_code(folder, capsys, words, code, mes
 
 
 def test_a_folder_in_use_is_refused(folder, capsys):
-    with FolderLock(folder / "kept"):
+    with SweepStore(folder / "kept").locked():
         assert main(["sweep", "gains.toml", "--out", "kept", "--workers", "0"]) == 1
     assert "is in use by process" in capsys.readouterr().err

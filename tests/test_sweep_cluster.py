@@ -1,203 +1,218 @@
-"""Workers: the same bits on every backend, runs that kill or hang their workers, modules and ports."""
+"""A dask scheduler elsewhere, over TLS: the same bits, new code, and typed errors when it is gone."""
 
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+import threading
 import time
 from types import SimpleNamespace
 
-import psutil
 import pytest
 from faulty import law
 
 import coop_pin as cp
-from coop_pin.sweeps import SweepPlan, linspace, sweep
+from coop_pin.errors import FieldError, WorkersLostError
+from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 
-from coop_pin.sweeps import cluster
-from coop_pin.sweeps.dask_backend import DaskBackend, run_jobs
-from coop_pin.sweeps.job import Job
+import dask
 
-SHORT = {"duration": 0.25, "events": []}
+from coop_pin.sweeps import dask_backend
+from coop_pin.sweeps.dask_backend import DaskBackend
+
+SHORT = {"duration": 0.1, "events": []}
 PLAN = SweepPlan(
     base="adept-paper",
+    cases={"law": {"paper": {}, "dead": law("exit"), "wild": {"controller.gains.damping_gain": [3e4] * 3}}},
+    axes={"clock.rate_hz": [80.0, 100.0]},
     changes=SHORT,
-    axes={
-        "controller.gains.sign_gain": linspace(0.0, 0.4, 6),
-        "controller.gains.damping_gain": [[60.0, 60.0, 10.0], [3e3, 3e3, 5e2]],
-    },
 )
+NEW_KEY = [
+    "openssl",
+    "req",
+    "-x509",
+    "-newkey",
+    "ec",
+    "-pkeyopt",
+    "ec_paramgen_curve:P-256",
+    "-nodes",
+    "-days",
+    "2",
+]
+ROLES = ("scheduler", "worker", "client")
 
 
-def tables(folder):
-    return (folder / "table.csv").read_bytes()
+def settings(folder):
+    """Dask's settings for TLS: one key for all."""
+    files = {"key": str(folder / "key.pem"), "cert": str(folder / "cert.pem")}
+    roles = {f"distributed.comm.tls.{role}.{part}": path for role in ROLES for part, path in files.items()}
+    return roles | {
+        "distributed.comm.tls.ca-file": files["cert"],
+        "distributed.comm.require-encryption": True,
+    }
 
 
 @contextlib.contextmanager
-def scheduler_elsewhere(folder):
+def scheduler_elsewhere(folder, code):
     """A scheduler and a worker in processes of their own, as dask's own commands start them."""
-    file = folder / "scheduler.json"
-    quiet = {
-        "stdout": subprocess.DEVNULL,
-        "stderr": subprocess.DEVNULL,
-        "env": os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    where = ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem"), "-subj", "/CN=sweeps"]
+    subprocess.run([*NEW_KEY, *where], check=True, capture_output=True)
+    names = {
+        f"DASK_{name.upper().replace('.', '__').replace('-', '_')}": str(value)
+        for name, value in settings(folder).items()
     }
-    local = ["--host", "127.0.0.1", "--scheduler-file", str(file), "--no-dashboard"]
+    file = folder / "scheduler.json"
+    environment = os.environ | names | {"PYTHONPATH": os.pathsep.join([str(code), *sys.path])}
+    local = ["--host", "127.0.0.1", "--scheduler-file", str(file)]
     words = [
-        ["scheduler", *local, "--port", "0"],
-        ["worker", *local, "--nthreads", "1", "--dashboard-address", "127.0.0.1:0"],
+        ["scheduler", *local, "--port", "0", "--protocol", "tls", "--no-dashboard"],
+        ["worker", *local, "--nthreads", "1", "--no-dashboard", "--no-nanny", "--protocol", "tls"],
     ]
     processes = []
     try:
         for part in words:
-            processes.append(subprocess.Popen([sys.executable, "-m", "dask", *part], **quiet))
+            processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "dask", *part],
+                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
+                )
+            )  # fmt: skip
             while not (file.exists() and file.read_text()):
+                assert processes[0].poll() is None
                 time.sleep(0.05)
-        yield json.loads(file.read_text())["address"]
+        yield json.loads(file.read_text())["address"], processes[0]
     finally:
         for process in reversed(processes):
-            process.terminate()
-        for process in processes:
+            process.kill()
             process.wait(timeout=20)
 
 
 @pytest.fixture(scope="module")
-def in_process(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("in-process")
-    return sweep(PLAN, out=folder, workers=0, quiet=True), tables(folder)
+def code(tmp_path_factory):
+    return tmp_path_factory.mktemp("code")
 
 
-def test_workers_give_the_bits_of_a_single_process(tmp_path, in_process):
-    result, table = in_process
-    assert sweep(PLAN, out=tmp_path, workers=2, quiet=True).data.identical(result.data)
-    assert tables(tmp_path) == table
-    assert result.counts() == {"ok": 6, "failed": 6, "missing": 0}
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory, code):
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl, which makes the certificates, is not installed")
+    folder = tmp_path_factory.mktemp("scheduler")
+    with scheduler_elsewhere(folder, code) as found, dask.config.set(settings(folder)):
+        yield found
 
 
-def test_full_results_come_back_from_workers_bit_for_bit(tmp_path, in_process):
-    plan = PLAN.replace(keep="all")
-    result = sweep(plan, out=tmp_path, workers=1, quiet=True)
-    assert result.data.identical(in_process[0].data)
-    assert tables(tmp_path) == in_process[1]
-    kept = [
-        result.store.read_result(result.store.read(path.stem))
-        for path in (tmp_path / "results").rglob("*.nc")
-    ]
-    assert len(kept) == result.counts()["ok"] == 6
-    for run in kept:
-        assert run.data.identical(cp.run(run.scenario).data)
-
-
-def test_a_scheduler_elsewhere_gives_the_bits_of_a_single_process(tmp_path, in_process):
-    result, table = in_process
-    with scheduler_elsewhere(tmp_path) as address:
-        assert sweep(PLAN, out=tmp_path / "out", scheduler=address, quiet=True).data.identical(result.data)
-    assert tables(tmp_path / "out") == table
-
-
-KINDS = {
-    "exit": "WorkerDiedError",
-    "crash": "WorkerDiedError",
-    "hang": "RunTimeoutError",
-    "raise": "UserCodeError",
-    "none": None,
-}
-
-
-@pytest.mark.parametrize(
-    "modes",
-    [
-        ("hang", "exit", "raise", "none"),
-        pytest.param(("none", "crash", "hang", "exit") * 2, marks=pytest.mark.slow),
-    ],
-)
-def test_runs_that_hang_exit_or_crash_are_recorded_and_the_rest_goes_on(tmp_path, modes):
-    laws = {f"{mode} {i}": law(mode) for i, mode in enumerate(modes)}
-    plan = SweepPlan(
-        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=2.0
-    )
-    result = sweep(plan, out=tmp_path, workers=2, quiet=True)
-    seen = {failure.number: failure.kind for failure in result.failures}
-    assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
-    assert result.counts()["missing"] == 0
-
-
-def loaded_modules():
-    return sorted(
-        {name.split(".")[0] for name in sys.modules}
-        | {name for name in sys.modules if name.startswith("coop_pin.")}
-    )
-
-
-def listening(process):
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return [
-            connection.laddr
-            for connection in process.net_connections()
-            if connection.status == psutil.CONN_LISTEN
-        ]
-    return []
-
-
-def test_workers_load_no_viewer_start_lightly_and_nothing_listens_beyond_loopback_or_on_a_web_port():
-    me = psutil.Process()
-    before = listening(me)
-    with cluster.local_cluster(2) as local:
-        local.client.wait_for_workers(2, timeout=60)
-        jobs = [Job("key", cp.Scenario.load("adept-paper", SHORT).model_dump_json())]
-        (outcome,) = local.client.submit(run_jobs, jobs, pure=False).result()
-        modules = local.client.run(loaded_modules)
-        threads = local.client.run(
-            lambda: [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")]
-        )
-        seconds = local.client.run(lambda: sum(psutil.Process().cpu_times()[:2]))
-        processes = [me, *me.children(recursive=True)]
-        addresses = [
-            address for process in processes for address in listening(process) if address not in before
-        ]
-        workers = [process for process in processes if "multiprocessing.spawn" in " ".join(process.cmdline())]
-    assert outcome.record.failure is None
-    assert len(modules) == len(workers) == 2
-    for names in modules.values():
-        assert {"coop_pin", "pinocchio", "coop_pin.sweeps.job"} <= set(names)
+def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsewhere, caplog):
+    """And a run that ends its process is one failed run."""
+    address, _ = elsewhere
+    assert address.startswith("tls://")
+    found = sweep(PLAN, out=tmp_path / "there", scheduler=address, quiet=True)
+    assert [failure.kind for failure in found.failures] == [*["WorkerDiedError"] * 2, *["DivergedError"] * 2]
+    cases = {name: case for name, case in PLAN.cases["law"].items() if name != "dead"}
+    here = sweep(PLAN.replace(cases={"law": cases}), out=tmp_path / "here", workers=0, quiet=True)
+    for name in cases:
         assert (
-            set(names) & {"meshcat", "matplotlib", "trimesh", "zmq", "coop_pin.viz", "tqdm.notebook"} == set()
+            found.at({"law": name})
+            .data.drop_vars("number")
+            .equals(here.at({"law": name}).data.drop_vars("number"))
         )
-    assert set(map(tuple, threads.values())) == {("1", "1", "1")}
-    assert max(seconds.values()) < 3.0  # processor time, which the load of the machine does not stretch
-    assert {address.ip for address in addresses} == {"127.0.0.1"}
-    assert len(addresses) == 1 + 2 + 2  # the scheduler, and each worker with its keeper
-    _, alive = psutil.wait_procs(processes[1:], timeout=10)
-    assert [process for process in alive if process in workers] == []
+    assert not any("TLS" in message for message in caplog.messages)
 
 
-UP = """
-import time
-from coop_pin.sweeps import cluster
-with cluster.local_cluster(1) as local:
-    local.client.wait_for_workers(1)
-    print("up", flush=True)
-    time.sleep(600)
+LAW = """
+import numpy as np
+import coop_pin as cp
+
+class Push(cp.CellController):
+    def __init__(self, scenario):
+        pass
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        return cp.CellCommand([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
 """
 
 
-def test_workers_end_with_their_parent_however_it_ends():
-    parent = subprocess.Popen([sys.executable, "-c", UP], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    assert parent.stdout.readline() == b"up\n"
-    children = psutil.Process(parent.pid).children(recursive=True)
-    assert len(children) >= 2
-    parent.kill()
-    parent.wait()
-    parent.stdout.close()
-    assert psutil.wait_procs(children, timeout=30)[1] == []
+def test_workers_elsewhere_load_edited_code_anew_for_every_sweep(tmp_path, elsewhere, code, monkeypatch):
+    monkeypatch.syspath_prepend(code)
+    peaks = []
+    for torque in (1.0, 2.0):
+        (code / "own_far.py").write_text(LAW.replace("TORQUE", str(torque)))
+        changes = SHORT | {"controller": {"kind": "user", "target": "own_far:Push"}}
+        result = sweep("adept-paper", out=tmp_path, scheduler=elsewhere[0], quiet=True, changes=changes)
+        peaks.append(float(result.values("torque_peak_Nm")))
+    assert peaks == [1.0, 2.0]
 
 
-def test_batches_hold_short_runs_together_and_long_ones_apart():
-    backend = DaskBackend(SimpleNamespace(listen=lambda *_: None))
-    backend._mean_s = 0.025
-    assert backend._batch_size() == 10
-    backend._mean_s = 60.0
-    assert backend._batch_size() == 1
+def test_a_scheduler_that_is_killed_is_a_typed_error_and_no_finished_run_is_lost(tmp_path, elsewhere):
+    """The last test of this scheduler."""
+    address, scheduler = elsewhere
+    plan = PLAN.replace(cases={}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 400)})
+
+    def kill_in_between():
+        while not list((tmp_path / "runs").glob("*")):
+            time.sleep(0.02)
+        scheduler.kill()
+
+    thread = threading.Thread(target=kill_in_between)
+    thread.start()
+    with pytest.raises(WorkersLostError, match="finished runs are kept"):
+        sweep(plan, out=tmp_path, scheduler=address, quiet=True)
+    thread.join()
+    counts = SweepResult.load(tmp_path).counts()
+    assert counts["ok"] >= 1
+    assert counts["failed"] == 0
+
+
+class Client:
+    """Dask's client, as far as the backend asks it; every call raises."""
+
+    def __init__(self, status, error):
+        self.status, self._error = status, error
+
+    def nthreads(self):
+        raise self._error
+
+    def submit(self, *_, **__):
+        raise self._error
+
+
+CALLS = {"slots": lambda backend: backend.slots(), "submit": lambda backend: backend.submit(0, [])}
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    ("status", "error", "said"),
+    [
+        ("running", OSError("refused"), "does not answer"),
+        ("closed", Exception("closed"), "does not answer"),
+        ("connecting", TimeoutError(), "does not answer"),
+        ("running", TypeError("cannot pickle"), "cannot run jobs"),
+    ],
+)
+def test_a_scheduler_that_is_gone_is_a_typed_error_in_every_state_of_the_client(call, status, error, said):
+    with pytest.raises(WorkersLostError, match=said):
+        CALLS[call](DaskBackend(Client(status, error)))
+
+
+def test_a_plain_scheduler_is_called_what_it_is(monkeypatch, caplog):
+    plain = contextlib.nullcontext(SimpleNamespace(run=print))
+    monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: plain)
+    with dask_backend.connected("tcp://127.0.0.1:8786"):
+        assert ["tcp://127.0.0.1:8786 has no TLS" in message for message in caplog.messages] == [True]
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "localhost:port", "nonsense://127.0.0.1:1"])
+def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
+    with pytest.raises(FieldError, match=rf"^scheduler: is '{address}'"):
+        cp.sweep("adept-paper", out=tmp_path, scheduler=address, quiet=True)
+
+
+def test_a_host_that_is_not_known_is_one_without_a_scheduler(tmp_path):
+    with pytest.raises(WorkersLostError, match=r"no dask scheduler at 'no-such-host\.invalid:8786'"):
+        cp.sweep("adept-paper", out=tmp_path, scheduler="no-such-host.invalid:8786", quiet=True)

@@ -1,6 +1,7 @@
 """Sweeps in one process: runs are stored once, resumed, and repeated only after damage or a changed plan."""
 
 import csv
+import signal
 import subprocess
 import sys
 
@@ -14,7 +15,7 @@ from coop_pin.errors import FieldError, FileReadError, SweepInterruptedError, Wo
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import dataset, point_key, write_csv
+from coop_pin.sweeps.table import Table, point_key
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
 SHORT = {"duration": 0.1, "events": []}
@@ -46,7 +47,7 @@ def small(out, axes=None, **fields):
 
 
 def records(folder):
-    return {path.name: path.read_bytes() for path in (folder / "runs").rglob("*.json")}
+    return {record.key: record.to_line() for record in SweepStore(folder).records()}
 
 
 # ---------------------------------------------------------------- what is computed
@@ -84,16 +85,15 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-def test_a_damaged_record_is_quarantined_and_computed_again(tmp_path, computed):
+def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
     before = small(tmp_path).data
-    damaged = sorted((tmp_path / "runs").rglob("*.json"))[0]
-    content = bytearray(damaged.read_bytes())
-    content[len(content) // 2] ^= 4
-    damaged.write_bytes(content)
+    (segment,) = (tmp_path / "runs").iterdir()
+    content = segment.read_bytes()
+    segment.write_bytes(content.replace(b"torque_peak_Nm", b"torque_peak_nm", 1))
     assert SweepResult.load(tmp_path).counts()["missing"] == 1
     assert small(tmp_path).data.identical(before)
     assert len(computed) == 4
-    assert (tmp_path / "quarantine" / damaged.name).read_bytes() == content
+    assert (tmp_path / "quarantine" / "damaged.jsonl").read_bytes() in segment.read_bytes()
 
 
 def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
@@ -169,6 +169,31 @@ def test_a_job_answers_whatever_its_run_raises():
         assert (failure.kind if failure else None) == kind
 
 
+@pytest.mark.parametrize("mode", ["SystemExit", "KeyboardInterrupt"])
+def test_user_code_that_wants_to_end_the_program_ends_its_run(tmp_path, mode):
+    """And what it prints stays out of our output."""
+    cases = {"law": {"wild": law(mode), "tame": law("none")}}
+    result = small(tmp_path, {"clock.rate_hz": [80.0]}, cases=cases)
+    assert [(f.number, f.kind) for f in result.failures] == [(0, mode)]
+    assert result.counts() == {"ok": 1, "failed": 1, "missing": 0}
+
+
+def test_what_user_code_prints_stays_out_of_our_output(tmp_path, capsys):
+    small(tmp_path, {"clock.rate_hz": [80.0]}, metrics=("faulty:loud",))
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "printed by a metric" in said.err
+
+
+def test_ctrl_c_in_user_code_ends_the_sweep_and_is_no_failure_of_its_run(tmp_path):
+    cases = {"law": {"first": law("none"), "second": law("ctrl-c")}}
+    with pytest.raises(SweepInterruptedError) as stopped:
+        small(tmp_path, {"clock.rate_hz": [80.0]}, cases=cases)
+    assert stopped.value.finished == 1
+    assert SweepResult.load(tmp_path).counts() == {"ok": 1, "failed": 0, "missing": 1}
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(FieldError, match="workers cannot import"):
         sweep("adept-paper", out=tmp_path, workers=1, metrics=("__main__:mine",))
@@ -207,7 +232,7 @@ def test_a_damaged_kept_run_is_computed_again(tmp_path, computed):
     path.write_bytes(content)
     result = small(tmp_path, keep="all")
     assert len(computed) == 4
-    assert result.store.read_or_quarantine(path.stem, with_result=True) is not None
+    assert result.store.has_result(result.store.read(path.stem))
 
 
 def test_asking_for_full_results_later_computes_them(tmp_path, computed):
@@ -256,19 +281,19 @@ def test_nothing_but_files_of_the_sweep_is_in_its_folder(tmp_path):
 
 WITHOUT_DASK = """
 import sys
-sys.modules["distributed"] = None  # importing it raises from here on
+sys.modules["distributed"] = sys.modules["dask"] = None  # importing it raises from here on
 from coop_pin.errors import MissingExtraError
 from coop_pin.sweeps import sweep
 short = {"duration": 0.1, "events": []}
 assert sweep("adept-paper", out="here", workers=0, quiet=True, changes=short).counts()["ok"] == 1
 try:
-    sweep("adept-paper", {"clock.rate_hz": [100]}, out="here", workers=1, quiet=True, changes=short)
+    sweep("adept-paper", {"clock.rate_hz": [100]}, out="here", scheduler="tcp://127.0.0.1:9", quiet=True)
 except MissingExtraError as error:
     print(error)
 """
 
 
-def test_without_dask_one_process_works_and_several_say_what_to_install(tmp_path):
+def test_without_dask_sweeps_work_and_a_scheduler_says_what_to_install(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_DASK],
         cwd=tmp_path,
@@ -283,12 +308,15 @@ def test_without_dask_one_process_works_and_several_say_what_to_install(tmp_path
 def test_a_run_that_is_missing_has_an_empty_line_in_the_tables(tmp_path):
     plan, store = small(tmp_path).plan, SweepStore(tmp_path)
     key = point_key(plan, 1)
-    store.record_path(key).unlink()
-    write_csv(tmp_path / "again.csv", plan, store, ["torque_peak_Nm"])
+    (segment,) = (tmp_path / "runs").iterdir()
+    lines = [line for line in segment.read_bytes().splitlines() if key.encode() not in line]
+    segment.write_bytes(b"\n".join(lines))
+    table = Table.read(plan, store)
+    table.write_csv(tmp_path / "again.csv")
     with (tmp_path / "again.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [line["status"] for line in lines] == ["ok", "missing", "ok"]
-    empty = dict.fromkeys(("failure", "message", "torque_peak_Nm"), "")
+    empty = dict.fromkeys(("failure", "message", *table.metrics), "")
     assert lines[1] == {"point": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
-    data = dataset(plan, store)
+    data = table.dataset()
     assert np.isnan(data["torque_peak_Nm"]).values.tolist() == [False, True, False]

@@ -1,7 +1,5 @@
 """Figures of sweeps against the sweep's data, on stores filled with records of made-up metrics."""
 
-import os
-
 import numpy as np
 import pytest
 from matplotlib.colors import LogNorm
@@ -16,11 +14,6 @@ from coop_pin.sweeps import SweepPlan
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 GAINS, RATES = [0.0, 0.2, 0.4, 0.6], [50.0, 100.0, 200.0, 400.0]
 METRIC = "internal_axial_rms_error_N"
-
-
-@pytest.fixture(autouse=True)
-def _quick_disk(monkeypatch):
-    monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
 @pytest.fixture
@@ -127,6 +120,10 @@ def test_sweep_show_writes_both_kinds_of_figure(grid, tmp_path, capsys):
         )
         assert f"{name}.svg" in capsys.readouterr().out
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
+    part = ["--at", f"{GAIN}=0.2", "--figure", str(tmp_path / "part")]
+    assert main(["sweep-show", str(grid.store.folder), *part]) == 0
+    curve = sweep_figure(grid.at({GAIN: "0.2"}), METRIC).axes[0].lines[0]
+    assert_allclose(curve.get_xdata(), RATES)
     assert (
         main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / "x"), "--metric", "nonsense"])
         == 2

@@ -1,14 +1,12 @@
 """Analysis of sweeps against known results, on stores filled with records of made-up metrics."""
 
-import os
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace
-from coop_pin.sweeps.record import Failure, Record
+from coop_pin.sweeps.job import Failure, Outcome, Record
 from coop_pin.sweeps.sensitivity import pareto_front
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import point_key
@@ -21,17 +19,13 @@ def filled(folder, plan, metrics, fails=lambda _: False):
     """A sweep whose metrics are a function of the parameters."""
     store = SweepStore(folder)
     store.write_plan(plan)
+    runs = []
     for point in plan.points():
         key = point_key(plan, point.number)
         failure = Failure("DivergedError", "gone", {"time": 0.5}) if fails(point.parameters) else None
-        store.write(Record(key, "", {} if failure else metrics(point.parameters), failure))
+        runs.append(Outcome(Record(key, {}, {} if failure else metrics(point.parameters), failure)))
+    store.append(runs)
     return SweepResult.load(folder)
-
-
-@pytest.fixture(autouse=True)
-def _quick_disk(monkeypatch):
-    """Thousands of made-up records need not outlive a power cut."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
 @pytest.fixture
@@ -159,7 +153,8 @@ def test_questions_without_an_answer_are_typed_errors(grid, tmp_path):
         grid.stability_boundary(MASS)
     with pytest.raises(FieldError, match="saltelli"):
         grid.sobol_indices("f")
-    next((tmp_path / "runs").rglob("*.json")).unlink()
+    (segment,) = (tmp_path / "runs").iterdir()
+    segment.write_bytes(segment.read_bytes().rstrip()[:-1])
     with pytest.raises(InvalidStateError):
         SweepResult.load(tmp_path).stability_boundary(GAIN)
 
@@ -180,7 +175,7 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
         (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
         (2, "ScenarioError", "no"),
     ):
-        store.write(Record(point_key(plan, number), "", {}, Failure(kind, message, {})))
+        store.append([Outcome(Record(point_key(plan, number), {}, {}, Failure(kind, message, {})))])
     lines = SweepResult(plan, store).summary().splitlines()
     assert lines[-4:] == [
         "  2 ScenarioError; run 1: 2 mistakes:",
@@ -190,11 +185,13 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
     ]
 
 
-def test_the_summary_counts_runs_that_are_not_trustworthy_or_have_no_steady_metrics(tmp_path):
+def test_the_summary_counts_runs_that_are_not_trustworthy_never_settle_or_have_no_steady_metrics(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4]})
     metrics = lambda p: {  # noqa: E731
         "trustworthy": float(p[GAIN] < 0.3),
+        "settling_time_s": np.inf if p[GAIN] < 0.3 else 1.0,
         "position_rms_m": np.nan,
+        "torque_peak_Nm": np.nan if p[GAIN] == 0.2 else 2.0,
         "window_start_s": 4.0,
         "window_end_s": 5.0 if p[GAIN] > 0.1 else 3.0,
     }
@@ -202,4 +199,62 @@ def test_the_summary_counts_runs_that_are_not_trustworthy_or_have_no_steady_metr
     assert_array_equal(found.values("trustworthy"), [1.0, 1.0, 0.0])
     text = found.summary()
     assert "1 NOT TRUSTWORTHY" in text
+    assert "2 never settled" in text
     assert "1 without steady metrics" in text
+    assert "position_rms_m (3), torque_peak_Nm (1)\n" in text
+
+
+def test_a_part_of_a_sweep_has_the_runs_with_the_given_values_and_their_numbers(grid):
+    part = grid.at({GAIN: 0.2})
+    assert part.data.sizes == {RATE: 4}
+    assert part.counts() == {"ok": 3, "failed": 1, "missing": 0}
+    assert [failure.number for failure in part.failures] == [7]
+    assert [run.number for run in part.best("f", 9)] == [4, 5, 6]
+    assert part.best("f")[0] == grid.point(4)
+    assert [run.number for run in part.pareto("f", "g")] == [4]
+    assert part.open(4).scenario == grid.plan.scenario(4)
+    single = grid.at({GAIN: "0.2", RATE: 100})
+    assert single.data.sizes == {}
+    assert single.counts() == {"ok": 1, "failed": 0, "missing": 0}
+    assert grid.at({GAIN: "0.2"}).at({RATE: "100.0"}).data.identical(single.data)
+    assert grid.at({}).data.identical(grid.data)
+    for mistake, error in (({MASS: 1.0}, NameNotFoundError), ({GAIN: 0.3}, FieldError)):
+        with pytest.raises(error):
+            grid.at(mistake)
+
+
+def test_a_part_is_chosen_by_cases_and_by_fields_that_vary_together(tmp_path):
+    zipped = [{GAIN: [0.1, 0.2, 0.3], RATE: [100.0, 200.0, 200.0]}]
+    plan = SweepPlan(base="adept-paper", zipped=zipped, cases={"payload": {"full": {}, "half": {MASS: 5.6}}})
+    result = filled(tmp_path, plan, lambda p: {"f": p[RATE] + (p["payload"] == "half")})
+    assert_array_equal(result.at({"payload": "half"}).values("f"), [101.0, 201.0, 201.0])
+    assert_array_equal(result.at({RATE: 200, "payload": "full"}).values("f"), [200.0, 200.0])
+
+
+def test_fields_without_effect_are_named(tmp_path):
+    """Also where a metric is not a number; not if a run failed, or if there is one value only."""
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.1, 0.2], RATE: [100.0, 200.0], MASS: [1.0]})
+    result = filled(tmp_path / "a", plan, lambda p: {"f": p[RATE], "g": np.nan})
+    assert result.fields_without_effect() == [GAIN]
+    sometimes = filled(tmp_path / "d", plan, lambda p: {"f": p[RATE], "g": np.nan if p[GAIN] == 0.2 else 1.0})
+    assert sometimes.fields_without_effect() == []
+    assert f"no effect on any metric here: {GAIN}\n" in result.summary()
+    assert filled(tmp_path / "b", plan, lambda p: {"f": p[RATE] * p[GAIN]}).fields_without_effect() == []
+    assert (
+        filled(tmp_path / "c", plan, lambda _: {"f": 1.0}, lambda p: p[GAIN] == 0.2).fields_without_effect()
+        == []
+    )
+
+
+def test_the_order_of_metrics_does_not_depend_on_which_run_ended_first(tmp_path):
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.1, 0.2]})
+    runs = [
+        Outcome(Record(point_key(plan, number), {}, metrics))
+        for number, metrics in enumerate(({"b": 1.0, "a": 2.0}, {"c": 1.0, "a": 3.0}))
+    ]
+    for folder, order in (("one", runs), ("other", runs[::-1])):
+        SweepStore(tmp_path / folder).append(order)
+        result = SweepResult(plan, SweepStore(tmp_path / folder))
+        assert result.metric_names == ["b", "a", "c"]
+        result.write_tables()
+    assert len({(tmp_path / folder / "table.csv").read_bytes() for folder in ("one", "other")}) == 1

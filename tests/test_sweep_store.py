@@ -1,7 +1,6 @@
 """Store of a sweep: records are complete or absent, damage is detected, one owner at a time, full disks."""
 
 import errno
-import multiprocessing
 import os
 import resource
 import signal
@@ -12,16 +11,17 @@ import numpy as np
 import pytest
 
 from coop_pin.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
+from coop_pin.sweeps import SweepResult, sweep
+from coop_pin.sweeps.job import Failure, Outcome, Record, from_checksummed_json, to_checksummed_json
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.record import Failure, Record, from_checksummed_json, to_checksummed_json
-from coop_pin.sweeps.store import FolderLock, SweepStore
+from coop_pin.sweeps.store import SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
-RECORD = Record(KEY, '{"name": "a"}', NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
+RECORD = Record(KEY, {"name": "a"}, NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
 FAILED = Record(
     OTHER,
-    "",
+    {},
     {},
     Failure("DivergedError", "it ran away: \u03b1 \u2192 \u221e", {"time": 0.5, "value": float("inf")}),
 )
@@ -37,31 +37,31 @@ def store(tmp_path):
 
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
 def test_a_record_reads_back_bit_for_bit(record):
-    assert Record.from_bytes(record.to_bytes()) == record
+    assert Record.from_line(record.to_line()) == record
 
 
 def test_not_a_number_survives():
-    assert np.isnan(Record.from_bytes(RECORD._replace(metrics={"a": float("nan")}).to_bytes()).metrics["a"])
+    assert np.isnan(Record.from_line(RECORD._replace(metrics={"a": float("nan")}).to_line()).metrics["a"])
 
 
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
 def test_any_flipped_bit_is_seen(record):
-    data = record.to_bytes()
+    data = record.to_line()
     for place in range(len(data)):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (place % 8)
         with pytest.raises(FileReadError):
-            Record.from_bytes(bytes(damaged))
+            Record.from_line(bytes(damaged))
 
 
 def test_any_cut_is_seen_and_so_are_other_files():
-    data = RECORD.to_bytes()
+    data = RECORD.to_line()
     for end in range(len(data)):
         with pytest.raises(FileReadError):
             from_checksummed_json(data[:end])
     for foreign in (b"", b"{}", b"hello", 200 * b"\0", data + b"\n", to_checksummed_json({"key": KEY})):
         with pytest.raises(FileReadError):
-            Record.from_bytes(foreign)
+            Record.from_line(foreign)
 
 
 def test_a_failure_keeps_numbers_and_never_the_result():
@@ -77,65 +77,158 @@ def test_a_failure_keeps_numbers_and_never_the_result():
 # ---------------------------------------------------------------- the folder
 
 
+def segments(store):
+    return sorted((store.folder / "runs").iterdir())
+
+
+def many(count):
+    return [Outcome(Record(f"{i:064x}", {"gain": i}, {"a": float(i)})) for i in range(count)]
+
+
+def keys(store):
+    return {record.key for record in SweepStore(store.folder).records()}
+
+
 def test_what_is_written_is_read_and_what_is_not_is_none(store):
-    store.write(RECORD)
-    store.write(FAILED)
-    assert store.read(KEY) == RECORD
-    assert store.read(OTHER) == FAILED
-    assert store.read(64 * "e") is None
+    store.append([Outcome(RECORD), Outcome(FAILED)])
+    for reader in (store, SweepStore(store.folder)):
+        assert reader.read(KEY) == RECORD
+        assert reader.read(OTHER) == FAILED
+        assert reader.read(64 * "e") is None
+        assert list(reader.records()) == [RECORD, FAILED]
 
 
-def test_a_damaged_record_is_moved_aside_and_kept_there(store):
-    for count in range(2):
-        store.write(RECORD)
-        path = store.record_path(KEY)
-        damaged = path.read_bytes().replace(b"0.333", b"0.334")
-        path.write_bytes(damaged)
-        with pytest.raises(FileReadError):
-            store.read(KEY)
-        assert store.read_or_quarantine(KEY) is None
-        assert not path.exists()
-        aside = sorted((store.folder / "quarantine").iterdir())
-        assert len(aside) == count + 1
-        assert aside[0].read_bytes() == damaged
+def test_of_two_records_of_a_run_the_last_is_valid_in_the_same_session_and_the_next(store):
+    store.append([Outcome(FAILED._replace(key=KEY))])
+    assert store.read(KEY).failure is not None
+    store.append([Outcome(RECORD)])
+    SweepStore(store.folder).append([Outcome(RECORD._replace(metrics={"a": 2.0}))])
+    assert len(segments(store)) == 2
+    assert SweepStore(store.folder).read(KEY).metrics == {"a": 2.0}
 
 
-def test_a_record_under_another_key_is_foreign(store):
-    store.write(RECORD)
-    path = store.record_path(OTHER)
-    path.parent.mkdir(parents=True)
-    path.write_bytes(RECORD.to_bytes())
-    assert store.read_or_quarantine(OTHER) is None
-    assert store.read(KEY) == RECORD
+def test_a_hundred_thousand_runs_make_few_files_and_one_sync_a_batch(store, monkeypatch):
+    synced, original = [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: synced.append(fd) or original(fd))
+    runs = many(2000)
+    for start in range(0, len(runs), 100):
+        store.append(runs[start : start + 100])
+    assert len(synced) == 20
+    assert len(segments(store)) == 1
+    assert len(keys(store)) == len(runs)
+    bytes_each = segments(store)[0].stat().st_size / len(runs)
+    assert 1e5 * bytes_each / (1 << 26) + 1 < 200  # files, at the size where a segment is closed
+
+
+def test_a_flipped_bit_costs_at_most_the_run_that_it_hits(store):
+    """Within a record, at its ends, and between two."""
+    runs = many(3)
+    store.append(runs)
+    (segment,) = segments(store)
+    whole, known = segment.read_bytes(), {outcome.record.key for outcome in runs}
+    ends = [place for place, sign in enumerate(whole) if sign in b"\n{}"]
+    for place in sorted({*range(0, len(whole), 11), *ends}):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        segment.write_bytes(damaged)
+        kept = keys(store)
+        assert len(kept) >= len(known) - 1
+        assert kept <= known
+
+
+def test_a_cut_segment_costs_the_run_that_was_being_written_and_later_ones_are_added_behind_it(store):
+    runs = many(4)
+    store.append(runs[:3])
+    (segment,) = segments(store)
+    whole = segment.read_bytes()
+    for end in range(0, len(whole), 17):
+        segment.write_bytes(whole[:end])
+        assert len(keys(store)) == whole[: end + 1].count(b"}}\n") + (whole[:end].endswith(b"}}"))
+    segment.write_bytes(whole[:-5])
+    with SweepStore(store.folder).locked():
+        pass
+    later = SweepStore(store.folder)
+    later.append(runs[3:])
+    assert keys(store) == {runs[i].record.key for i in (0, 1, 3)}
+
+
+def test_damaged_lines_are_set_aside_once_and_stay_where_they_are(store, caplog):
+    store.append(many(5))
+    (segment,) = segments(store)
+    damaged = segment.read_bytes().replace(b'"a": 3.0', b'"a": 3.5')
+    segment.write_bytes(damaged)
+    aside = store.folder / "quarantine" / "damaged.jsonl"
+    for _ in range(2):
+        with SweepStore(store.folder).locked():
+            pass
+        assert segment.read_bytes() == damaged
+        (line,) = aside.read_bytes().splitlines()
+        assert b'"a": 3.5' in line
+    assert sum("1 damaged line" in message for message in caplog.messages) == 1
+    assert len(keys(store)) == 4
+
+
+def test_two_writers_at_once_after_the_lock_was_removed_by_hand_lose_nothing(store):
+    runs, other = many(40), SweepStore(store.folder)
+    with store.locked():
+        (store.folder / "lock").unlink()
+        with other.locked():
+            for i in range(0, 40, 4):
+                store.append(runs[i : i + 2])
+                other.append(runs[i + 2 : i + 4])
+    assert len(segments(store)) == 2
+    assert keys(store) == {outcome.record.key for outcome in runs}
 
 
 def test_a_kept_result_must_be_whole(store):
-    store.write(RECORD, b"netcdf")
-    record = store.read_or_quarantine(KEY, with_result=True)
-    assert record is not None
+    store.append([Outcome(RECORD, b"netcdf")])
+    record = store.read(KEY)
+    assert store.has_result(record)
     store.result_path(KEY).write_bytes(b"netcdg")
-    assert store.read_or_quarantine(KEY, with_result=True) is None
-    assert store.read_or_quarantine(KEY) == record
-    assert [file.suffix for file in (store.folder / "quarantine").iterdir()] == [".nc"]
+    assert not store.has_result(record)
+    assert store.read(KEY) == record
 
 
-def test_clean_up_removes_parts_moves_foreign_files_and_touches_no_record(store):
-    store.write(RECORD, b"netcdf")
-    part = store.record_path(KEY).with_name(f".{KEY}.{32 * 'a'}.json")
-    part.write_bytes(b"half")
-    foreign = [
-        store.record_path(KEY).with_name("notes.txt"),
-        store.folder / "runs" / "readme",
-        store.folder / "runs" / "ab" / f"{OTHER}.json",
-    ]
-    for file in foreign:
-        file.write_text("mine")
-    assert store.clean_up() == len(foreign)
-    assert not part.exists()
-    assert not any(file.exists() for file in foreign)
-    assert len(list((store.folder / "quarantine").iterdir())) == len(foreign)
-    assert store.read_or_quarantine(KEY, with_result=True) is not None
-    assert store.clean_up() == 0
+def test_partial_files_of_a_killed_owner_are_removed_and_foreign_files_left_alone(store):
+    store.append([Outcome(RECORD, b"netcdf")])
+    part = store.result_path(KEY).with_name(f".{KEY}.{32 * 'a'}.nc")
+    foreign = [store.folder / "runs" / "notes.txt", store.folder / ".hidden", store.folder / "results" / "me"]
+    for file in (part, *foreign):
+        file.write_bytes(b"half")
+    with store.locked():
+        assert not part.exists()
+    assert all(file.exists() for file in foreign)
+    assert store.has_result(store.read(KEY))
+
+
+def test_pipes_and_devices_in_the_folder_hang_nothing(store):
+    store.append([Outcome(RECORD)])
+    for name in ("runs/000000.jsonl", "runs/000002.jsonl", "quarantine/damaged.jsonl", "table.csv"):
+        (store.folder / name).parent.mkdir(exist_ok=True)
+        os.mkfifo(store.folder / name)
+    (store.folder / "runs" / "000003.jsonl").symlink_to("/dev/zero")
+    later = SweepStore(store.folder)
+    with later.locked():
+        later.append([Outcome(FAILED)])
+    assert keys(store) == {KEY, OTHER}
+    assert segments(store)[-1].name == "000004.jsonl"
+    os.mkfifo(store.folder / "plan.json")
+    with pytest.raises(FileReadError, match="no regular file"):
+        store.read_plan()
+    (store.folder / "lock").unlink()
+    os.mkfifo(store.folder / "lock")
+    with pytest.raises(FileReadError, match="not a regular file"), store.locked():
+        pass
+
+
+def test_a_folder_of_an_older_version_is_refused_with_words_and_left_alone(store):
+    old = store.folder / "runs" / "ab" / f"{KEY}.json"
+    old.parent.mkdir(parents=True)
+    old.write_text("{}")
+    for use in (SweepStore, SweepResult.load, lambda folder: sweep("adept-paper", out=folder, workers=0)):
+        with pytest.raises(FileReadError, match="older version"):
+            use(store.folder)
+    assert [path for path in store.folder.rglob("*") if path.is_file()] == [old]
 
 
 def test_the_plan_is_kept_and_its_damage_seen(store):
@@ -154,7 +247,7 @@ def test_the_plan_is_kept_and_its_damage_seen(store):
 
 
 def test_a_full_disk_is_a_typed_error_and_costs_nothing_written_before(store, monkeypatch):
-    store.write(RECORD)
+    store.append([Outcome(RECORD)])
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -163,61 +256,57 @@ def test_a_full_disk_is_a_typed_error_and_costs_nothing_written_before(store, mo
         broken.setattr(os, "fsync", full)
         for record in (FAILED, RECORD._replace(metrics={"a": 2.0})):
             with pytest.raises(FileWriteError, match="the disk is full"):
-                store.write(record)
+                store.append([Outcome(record, b"netcdf")])
     assert store.read(KEY) == RECORD
     assert store.read(OTHER) is None
-    assert [file.name for file in store.folder.rglob("*") if file.is_file()] == [f"{KEY}.json"]
+    assert [file.name for file in store.folder.rglob("*") if file.is_file()] == ["000001.jsonl"]
 
 
-def _write_big(folder, queue):
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+def test_a_real_file_size_limit_leaves_whole_records_and_no_half_file(store):
+    assert signal.getsignal(signal.SIGXFSZ) == signal.SIG_IGN
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
     try:
-        SweepStore(folder).write(RECORD, 10000 * b"x")
-    except FileWriteError as error:
-        queue.put(str(error))
-
-
-def test_a_real_file_size_limit_leaves_no_half_file(store):
-    context = multiprocessing.get_context("spawn")
-    queue = context.Queue()
-    process = context.Process(target=_write_big, args=(store.folder, queue))
-    process.start()
-    assert "file-size limit" in queue.get(timeout=60)
-    process.join()
-    assert [file for file in store.folder.rglob("*") if file.is_file()] == []
+        store.append(many(5))
+        for runs in ([Outcome(RECORD, 10000 * b"x")], many(60)):
+            with pytest.raises(FileWriteError, match="file-size limit"):
+                store.append(runs)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {file.name for file in store.folder.rglob("*") if file.is_file()} == {"000001.jsonl"}
+    assert {f"{i:064x}" for i in range(5)} <= keys(store) <= {f"{i:064x}" for i in range(60)}
 
 
 # ---------------------------------------------------------------- one owner
 
 
-def test_a_second_owner_is_refused_and_told_who_the_first_is(tmp_path):
-    with FolderLock(tmp_path) as lock:
-        assert lock.killed_owner == ""
-        with pytest.raises(StoreLockedError, match=f"process {os.getpid()} on ") as refused:
-            FolderLock(tmp_path).__enter__()
-        assert str(os.getpid()) in refused.value.owner
-    with FolderLock(tmp_path) as lock:
-        assert lock.killed_owner == ""
+def test_a_second_owner_is_refused_and_told_who_the_first_is(store, caplog):
+    for _ in range(2):
+        with store.locked():
+            with pytest.raises(StoreLockedError, match=f"process {os.getpid()} on ") as refused:
+                SweepStore(store.folder).locked().__enter__()
+            assert str(os.getpid()) in refused.value.owner
+    assert (store.folder / "lock").read_text() == ""
+    assert not caplog.messages
 
 
 HOLD = """
 import sys, time
-from pathlib import Path
-from coop_pin.sweeps.store import FolderLock
-with FolderLock(Path(sys.argv[1])):
+from coop_pin.sweeps.store import SweepStore
+with SweepStore(sys.argv[1]).locked():
     print("held", flush=True)
     time.sleep(600)
 """
 
 
-def test_the_lock_of_a_killed_owner_is_stale_and_said_to_be(tmp_path):
-    owner = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE)
+def test_the_lock_of_a_killed_owner_is_stale_and_said_to_be(store, caplog):
+    owner = subprocess.Popen([sys.executable, "-c", HOLD, str(store.folder)], stdout=subprocess.PIPE)
     assert owner.stdout.readline() == b"held\n"
-    with pytest.raises(StoreLockedError, match=str(owner.pid)):
-        FolderLock(tmp_path).__enter__()
+    with pytest.raises(StoreLockedError, match=str(owner.pid)), store.locked():
+        pass
     owner.kill()
     owner.wait()
     owner.stdout.close()
-    with FolderLock(tmp_path) as lock:
-        assert f"process {owner.pid} " in lock.killed_owner + " "
+    with store.locked():
+        (message,) = caplog.messages
+    assert f"process {owner.pid} " in message

@@ -71,6 +71,7 @@ class SweepShow:
         metric: the metric that the figure shows.
         over: draw lines along this field instead of a map or lines along the longest dimension.
         against: a second metric: draw all runs by the two metrics, with the Pareto front.
+        at: show only runs in which a varied field has this value, FIELD=VALUE; once for each field.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
@@ -81,17 +82,20 @@ class SweepShow:
     metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = "internal_axial_rms_error_N"
     over: Annotated[str | None, tyro.conf.arg(metavar="FIELD")] = None
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
+    at: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FIELD=VALUE")] = ()
 
     def execute(self) -> int:
         """Print the results and return the exit code.
 
         Raises:
             FileReadError: the folder is not that of a sweep.
-            NameNotFoundError: no run has the metric.
+            NameNotFoundError: no run has the metric, or no field of ``at`` varies.
+            FieldError: no run has a value of ``at``.
         """
         from coop_pin.sweeps import SweepResult
 
-        result = SweepResult.load(self.folder)
+        fields = {field: value for field, _, value in (text.partition("=") for text in self.at)}
+        result = SweepResult.load(self.folder).at(fields)
         print(result.summary())
         if self.best is not None:
             print(f"smallest {self.best}:")

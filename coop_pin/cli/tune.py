@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
@@ -34,7 +34,7 @@ class Tune:
         subject_to: a constraint on the best run, METRIC<NUMBER or METRIC>NUMBER in quotes; once for each
             constraint.
         out: output folder for the runs and their table; out/tune- and the scenario's name when omitted.
-        method: evolution is differential evolution; optuna needs pip install 'coop-pin[tune]'.
+        metric: a metric of your own, module:function, as in a sweep; once for each.
         generations: number of generations after the first one.
         population: runs in a generation for each field, at least 5 together: there are (generations + 1) x
             population x fields runs in all.
@@ -55,7 +55,7 @@ class Tune:
     ]
     subject_to: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="BOUND")] = ()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    method: Literal["evolution", "optuna"] = "evolution"
+    metric: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FUNCTION")] = ()
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 10
     population: Annotated[int, tyro.conf.arg(metavar="N")] = 8
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
@@ -90,7 +90,7 @@ class Tune:
             minimize=self.minimize,
             subject_to=self.subject_to,
             out=folder,
-            method=self.method,
+            metrics=self.metric,
             generations=self.generations,
             population=self.population,
             seed=self.seed,

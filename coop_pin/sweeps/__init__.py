@@ -6,15 +6,15 @@ Names are loaded on first use: the host process of local workers lies in this pa
 from coop_pin import lazy_names
 
 _PUBLIC = {
-    "Estimate": "coop_pin.sweeps.estimates",
-    "PointFailure": "coop_pin.sweeps.result",
-    "PointResult": "coop_pin.sweeps.result",
+    "Estimate": "coop_pin.sweeps.engine",
+    "PointFailure": "coop_pin.sweeps.table",
+    "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.sampling",
     "SobolIndices": "coop_pin.sweeps.sensitivity",
     "Span": "coop_pin.sweeps.sampling",
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
-    "estimate": "coop_pin.sweeps.estimates",
+    "estimate": "coop_pin.sweeps.engine",
     "linspace": "coop_pin.sweeps.dimensions",
     "logspace": "coop_pin.sweeps.dimensions",
     "sweep": "coop_pin.sweeps.engine",

@@ -1,81 +1,186 @@
-"""Execution backends of a sweep: this process, local worker processes, or a dask scheduler."""
+"""Execution backends of a sweep: this process, or local workers of a host process that is fed over pipes."""
 
 from __future__ import annotations
 
+import abc
 import contextlib
+import itertools
 import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Generator, Iterator
-from typing import NamedTuple, Protocol
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Self
 
-from coop_pin.errors import FieldError, MissingExtraError
-from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin.errors import CoopPinError, RunTimeoutError, WorkerDiedError, WorkersLostError
+from coop_pin.sweeps.job import Failure, Job, Outcome, Record, distinct_ctrl_c, run_job
 
-
-class Backend(Protocol):
-    """Execution backend: computes jobs in any order, in memory that does not grow with their number."""
-
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Yield the outcome of every job as it finishes."""
+BATCH_S = 0.25
+"""Intended duration of a batch of short runs, s."""
+_LARGEST_BATCH = 64
+_LIVES, _SHORT_LIFE_S, _GRACE_S = 3, 10.0, 2.0
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 class SerialBackend:
     """Execution backend that computes jobs one after the other in this process."""
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Yield the outcome of every job."""
-        for job in jobs:
-            yield run_job(job)
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+        """Yield the outcomes of all jobs, those of a quarter of a second together."""
+        batch: list[Outcome] = []
+        start = time.monotonic()
+        with distinct_ctrl_c():
+            try:
+                for job in jobs:
+                    batch.append(run_job(job))
+                    if time.monotonic() - start > BATCH_S:
+                        yield batch
+                        batch, start = [], time.monotonic()
+            except (Exception, KeyboardInterrupt):  # not of the consumer, which closes
+                yield batch
+                raise
+        yield batch
 
 
-class BackendOptions(NamedTuple):
-    """Choice of an execution backend.
+class BatchingBackend(abc.ABC):
+    """Execution backend that sends short runs to workers in batches of about a quarter of a second."""
 
-    Attributes:
-        workers: number of local workers; 0 for this process, where a run that hangs or crashes takes the
-            sweep with it.
-        scheduler: address of a dask scheduler to use instead.
+    def __init__(self) -> None:
+        self.under_way: dict[int, list[Job]] = {}
+        self._numbers = itertools.count()
+        self._mean_s = BATCH_S
+
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+        """Yield the outcomes of all jobs, a batch at a time, as they finish.
+
+        Raises:
+            WorkersLostError: workers cannot be started or run no jobs, or the scheduler is gone.
+            CodeChangedError: a worker has loaded other code than a job's key covers.
+        """
+        while True:
+            while len(self.under_way) < 2 * self.slots():
+                size = max(1, min(_LARGEST_BATCH, round(BATCH_S / self._mean_s)))
+                if not (batch := list(itertools.islice(jobs, size))):
+                    break
+                number = next(self._numbers)
+                self.under_way[number] = batch
+                self.submit(number, batch)
+            if not self.under_way:
+                return
+            number, outcomes = self.wait()
+            del self.under_way[number]
+            for outcome in outcomes:
+                self._mean_s += 0.2 * (outcome.record.times["wall_s"] - self._mean_s)
+            yield outcomes
+
+    @abc.abstractmethod
+    def slots(self) -> int:
+        """Return how many batches the workers compute at once."""
+
+    @abc.abstractmethod
+    def submit(self, number: int, batch: list[Job]) -> None:
+        """Send a batch."""
+
+    @abc.abstractmethod
+    def wait(self) -> tuple[int, list[Outcome]]:
+        """Wait for the next finished batch, and return its number and outcomes."""
+
+
+class LocalPool(BatchingBackend):
+    """Execution backend on local workers, while the ``with`` block runs.
+
+    Args:
+        workers: how many processes compute at once.
     """
 
-    workers: int
-    scheduler: str | None = None
+    def __init__(self, workers: int) -> None:
+        super().__init__()
+        self._workers, self._short_lives = workers, 0
 
-    @classmethod
-    def of(cls, workers: int | None, scheduler: str | None = None) -> BackendOptions:
-        """Return the options with their default: one local worker for each available processor.
+    def __enter__(self) -> Self:
+        self._start()
+        return self
 
-        Raises:
-            FieldError: the number of workers is negative.
-        """
-        if workers is None:
-            affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
-            workers = len(affinity(0))
-        if workers < 0:
-            raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
-        return cls(workers, scheduler)
+    def __exit__(self, *exception: object) -> None:
+        self._end()
 
-    @property
-    def is_distributed(self) -> bool:
-        """Whether runs leave this process."""
-        return bool(self.workers or self.scheduler)
+    def _start(self) -> None:
+        """Start the host in a session of its own, so that Ctrl-C reaches this process only."""
+        path = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # for user modules
+        quiet = "ignore::UserWarning:multiprocessing.resource_tracker"
+        self._host = subprocess.Popen(
+            [sys.executable, "-m", "coop_pin.sweeps.worker_host", str(self._workers)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": path, "PYTHONWARNINGS": quiet},
+        )
+        pipes: Any = self._host.stdin, self._host.stdout
+        fds = [os.dup(pipe.fileno()) for pipe in pipes]
+        for pipe in pipes:
+            pipe.close()
+        self._tasks, self._replies = Connection(fds[0], readable=False), Connection(fds[1], writable=False)
+        self._started = time.monotonic()
 
-    @contextlib.contextmanager
-    def open(self) -> Iterator[Backend]:
-        """Yield the backend, with its workers while the ``with`` block runs.
+    def _end(self) -> int:
+        """Let the host and its workers end, kill what is left of them, and return the host's exit code."""
+        self._tasks.close()
+        self._replies.close()
+        end = time.monotonic() + _GRACE_S
+        with contextlib.suppress(ProcessLookupError):
+            while time.monotonic() < end:
+                self._host.poll()
+                os.killpg(self._host.pid, 0)
+                time.sleep(0.01)
+            os.killpg(self._host.pid, signal.SIGKILL)
+        return self._host.wait()
 
-        Raises:
-            MissingExtraError: dask is not installed.
-            FieldError: the scheduler's address is malformed.
-            WorkersLostError: there is no scheduler at that address.
-        """
-        if not self.is_distributed:
-            yield SerialBackend()
-            return
-        try:
-            from coop_pin.sweeps import cluster, dask_backend  # dask is an extra, and slow to load
-        except ModuleNotFoundError:
-            purpose = "to run a sweep on several processes"
-            raise MissingExtraError("distributed", "sweep", purpose) from None
-        address = self.scheduler
-        opened = cluster.remote_cluster(address) if address else cluster.local_cluster(self.workers)
-        with opened as client:
-            yield dask_backend.DaskBackend(client)
+    def slots(self) -> int:
+        """Return the number of workers."""
+        return self._workers
+
+    def submit(self, number: int, batch: list[Job]) -> None:
+        """Send a batch to the host."""
+        limits = batch[0].hard_limit_s, batch[0].memory_limit
+        with contextlib.suppress(OSError):  # of a host that died, which wait notices
+            self._tasks.send((number, [pickle.dumps(job) for job in batch], *limits))
+
+    def wait(self) -> tuple[int, list[Outcome]]:
+        """Wait for the next reply; a host that died is replaced, and all batches are sent again."""
+        while True:
+            try:
+                number, parts = self._replies.recv()
+                break
+            except (EOFError, OSError):
+                self._restart()
+        if isinstance(parts, CoopPinError):
+            raise parts
+        if isinstance(parts, Exception):
+            raise WorkersLostError(f"a worker cannot run jobs ({type(parts).__name__}: {parts})") from parts
+        batch = self.under_way[number]
+        return number, [outcome for part in parts for outcome in _outcomes(part, batch)]
+
+    def _restart(self) -> None:
+        code, is_short = self._end(), time.monotonic() - self._started < _SHORT_LIFE_S
+        self._short_lives = self._short_lives + 1 if is_short else 0
+        if self._short_lives == _LIVES:
+            reason = f"the host of local workers ended {_LIVES} times at once, at last with exit code {code}"
+            raise WorkersLostError(f"{reason}; run with workers = 0 to see why")
+        self._start()
+        for number, batch in self.under_way.items():
+            self.submit(number, batch)
+
+
+def _outcomes(part: Any, batch: list[Job]) -> list[Outcome]:
+    """Return the outcomes that the host sent, or that of a job that no worker finished."""
+    if isinstance(part, bytes):
+        found: list[Outcome] = pickle.loads(part)
+        return found
+    number, end, tries, code = part
+    job = batch[number]
+    error = RunTimeoutError(job.time_limit_s) if end == "late" else WorkerDiedError(tries, code)
+    return [Outcome(Record(job.key, job.changes, {}, Failure.of(error), {"wall_s": 0.0, "cpu_s": 0.0}))]

@@ -98,7 +98,10 @@ class SweepPlan(Description):
         sample: points over the ranges of several fields.
         metrics: user functions, "module:function", that take a RunResult and return numbers by name.
         time_limit_s: wall time after which a run is aborted, s.
+        memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
+        repeats: of each run, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension of the plan. With
+            1 the scenario keeps its own seed.
     """
 
     base: Bases
@@ -109,15 +112,9 @@ class SweepPlan(Description):
     sample: Sample | None = None
     metrics: tuple[FunctionName, ...] = ()
     time_limit_s: float = Field(default=600.0, gt=0.0)
+    memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_repeats(cls, given: Any) -> Any:
-        if isinstance(given, Mapping) and "repeats" in given:
-            reason = "nothing in a simulation is random, so repeats would be identical"
-            raise UnknownFieldError(f"is not a field of a plan: {reason}; leave it out", "repeats")
-        return given
+    repeats: int = Field(default=1, ge=1)
 
     @field_validator("zipped")
     @classmethod
@@ -152,6 +149,7 @@ class SweepPlan(Description):
             *self.axes,
             *(f for group in self.zipped for f in group),
             *(self.sample.fields if self.sample else ()),
+            *(self._seeds),
         ]
         twice = [field for field, count in Counter([*fields, *self.cases]).items() if count > 1]
         if twice:
@@ -189,7 +187,13 @@ class SweepPlan(Description):
         cases = self.cases if len(bases) == 1 else {"base": bases} | self.cases
         groups = [*({field: values} for field, values in self.axes.items()), *self.zipped]
         sample = () if self.sample is None else (self.sample,)
-        return (*itertools.starmap(CasesDimension, cases.items()), *map(FieldsDimension, groups), *sample)
+        seeds = [FieldsDimension(self._seeds)] if self._seeds else []
+        fields = map(FieldsDimension, groups)
+        return (*itertools.starmap(CasesDimension, cases.items()), *fields, *sample, *seeds)
+
+    @property
+    def _seeds(self) -> dict[str, tuple[int, ...]]:
+        return {"seed": tuple(range(self.repeats))} if self.repeats > 1 else {}
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -201,7 +205,7 @@ class SweepPlan(Description):
         return math.prod(self.shape)
 
     def __getitem__(self, index: int) -> Point:
-        """Return one point; negative places count from the end."""
+        """Return one point with all that is overridden in its run; negative places count from the end."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)

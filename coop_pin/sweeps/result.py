@@ -6,65 +6,36 @@ import functools
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 
-from coop_pin.arrays import as_count, as_number, require_path, require_type
+from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
 from coop_pin.errors import (
     ArgumentError,
     FieldError,
-    FileReadError,
     InvalidStateError,
     NameNotFoundError,
     OutOfRangeError,
 )
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.run_scenario import run
 from coop_pin.sweeps import sensitivity
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import MISSING, OK, dataset, point_key, rows, write_csv, write_times
-
-_NOT_METRICS = ("status", "failure", "failed_at_s")
+from coop_pin.sweeps.table import FAILED, MISSING, OK, PointFailure, PointResult, Table, describe, point_key
 
 
-class PointResult(NamedTuple):
-    """One run of a sweep.
-
-    Attributes:
-        number: its place in the plan, counted from 0; ``open`` takes it.
-        parameters: values of the varied fields.
-        metrics: metrics by name.
-    """
-
-    number: int
-    parameters: dict[str, Any]
-    metrics: dict[str, float]
-
-
-class PointFailure(NamedTuple):
-    """One run of a sweep that failed.
-
-    Attributes:
-        number: its place in the plan, counted from 0.
-        parameters: values of the varied fields.
-        kind: name of the error's class.
-        message: its message.
-    """
-
-    number: int
-    parameters: dict[str, Any]
-    kind: str
-    message: str
+def _equal(label: Any, value: Any) -> bool:
+    """Return whether a value is the number of a coordinate."""
+    return isinstance(label, int | float) and isinstance(value, int | float) and label == value
 
 
 class SweepResult:
-    """Results of a sweep.
+    """Results of a sweep, or of a part of it.
 
     Attributes:
         plan: its plan.
@@ -90,30 +61,58 @@ class SweepResult:
     # ------------------------------------------------------------ tables
 
     @functools.cached_property
+    def _table(self) -> Table:
+        return Table.read(self.plan, self.store)
+
+    @functools.cached_property
     def data(self) -> xr.Dataset:
-        """Dataset with the plan's dimensions: all metrics, ``status``, ``failure`` and ``failed_at_s``."""
-        return dataset(self.plan, self.store)
+        """Dataset of all runs: metrics, ``status``, ``failure``, ``failed_at_s``, ``number``."""
+        return self._table.dataset()
+
+    def at(self, fields: Mapping[str, Any]) -> Self:
+        """Return the part of the sweep in which fields have given values.
+
+        Args:
+            fields: a value for each of some varied fields, or its text.
+
+        Raises:
+            NameNotFoundError: a field does not vary.
+            FieldError: no run has the value.
+        """
+        require_type("fields", fields, Mapping)
+        for field in fields:
+            require_type("a field", field, str)
+        part = type(self)(self.plan, self.store)
+        part._table, part.data = self._table, self.data
+        for field, value in fields.items():
+            if field not in part.data.coords:
+                known = [str(name) for name in part.data.coords]
+                raise NameNotFoundError("field", field, known, "the sweep")
+            labels = np.atleast_1d(part.data[field].values).tolist()
+            places = [i for i, label in enumerate(labels) if str(label) == str(value) or _equal(label, value)]
+            if not places:
+                wanted = ", ".join(map(str, labels[:20]))
+                raise FieldError(f"never is {value!r}; it must be one of {wanted}", field)
+            if dims := part.data[field].dims:
+                part.data = part.data.isel({dims[0]: places if len(places) > 1 else places[0]})
+        return part
 
     @property
     def metric_names(self) -> list[str]:
         """Names of the metrics that the runs have."""
-        return [str(name) for name in self.data.data_vars if name not in _NOT_METRICS]
+        return list(self._table.metrics)
 
     @property
     def failures(self) -> list[PointFailure]:
         """The failed runs with their errors."""
-        return [
-            PointFailure(row.point.number, row.point.parameters, failure.kind, failure.message)
-            for row in rows(self.plan, self.store)
-            if row.record is not None and (failure := row.record.failure) is not None
-        ]
+        numbers = np.sort(self.data["number"].values[self.data["status"].values == FAILED]).tolist()
+        reasons = self._table.reasons
+        return [PointFailure(number, self.plan[number].parameters, *reasons[number]) for number in numbers]
 
     def counts(self) -> dict[str, int]:
         """Return the number of runs by status: "ok", "failed", "missing"."""
-        names, counts = np.unique(self.data["status"].values, return_counts=True)
-        return {"ok": 0, "failed": 0, "missing": 0} | {
-            str(name): int(count) for name, count in zip(names, counts, strict=True)
-        }
+        status = self.data["status"].values
+        return {name: int(np.count_nonzero(status == name)) for name in (OK, FAILED, MISSING)}
 
     def write_tables(self) -> None:
         """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
@@ -121,10 +120,9 @@ class SweepResult:
         Raises:
             FileWriteError: the disk is full.
         """
-        names = self.metric_names
-        self.store.write_with("table.csv", lambda part: write_csv(part, self.plan, self.store, names))
+        self.store.write_with("table.csv", self._table.write_csv)
         self.store.write_with("table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
-        self.store.write_with("times.csv", lambda part: write_times(part, self.plan, self.store))
+        self.store.write_with("times.csv", self._table.write_times)
 
     # ------------------------------------------------------------ analysis
 
@@ -145,7 +143,7 @@ class SweepResult:
         require_type("largest", largest, bool)
         values = self.values(metric).values.ravel()
         order = np.argsort(-values if largest else values, kind="stable")
-        return [self.point(int(index)) for index in order if np.isfinite(values[index])][:n]
+        return self._points(order[np.isfinite(values[order])][:n])
 
     def marginal(self, field: str, metric: str, *, average: Callable[..., Any] = np.nanmean) -> xr.DataArray:
         """Return a metric along one field, averaged over everything else that varies, without failed runs.
@@ -176,7 +174,7 @@ class SweepResult:
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
         """Return the Pareto front of two metrics, sorted by the first one; smaller is better."""
         a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
-        return [self.point(int(index)) for index in sensitivity.pareto_front(a, b)]
+        return self._points(sensitivity.pareto_front(a, b))
 
     def stability_boundary(
         self, field: str, *, by: str | Sequence[str] | None = None, stable: xr.DataArray | None = None
@@ -242,10 +240,14 @@ class SweepResult:
 
     # ------------------------------------------------------------ single runs
 
+    def _points(self, places: Array) -> list[PointResult]:
+        """Return the runs at places of the flat data."""
+        return [self.point(int(number)) for number in self.data["number"].values.ravel()[places]]
+
     def point(self, number: int) -> PointResult:
         """Return the parameters and metrics of one run."""
         point = self.plan[self._number(number)]
-        metrics = {name: float(self.data[name].values.ravel()[point.number]) for name in self.metric_names}
+        metrics = {name: float(column[point.number]) for name, column in self._table.metrics.items()}
         return PointResult(point.number, point.parameters, metrics)
 
     def open(self, number: int) -> RunResult:
@@ -255,10 +257,7 @@ class SweepResult:
             CoopPinError: the run fails.
         """
         number = self._number(number)
-        try:
-            record = self.store.read(point_key(self.plan, number))
-        except FileReadError:
-            record = None
+        record = self.store.read(point_key(self.plan, number))
         kept = self.store.read_result(record) if record is not None else None
         return kept if kept is not None else run(self.plan.scenario(number))
 
@@ -270,6 +269,20 @@ class SweepResult:
             raise OutOfRangeError("number", nearest, f"a run of the plan, which has {len(self.plan)}")
         return int(number)
 
+    def fields_without_effect(self) -> list[str]:
+        """Return the dimensions along which all runs finished with the same metrics, bit for bit.
+
+        For example the posture of arms that have no joint to spare.
+        """
+        if not self.metric_names or (self.data["status"] != OK).any():
+            return []
+        columns = [self.data[name] for name in self.metric_names]
+        return [
+            str(dim)
+            for dim, size in self.data.sizes.items()
+            if size > 1 and all(column.equals(column.roll({dim: 1})) for column in columns)
+        ]
+
     def summary(self) -> str:
         """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""
         counts = self.counts()
@@ -279,23 +292,8 @@ class SweepResult:
         for kind, first in sorted({failure.kind: failure for failure in reversed(failures)}.items()):
             reason = f"{numbers[kind]} {kind}; run {first.number}: {first.message}"
             lines.append("  " + reason.replace("\n", "\n    "))
-        lines += self._warnings()
-        for name in self.metric_names:
-            values = self.data[name].values[np.isfinite(self.data[name].values)]
-            if values.size:
-                span = f"{values.min():>11.4g} .. {values.max():<11.4g}"
-                lines.append(f"  {name:<30} {span} median {np.median(values):.4g}")
-        return "\n".join(lines)
-
-    def _warnings(self) -> list[str]:
-        """Return how many finished runs are not trustworthy, and how many have no steady metrics."""
-        names, lines = self.metric_names, []
-        finished = self.data["status"] == OK  # the failed ones are listed with their errors
-        untrusted = int((finished & (self.data["trustworthy"] == 0.0)).sum()) if "trustworthy" in names else 0
-        if untrusted:
-            lines.append(f"  {untrusted} NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why")
-        if "window_end_s" in names:
-            short = int((self.data["window_end_s"] <= self.data["window_start_s"]).sum())
-            if short:
-                lines.append(f"  {short} without steady metrics: {NO_STEADY_METRICS}")
-        return lines
+        if idle := self.fields_without_effect():
+            lines.append(f"  no effect on any metric here: {', '.join(idle)}")
+        ok = self.data["status"].values == OK
+        metrics = {name: self.data[name].values[ok] for name in self.metric_names}
+        return "\n".join(lines + describe(metrics))

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, NameNotFoundError, NothingFeasibleError
-from coop_pin.sweeps.backend import BackendOptions
-from coop_pin.sweeps.engine import Session, open_session
+from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
+from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.result import PointResult, SweepResult
-from coop_pin.sweeps.search import Budget, Ranges, Search, search_by_evolution, search_by_optuna
+from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.sampling import Sample, Span
+from coop_pin.sweeps.table import PointResult
 
+_SMALLEST = 5
+"""Runs in a generation, at least."""
 _FORM = re.compile(r"\s*(?P<metric>[^\s<>=]+)\s*(?P<sign>[<>])=?\s*(?P<bound>[^\s<>=]+)\s*")
 
 
@@ -42,6 +45,7 @@ class Bound(NamedTuple):
         Raises:
             FieldError: the text is not a constraint.
         """
+        require_type("a constraint", text, str)
         form = _FORM.fullmatch(text)
         with contextlib.suppress(ValueError):
             if form is not None and np.isfinite(bound := float(form["bound"])):
@@ -55,12 +59,6 @@ class Bound(NamedTuple):
         return max(beyond, 0.0) if np.isfinite(value) else np.inf
 
 
-_INFEASIBLE = 1e12
-"""Cost of an infeasible run, to be multiplied by 1 + its violation."""
-_FAILED = 1e100
-"""Cost of a failed run; finite, because scipy evaluates a population of infinities twice."""
-
-
 class Objective(NamedTuple):
     """Objective of a search.
 
@@ -72,73 +70,68 @@ class Objective(NamedTuple):
     minimize: str
     bounds: tuple[Bound, ...]
 
-    def costs(self, result: SweepResult) -> Array:
-        """Return the cost of each run, shape (n,).
+    def read(self, result: SweepResult) -> tuple[Array, Array]:
+        """Return the metric and the violation of all bounds together of each run, shapes (n,).
 
-        The cost is the metric of a feasible run, grows with the violation of an infeasible one beyond any
-        metric, and is largest for a failed run.
+        A run within all bounds has the violation 0, one that failed or has no finite metric inf.
 
         Raises:
             NameNotFoundError: runs have no such metric.
         """
-        known, count = result.metric_names, len(result.plan)
-        if not known:
-            return np.full(count, _FAILED)
-        wanted = {self.minimize, *(bound.metric for bound in self.bounds)}
-        for name in sorted(wanted - set(known)):
-            raise NameNotFoundError("metric", name, known, "the runs")
-        values = {name: result.values(name).values.ravel() for name in wanted}
-        excess = np.zeros(count)
+        count = len(result.plan)
+        if not result.metric_names:
+            return np.full(count, np.nan), np.full(count, np.inf)
+        metric = result.values(self.minimize).values.ravel()
+        excess = np.where(np.isfinite(metric), 0.0, np.inf)
         for bound in self.bounds:
-            excess += [bound.excess(value) for value in values[bound.metric]]
-        metric = values[self.minimize]
-        costs = np.where(excess > 0.0, _INFEASIBLE * (1.0 + excess), metric)
-        return np.where(np.isfinite(metric + excess), costs, _FAILED)
-
-    @staticmethod
-    def is_feasible(cost: float) -> bool:
-        """Return whether a cost is that of a run within all bounds."""
-        return cost < _INFEASIBLE
+            excess += [bound.excess(value) for value in result.values(bound.metric).values.ravel()]
+        return metric, excess
 
 
-class Evaluator:
-    """Evaluates generations of points, each as one sweep of the session, and collects them."""
-
-    def __init__(self, session: Session, base: Scenario, fields: Sequence[str], objective: Objective) -> None:
-        self._session, self._base, self._fields = session, base, tuple(fields)
-        self._objective = objective
-        self._points: list[tuple[float, ...]] = []
-        self._lowest = np.inf
-
-    def costs(self, generation: Array) -> Array:
-        """Run a generation of points, shape (s, fields), and return their costs, shape (s,).
-
-        Raises:
-            NameNotFoundError: runs have no such metric.
-            CoopPinError: whatever ``Session.compute`` raises.
-        """
-        points = [tuple(map(float, point)) for point in generation]
-        self._points += points
-        store, plan = self._session.store, self._plan(points)
-        store.write_plan(self._plan(self._points))
-        self._session.compute(plan)
-        costs = self._objective.costs(SweepResult(plan, store))
-        self._lowest = min(self._lowest, float(costs.min()))
-        feasible = self._objective.is_feasible(self._lowest)
-        self._session.bar.describe(f"best {self._lowest:.4g}" if feasible else "no feasible run yet")
-        return costs
-
-    def history(self) -> SweepResult:
-        """Return all points as one sweep."""
-        return SweepResult(self._plan(self._points), self._session.store)
-
-    def _plan(self, points: Sequence[tuple[float, ...]]) -> SweepPlan:
-        values = dict(zip(self._fields, zip(*points, strict=True), strict=True))
-        return SweepPlan(base=self._base, zipped=(values,))
+Ranges = Mapping[str, tuple[float, float]]
+"""The lowest and the highest value of each field."""
+Evaluate = Callable[[Array], tuple[Array, Array]]
+"""Runs a generation of points, shape (s, fields), and returns what ``Objective.read`` does of them."""
+_LARGEST = 1e12
+"""Violation of a failed run; the search wants finite numbers."""
 
 
-Method = Literal["evolution", "optuna"]
-_SEARCHES: dict[str, Search] = {"evolution": search_by_evolution, "optuna": search_by_optuna}
+def search(evaluate: Evaluate, ranges: Ranges, *, generations: int, size: int, seed: int) -> None:
+    """Search with optuna's tree-structured Parzen estimator, after a Latin hypercube.
+
+    Points are requested and reported a generation at a time, so that they do not depend on which run ends
+    first. Among infeasible runs the one with the smaller violation is better, and any feasible one is better
+    than these.
+
+    Raises:
+        MissingExtraError: optuna is not installed.
+    """
+    spans = {field: Span(low=low, high=high) for field, (low, high) in ranges.items()}
+    first = Sample(fields=spans, count=size, method="latin-hypercube", seed=seed)
+    try:
+        import optuna  # an extra, and slow to load
+    except ImportError:
+        raise MissingExtraError("optuna", "tune", "to search for gains") from None
+    experimental = optuna.exceptions.ExperimentalWarning
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings(action="ignore", category=experimental))
+        stack.callback(optuna.logging.set_verbosity, optuna.logging.get_verbosity())
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        # Pending points count as bad ones, so that a generation spreads.
+        sampler = optuna.samplers.TPESampler(
+            n_startup_trials=size, multivariate=True, constant_liar=True, seed=seed
+        )
+        study = optuna.create_study(sampler=sampler)
+        for place in range(size):
+            study.enqueue_trial(first.changes(place))
+        for _ in range(generations + 1):
+            trials = [study.ask() for _ in range(size)]
+            points = [
+                [trial.suggest_float(field, *ends) for field, ends in ranges.items()] for trial in trials
+            ]
+            for trial, metric, excess in zip(trials, *evaluate(np.array(points)), strict=True):
+                trial.set_constraint("bounds", min(float(excess), _LARGEST))
+                study.tell(trial, float(metric) if np.isfinite(metric) else 0.0)
 
 
 class TuneResult(NamedTuple):
@@ -170,7 +163,7 @@ def tune(
     minimize: str,
     subject_to: str | Sequence[str] = (),
     out: str | Path,
-    method: Method = "evolution",
+    metrics: Sequence[str | Callable[..., Any]] = (),
     generations: int = 10,
     population: int = 8,
     seed: int = 0,
@@ -190,8 +183,8 @@ def tune(
         minimize: name of the metric.
         subject_to: one constraint on a metric, "settling_time_s<2.5", or several.
         out: folder of the runs.
-        method: "evolution" (differential evolution, scipy) or "optuna" (tree-structured Parzen estimator;
-            extra "tune").
+        metrics: the user's own, "module:function", as in a SweepPlan; ``minimize`` and ``subject_to`` may
+            name what they return.
         generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: seed of the search.
@@ -200,10 +193,10 @@ def tune(
         quiet: no progress bar.
 
     Raises:
-        FieldError: there is no such field or method, a range is empty, a constraint cannot be read, or the
-            scheduler's address is malformed.
+        FieldError: there is no such field, a range is empty, a constraint cannot be read, or the scheduler's
+            address is malformed.
         NameNotFoundError: runs have no such metric.
-        MissingExtraError: the method's package is not installed.
+        MissingExtraError: optuna is not installed.
         NothingFeasibleError: no run is within all bounds; the folder keeps the runs.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
         CoopPinError: whatever else ``sweep`` raises.
@@ -213,43 +206,55 @@ def tune(
     require_type("quiet", quiet, bool)
     require_type("minimize", minimize, str)
     require_type("subject_to", subject_to, str, Sequence)
+    require_type("metrics", metrics, Sequence)
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     generations, population = as_count("generations", generations), as_count("population", population, 1)
     seed = as_count("seed", seed)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
     objective = Objective(minimize, tuple(map(Bound.parse, bounds)))
-    _check(base, vary, method, generations, population)
-    budget = Budget.of(generations, population, len(vary), seed)
-    with open_session(out, BackendOptions.of(workers, scheduler), budget.runs, quiet=quiet) as session:
-        evaluator = Evaluator(session, base, list(vary), objective)
-        _SEARCHES[method](evaluator.costs, vary, budget)
-        history = evaluator.history()
+    _check(base, vary)
+    size = max(_SMALLEST, population * len(vary))
+    points: list[list[float]] = []
+
+    def plan(rows: Sequence[Sequence[float]]) -> SweepPlan:
+        values = dict(zip(vary, zip(*rows, strict=True), strict=True))
+        return SweepPlan(base=base, zipped=(values,), metrics=tuple(metrics))
+
+    total = (generations + 1) * size
+    with open_session(out, workers, scheduler, total, quiet=quiet) as session:
+
+        def evaluate(generation: Array) -> tuple[Array, Array]:
+            points.extend(generation.tolist())
+            session.store.write_plan(plan(points))
+            session.compute(plan(generation.tolist()))
+            found = objective.read(SweepResult(plan(generation.tolist()), session.store))
+            session.bar.describe(
+                f"best of the last {size}: {np.where(found[1] > 0, np.inf, found[0]).min():.4g}"
+            )
+            return found
+
+        search(evaluate, vary, generations=generations, size=size, seed=seed)
+        history = SweepResult(plan(points), session.store)
         history.write_tables()
-    costs = objective.costs(history)
-    best = int(np.argmin(costs))
-    if not objective.is_feasible(costs[best]):
+    metric, excess = objective.read(history)
+    best = int(np.argmin(np.where(excess > 0.0, np.inf, metric)))
+    if excess[best] > 0.0:
         failures = history.failures
         complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
-        raise NothingFeasibleError(len(costs), len(failures), bounds, str(out), complaint)
+        raise NothingFeasibleError(total, len(failures), bounds, str(out), complaint)
     return TuneResult(history.point(best), history, objective)
 
 
-def _check(base: Scenario, vary: Ranges, method: str, generations: int, population: int) -> None:
+def _check(base: Scenario, vary: Ranges) -> None:
     """Refuse mistakes in the arguments before anything is run or written."""
-    if method not in _SEARCHES:
-        raise FieldError(f"is {method!r}; it must be one of {', '.join(_SEARCHES)}", "method")
     if not vary:
         raise FieldError("names no field; give at least one, with its lowest and highest value", "vary")
-    if generations < 0 or population < 1:
-        detail = f"are {generations} and {population}; they must be at least 0 and 1"
-        raise FieldError(detail, "generations and population")
     for field, ends in vary.items():
+        low, high = ends if isinstance(ends, Sequence) and len(ends) == 2 else (ends, None)
         try:
-            low, high = map(float, ends)
-        except (TypeError, ValueError):
-            detail = f"has the range {ends!r}; it must be a lowest and a highest number"
-            raise FieldError(detail, field) from None
-        if not (np.isfinite([low, high]).all() and low < high):
-            detail = f"goes from {low:g} to {high:g}; the range must have a lower and a higher end"
-            raise FieldError(detail, field)
+            Span(low=low, high=high)
+        except (FieldError, ScenarioError) as error:
+            raise FieldError(
+                f"has the range {ends!r}, not two numbers, the lower first: {error}", field
+            ) from None
     SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that do not exist

@@ -1,63 +1,147 @@
-"""Host process of local workers: ``python -m coop_pin.sweeps.worker_host ADDRESS COUNT``, in its own session.
+"""Host process of local workers: ``python -m coop_pin.sweeps.worker_host COUNT``, fed over its pipes.
 
 Workers are children of this process and not of the user's, whose script they would import: a script without
-``if __name__ == "__main__"`` would start its sweep in every worker. The host ends with its parent, when its
-standard input closes.
+``if __name__ == "__main__"`` would start its sweep in every worker. The host and its workers end with their
+parent, and listen nowhere. Each worker has a pool of its own: whose run killed a worker is then certain, and
+one that is stopped while it holds its pool's lock holds up no other.
 """
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
+import importlib
+import multiprocessing
 import os
+import pickle
+import queue
+import resource
 import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from distributed import Nanny
+from pebble import ProcessExpired, ProcessPool
 
-from coop_pin.sweeps.cluster import QuietWorker
-
-_PRELOAD = "coop_pin.sweeps.job"
-_GRACE_S = 2.0
-
-
-async def keep_workers(address: str, count: int, parent_ended: asyncio.Event) -> None:
-    """Keep workers of one thread each on the loopback device until the parent ends; replace dead ones.
-
-    A worker that dies during its start ends this process and all workers; the parent starts them again.
-    """
-    options: dict[str, Any] = {
-        "nthreads": 1,
-        "host": "127.0.0.1",
-        "worker_class": QuietWorker,
-        "preload": [_PRELOAD],
-        "death_timeout": 60,
-    }
-    nannies = [Nanny(address, **options) for _ in range(count)]
-    try:
-        await asyncio.gather(*nannies)
-    except RuntimeError:
-        os.killpg(0, signal.SIGKILL)
-    await parent_ended.wait()
-    await asyncio.gather(*(nanny.close(timeout=1) for nanny in nannies), return_exceptions=True)
-    os.killpg(0, signal.SIGKILL)
+_START_S, _STARTS, _POLL_S, _PAUSE_S = 60.0, 5, 0.2, 0.1
+"""Time of a start, workers that may die in a row while they start, interval of looks, pause at the end; s."""
+_TRIES = {"died": 3, "late": 2}
+"""Workers that die with a job, or are killed at its time limit, before it has failed."""
 
 
-async def main(address: str, count: int) -> None:
-    """Keep workers, and end with the parent even if a scheduler that died with it leaves them waiting."""
-    loop, parent_ended = asyncio.get_running_loop(), asyncio.Event()
+def compute(jobs: list[bytes], memory_limit: int) -> bytes:
+    """Return the pickled outcomes of pickled jobs; called in a worker."""
+    from coop_pin.sweeps.job import run_job
 
-    def watch() -> None:
-        sys.stdin.read()
-        loop.call_soon_threadsafe(parent_ended.set)
-        time.sleep(_GRACE_S)
-        os.killpg(0, signal.SIGKILL)
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, hard))
+    return pickle.dumps([run_job(pickle.loads(job)) for job in jobs])
 
-    threading.Thread(target=watch, name="parent", daemon=True).start()
-    await keep_workers(address, count, parent_ended)
+
+def start_worker() -> None:
+    """Let a thread end this worker as soon as the host is gone, however that ended, and load the package."""
+    host: Any = multiprocessing.parent_process()
+    threading.Thread(target=lambda: os._exit(bool(wait([host.sentinel]))), daemon=True).start()
+    importlib.import_module("coop_pin.sweeps.job")  # loads Pinocchio, which the host does without
+
+
+class _Slot(threading.Thread):
+    """Place of one worker, for one batch of jobs at a time."""
+
+    def __init__(self, tasks: queue.SimpleQueue[Any], reply: Callable[[Any], None]) -> None:
+        super().__init__(daemon=True)
+        self._tasks, self._reply = tasks, reply
+        self._new_pool()
+
+    def run(self) -> None:
+        """Compute batches and send what became of their parts, or the worker's own error."""
+        while True:
+            number, jobs, *self._limits = self._tasks.get()
+            try:
+                self._reply((number, self._parts(jobs, 0, 0)))
+            except Exception as error:
+                self._reply((number, error))
+
+    def _new_pool(self) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.pool: Any = ProcessPool(1, initializer=start_worker, context=spawn)
+
+    def _parts(self, jobs: list[bytes], first: int, deaths: int) -> list[Any]:
+        """Return pickled outcomes, or the number, the end, the tries and the exit code of a failed job.
+
+        If a worker dies, or is killed at the time limit, the jobs of its batch are tried again, each alone.
+        """
+        end, content = self._attempt(jobs)
+        if end == "done":
+            return [content]
+        if end == "failed":
+            raise content
+        if len(jobs) == 1 and deaths + 1 >= _TRIES[end]:
+            return [(first, end, deaths + 1, content)]
+        alone = enumerate(jobs, first)
+        return [part for number, job in alone for part in self._parts([job], number, deaths + 1)]
+
+    def _attempt(self, jobs: list[bytes]) -> tuple[str, Any]:
+        """Return how an attempt ended, and pickled outcomes or an exit code."""
+        limit_s, memory_limit = self._limits
+        for _ in range(_STARTS):
+            with contextlib.suppress(RuntimeError):  # the pool broke just now
+                future = self.pool.schedule(compute, (jobs, memory_limit), timeout=limit_s)
+                end = time.monotonic() + limit_s + _START_S
+                while (
+                    not futures.wait([future], _POLL_S).done and self.pool.active and time.monotonic() < end
+                ):
+                    pass
+                error = future.exception() if future.done() else None
+                if future.done() and error is None:
+                    return "done", future.result()
+                if isinstance(error, ProcessExpired | MemoryError):
+                    return "died", getattr(error, "exitcode", 0)
+                if isinstance(error, TimeoutError):
+                    return "late", -signal.SIGKILL
+                if error is not None and not isinstance(error, BrokenProcessPool):
+                    return "failed", error
+                if self.pool.active:  # stopped before it took the jobs, or holding the lock of its pool
+                    self._replace_pool()
+                    return "died", -signal.SIGKILL
+            self._replace_pool()  # the worker died before it took the jobs
+        return "failed", RuntimeError(f"{_STARTS} workers in a row died while they started")
+
+    def _replace_pool(self) -> None:
+        self.pool.stop()
+        self.pool.join()
+        self._new_pool()
+
+
+def main(count: int) -> None:
+    """Compute batches from standard input until it closes; replies go to what was standard output."""
+    tasks_in, replies_out = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)  # what user code prints
+    tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    lock = threading.Lock()
+
+    def reply(content: Any) -> None:
+        with lock:
+            replies_out.send(content)
+
+    slots = [_Slot(tasks, reply) for _ in range(count)]
+    for slot in slots:
+        slot.start()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            tasks.put(tasks_in.recv())
+    for slot in slots:
+        slot.pool.stop()
+    time.sleep(_PAUSE_S)  # a worker that is just being started would report that it lost its parent
+    for worker in multiprocessing.active_children():
+        os.kill(worker.pid or 0, signal.SIGKILL)
+    os._exit(0)  # the resource tracker then removes the pools' semaphores
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1], int(sys.argv[2])))
+    main(int(sys.argv[1]))

@@ -1,0 +1,216 @@
+"""Local workers: the same bits in every process, runs that kill or hang their workers, ports."""
+
+import contextlib
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from faulty import law
+
+import coop_pin as cp
+from coop_pin.errors import WorkersLostError
+from coop_pin.sweeps import SweepPlan, linspace, sweep
+from coop_pin.sweeps.backend import LocalPool
+from coop_pin.sweeps.job import Job
+
+PLAN = SweepPlan(
+    base="adept-paper",
+    changes={"duration": 0.1, "events": []},
+    axes={
+        "controller.gains.sign_gain": linspace(0.0, 0.4, 3),
+        "controller.gains.damping_gain": [[60.0, 60.0, 10.0], [3e4, 3e4, 5e3]],
+    },
+    keep="all",
+)
+
+
+def tables(folder):
+    return (folder / "table.csv").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("in-process")
+    return sweep(PLAN, out=folder, workers=0, quiet=True), tables(folder)
+
+
+def descendants(mark="", process=None):
+    """Descendants of a process, of this one when omitted, with a word in their command lines."""
+    found = []
+    for child in (process or psutil.Process()).children(recursive=True):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if mark in " ".join(child.cmdline()):
+                found.append(child)
+    return found
+
+
+def workers_of(process=None):
+    return descendants("--multiprocessing-fork", process)
+
+
+def wait_until(found, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not (value := found()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return value
+
+
+class Watcher(threading.Thread):
+    """Looks at the processes of a sweep while it runs."""
+
+    def __init__(self):
+        super().__init__()
+        self.me, self.seen, self.listening, self.done = psutil.Process(), set(), set(), threading.Event()
+        self.before = self.ports(self.me)
+
+    @staticmethod
+    def ports(process):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            return {c.laddr for c in process.net_connections(kind="all") if c.status == psutil.CONN_LISTEN}
+        return set()
+
+    def run(self):
+        while not self.done.wait(0.05):
+            for process in (self.me, *descendants()):
+                self.seen.add(process.pid)
+                self.listening |= self.ports(process) - self.before
+
+
+@pytest.mark.parametrize("workers", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 4))])
+def test_workers_give_the_bits_of_a_single_process_and_listen_nowhere(tmp_path, in_process, workers):
+    """Full results, of two runs that finish and two that diverge, included."""
+    result, table = in_process
+    watcher = Watcher()
+    watcher.start()
+    found = sweep(PLAN, out=tmp_path, workers=workers, quiet=True)
+    watcher.done.set()
+    watcher.join()
+    assert found.data.identical(result.data)
+    assert tables(tmp_path) == table
+    assert result.counts() == {"ok": 3, "failed": 3, "missing": 0}
+    for number in range(0, 6, 2):
+        kept = found.store.read_result(found.store.read(found._table.keys[number]))
+        assert kept.data.identical(
+            result.store.read_result(result.store.read(result._table.keys[number])).data
+        )
+    assert len(watcher.seen) > 1 + workers
+    assert watcher.listening == set()
+    assert descendants("coop_pin") == []
+
+
+KINDS = {
+    "exit": "WorkerDiedError",
+    "crash": "WorkerDiedError",
+    "hang": "RunTimeoutError",
+    "raise": "UserCodeError",
+    "SystemExit": "SystemExit",
+    "KeyboardInterrupt": "KeyboardInterrupt",
+    "memory": "MemoryError",
+    "none": None,
+}
+
+
+@pytest.mark.parametrize(
+    "modes",
+    [
+        ("hang", "exit", "memory", "KeyboardInterrupt", "none"),
+        pytest.param(tuple(KINDS) * 2, marks=pytest.mark.slow),
+    ],
+)
+def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_on(tmp_path, modes):
+    laws = {f"{mode} {i}": law(mode) for i, mode in enumerate(modes)}
+    plan = SweepPlan(
+        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=1.5
+    )
+    result = sweep(plan, out=tmp_path, workers=2, quiet=True)
+    seen = {failure.number: failure.kind for failure in result.failures}
+    assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
+    assert result.counts()["missing"] == 0
+    died = result.store.read(result._table.keys[modes.index("exit")]).failure
+    assert died.numbers == {"deaths": 3, "code": 3}
+
+
+def job(mode, **limits):
+    scenario = cp.Scenario.load("adept-paper", {"duration": 0.05, "events": []} | law(mode))
+    return Job(mode, scenario.model_dump_json(), **limits)
+
+
+def computed(pool, *jobs):
+    found = [outcome.record for batch in pool.outcomes(iter(jobs)) for outcome in batch]
+    return {record.key: record.failure and record.failure.kind for record in found}
+
+
+@contextlib.contextmanager
+def meanwhile(action):
+    thread = threading.Thread(target=action)
+    thread.start()
+    yield
+    thread.join()
+
+
+def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_killed_are_replaced():
+    """Also while they start, and between two runs; no run is lost or recorded as failed."""
+    with LocalPool(1) as pool:
+        with meanwhile(lambda: wait_until(workers_of)[0].kill()):  # starting
+            assert computed(pool, job("none")) == {"none": None}
+        (worker,) = workers_of()
+        assert loaded(worker) == {"pinocchio"}
+        assert {worker.environ()[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")} == {"1"}
+        worker.kill()  # idle
+        assert computed(pool, job("none")) == {"none": None}
+        (host,), old = descendants("worker_host"), workers_of()
+        host.kill()
+        assert computed(pool, job("none")) == {"none": None}
+        assert psutil.wait_procs(old, timeout=10)[1] == []
+        processes = descendants()
+    assert psutil.wait_procs(processes, timeout=10)[1] == []
+
+
+def loaded(worker):
+    """Packages whose shared libraries a process has mapped."""
+    return {name for name in ("pinocchio", "meshcat", "matplotlib", "zmq") if any(
+        name in region.path for region in worker.memory_maps())}  # fmt: skip
+
+
+def test_a_host_that_cannot_start_is_a_typed_error(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with LocalPool(1) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
+        computed(pool, job("none"))
+
+
+UP = """
+import sys
+sys.path.insert(0, "TESTS")
+from test_sweep_workers import LocalPool, computed, job
+with LocalPool(1) as pool:
+    print("up", flush=True)
+    computed(pool, job("hang"))
+"""
+
+
+def test_workers_end_with_their_parent_however_it_ends():
+    code = UP.replace("TESTS", str(Path(__file__).parent))
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert parent.stdout.readline() == b"up\n"
+    process = psutil.Process(parent.pid)
+    wait_until(lambda: workers_of(process))[0].suspend()
+    children = descendants("", process)
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert psutil.wait_procs(children, timeout=30)[1] == []
+
+
+def test_a_worker_stopped_for_ever_is_killed_at_its_time_limit_and_its_run_repeated(tmp_path):
+    laws = {"stops": law("stop once", marker=str(tmp_path / "stopped")), "runs": law("none")}
+    plan = SweepPlan(
+        base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=1.0
+    )
+    result = sweep(plan, out=tmp_path / "out", workers=1, quiet=True)
+    assert (tmp_path / "stopped").exists()
+    assert result.counts() == {"ok": 2, "failed": 0, "missing": 0}
