@@ -109,34 +109,38 @@ def worker_start() -> float:
 
 def storage(count: int) -> None:
     """Store records of short runs, read their table, and print what that takes."""
+
+    def times() -> tuple[float, float]:
+        return time.perf_counter(), time.process_time()
+
     made = plan(count, 0.0125)
     record = run_job(Job("key", made.scenario(0).model_dump_json())).record
     with tempfile.TemporaryDirectory() as folder:
-        store, seconds = SweepStore(folder), [time.perf_counter()]
+        store, seconds = SweepStore(folder), [times()]
         keys = [point_key(made, number) for number in range(count)]
-        seconds.append(time.perf_counter())
+        seconds.append(times())
         with store.locked():
             store.write_plan(made)
             for first in range(0, count, 64):
                 batch = range(first, min(first + 64, count))
                 store.append([Outcome(record._replace(key=keys[n], changes=made[n].changes)) for n in batch])
-        seconds.append(time.perf_counter())
+        seconds.append(times())
         memory = Memory()
         memory.start()
         result = SweepResult.load(folder)
         assert result.counts()["ok"] == count, result.counts()
-        seconds.append(time.perf_counter())
+        seconds.append(times())
         result.write_tables()
-        seconds.append(time.perf_counter())
+        seconds.append(times())
         files = [file for file in Path(folder).rglob("*.jsonl") if file.is_file()]
         megabytes = sum(file.stat().st_size for file in files) / 1e6
         names = ("keys", "stored, a sync for every 64", "table read, keys included", "tables written")
-        spent = (
-            f"{name} {end - start:.1f} s"
-            for name, start, end in zip(names, seconds, seconds[1:], strict=False)
-        )
-        print(f"{count} records in {len(files)} files of {megabytes:.1f} MB: {', '.join(spent)}", end="")
-        print(f", memory at most {max(memory.stop()):.0f} MB", flush=True)
+        spent = [
+            f"{name} {end[0] - start[0]:.1f} s, {end[1] - start[1]:.1f} s of the processor"
+            for name, start, end in zip(names, seconds[:-1], seconds[1:], strict=True)
+        ]
+        print(f"{count} records in {len(files)} files of {megabytes:.1f} MB: {'; '.join(spent)}", end="")
+        print(f"; memory at most {max(memory.stop()):.0f} MB", flush=True)
 
 
 def main(arguments: list[str] | None = None) -> None:

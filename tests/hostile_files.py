@@ -39,13 +39,13 @@ import pinocchio  # noqa: F401  loaded once, before the forks
 import trimesh
 import xarray as xr
 from cells import SCENARIOS
-from coop_pin.sweeps.record import from_checksummed_json, to_checksummed_json
 from malformed_urdf import CORPUS, arm
 
 import coop_pin as cp
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
+from coop_pin.sweeps.job import from_checksummed_json, to_checksummed_json
 
 ALLOWED = {"result", "refused"}
 LIMIT_S, LIMIT_BYTES = 5, 4 << 30
@@ -143,12 +143,15 @@ def _replaced(chance, data, pattern, by):
 
 
 def resigned(chance: random.Random, data: bytes) -> bytes:
-    """Return a file of a sweep with damaged content and the checksum that belongs to it."""
-    content = from_checksummed_json(data)
+    """Return a file of a sweep with a damaged line and the checksum that belongs to it."""
+    lines = data.strip().split(b"\n")
+    number = chance.randrange(len(lines))
+    content = from_checksummed_json(lines[number])
     tables = [content] + [entry for entry in content.values() if isinstance(entry, dict) and entry]
     table = chance.choice(tables)
     table[chance.choice(sorted(table))] = chance.choice((None, -1, "nan", [], {}, [[]], {"a": {}}, "x" * 99))
-    return to_checksummed_json(content)
+    lines[number] = to_checksummed_json(content)
+    return b"\n".join(lines) + b"\n"
 
 
 BYTES, TEXT = (
@@ -214,7 +217,7 @@ class Files:
         read = functools.partial(read_result, result)
         self._add("result.nc", (folder / "result.nc").read_bytes(), (*BYTES, *BYTES, foreign), read)
         sweep = cp.sweep(scenario, {"duration": [0.02, 0.03]}, out=folder / "sweep", workers=0, quiet=True)
-        files = sorted(path for path in (folder / "sweep").rglob("*.json"))
+        files = sorted(path for path in (folder / "sweep").rglob("*.json*"))
         self.kinds |= {
             f"sweep/{path.relative_to(folder / 'sweep')}": (
                 path.read_bytes(),

@@ -161,10 +161,17 @@ def test_a_plan_with_a_mistake_is_refused(fields):
         plan(**fields)
 
 
-def test_repeats_are_refused_with_the_reason():
-    with pytest.raises(UnknownFieldError, match="random") as caught:
-        plan(repeats=3)
-    assert caught.value.path == "repeats"
+def test_repeats_are_a_last_dimension_of_seeds():
+    repeated = plan(repeats=3)
+    assert repeated.shape == (*plan().shape, 3)
+    assert [repeated[i].changes["seed"] for i in range(4)] == [0, 1, 2, 0]
+    assert "seed" not in plan(repeats=1)[0].changes
+    with pytest.raises(FieldError) as refused:
+        plan(repeats=3, axes={"seed": [1, 2]})
+    assert "seed" in str(refused.value)
+    with pytest.raises(FieldError) as refused:
+        plan(repeats=0)
+    assert refused.value.path == "repeats"
 
 
 def test_spacings_are_plain_numbers_and_refuse_what_has_none():

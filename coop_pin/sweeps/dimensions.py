@@ -103,13 +103,21 @@ def _label(value: Any) -> Any:
 
 
 class FieldsDimension(NamedTuple):
-    """One field, or several that vary together; the first one names the dimension.
+    """Dimension of a plan: one field, or several that vary together, or named cases.
 
     Attributes:
-        fields: the values of each field, all of one length.
+        fields: the values of each field, all of one length; the first one names the dimension.
+        cases: named groups of changes, such as controllers or payloads that take several fields to describe;
+            the values of the only field are then their names.
     """
 
     fields: Mapping[str, tuple[Any, ...]]
+    cases: Mapping[str, Mapping[str, Any]] | None = None
+
+    @classmethod
+    def of_cases(cls, name: str, cases: Mapping[str, Mapping[str, Any]]) -> FieldsDimension:
+        """Return the dimension of named cases."""
+        return cls({name: tuple(cases)}, cases)
 
     @property
     def name(self) -> str:
@@ -121,50 +129,22 @@ class FieldsDimension(NamedTuple):
         """Number of places."""
         return len(self.fields[self.name])
 
-    def changes(self, place: int) -> dict[str, Any]:
+    def changes(self, place: int) -> Mapping[str, Any]:
         """Return the changed fields at one place."""
-        return {field: values[place] for field, values in self.fields.items()}
+        values = {field: values[place] for field, values in self.fields.items()}
+        return values if self.cases is None else self.cases[values[self.name]]
 
     def labels(self, place: int) -> dict[str, Any]:
         """Return the coordinates of one place."""
-        return {field: _label(value) for field, value in self.changes(place).items()}
+        return {field: _label(values[place]) for field, values in self.fields.items()}
 
     def summary(self) -> str:
-        """Return the values on one line."""
+        """Return the values, or the names of the cases, on one line."""
         labels = [_label(value) for value in self.fields[self.name][:6]]
         shown = ", ".join(f"{each:.10g}" if isinstance(each, float) else str(each) for each in labels)
         more = ", ..." if self.size > len(labels) else ""
         together = f" together with {', '.join(list(self.fields)[1:])}" if len(self.fields) > 1 else ""
-        return f"{self.size} values: {shown}{more}{together}"
+        return f"{self.size} {'values' if self.cases is None else 'cases'}: {shown}{more}{together}"
 
 
-class CasesDimension(NamedTuple):
-    """Named groups of changes, for example controllers or payloads that take several fields to describe.
-
-    Attributes:
-        name: name of the dimension.
-        cases: the changes of each case by its name.
-    """
-
-    name: str
-    cases: Mapping[str, Mapping[str, Any]]
-
-    @property
-    def size(self) -> int:
-        """Number of cases."""
-        return len(self.cases)
-
-    def changes(self, place: int) -> dict[str, Any]:
-        """Return the changed fields of one case."""
-        return dict(list(self.cases.values())[place])
-
-    def labels(self, place: int) -> dict[str, Any]:
-        """Return the coordinate of one case, its name."""
-        return {self.name: list(self.cases)[place]}
-
-    def summary(self) -> str:
-        """Return the names of the cases on one line."""
-        return f"{self.size} cases: {', '.join(self.cases)}"
-
-
-Dimension = FieldsDimension | CasesDimension | Sample
+Dimension = FieldsDimension | Sample

@@ -23,7 +23,7 @@ from coop_pin.errors import (
 )
 from coop_pin.schema.base import Description
 from coop_pin.schema.user_code import FunctionName
-from coop_pin.sweeps.dimensions import CasesDimension, Dimension, FieldsDimension, Values
+from coop_pin.sweeps.dimensions import Dimension, FieldsDimension, Values
 from coop_pin.sweeps.sampling import Sample
 from coop_pin.user_files import read_toml
 
@@ -188,8 +188,12 @@ class SweepPlan(Description):
         groups = [*({field: values} for field, values in self.axes.items()), *self.zipped]
         sample = () if self.sample is None else (self.sample,)
         seeds = [FieldsDimension(self._seeds)] if self._seeds else []
-        fields = map(FieldsDimension, groups)
-        return (*itertools.starmap(CasesDimension, cases.items()), *fields, *sample, *seeds)
+        return (
+            *itertools.starmap(FieldsDimension.of_cases, cases.items()),
+            *map(FieldsDimension, groups),
+            *sample,
+            *seeds,
+        )
 
     @property
     def _seeds(self) -> dict[str, tuple[int, ...]]:
@@ -262,7 +266,7 @@ class SweepPlan(Description):
         stride = len(self)
         for dimension in self.dimensions:
             stride //= dimension.size
-            if isinstance(dimension, CasesDimension):
+            if isinstance(dimension, FieldsDimension) and dimension.cases:
                 trials |= {place * stride for place in range(dimension.size)}
         for index in sorted(trials):
             try:
