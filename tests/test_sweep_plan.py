@@ -162,8 +162,8 @@ def test_a_plan_with_a_mistake_is_refused(fields):
 
 
 def test_repeats_are_a_last_dimension_of_seeds():
-    repeated = plan(repeats=3)
-    assert repeated.shape == (*plan().shape, 3)
+    repeated = plan(repeats=3, axes={GAIN: [0.1, 0.2]})
+    assert repeated.shape == (2, 3)
     assert [repeated[i].changes["seed"] for i in range(4)] == [0, 1, 2, 0]
     assert "seed" not in plan(repeats=1)[0].changes
     with pytest.raises(FieldError) as refused:
