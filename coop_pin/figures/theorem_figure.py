@@ -19,9 +19,10 @@ _AVERAGED = 1.0
 def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
     """Return the terms of Theorems 2 and 3 over time, with the marks where the proof breaks.
 
-    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and |rho| of each arm beside
-    lambda_min(K_d) |s_r|, beyond which V may grow. Below: what Theorem 3 concludes from, |sum_i u_i'|,
-    beside the largest |u_i'|, which it says must vanish, averaged over 1 s; and the internal-force error.
+    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and ``|rho|`` of each arm beside
+    ``lambda_min(K_d) |s_r|``, beyond which V may grow. Below: what Theorem 3 concludes from,
+    ``|sum_i u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
+    internal-force error.
 
     Args:
         result: the run of law (23).
