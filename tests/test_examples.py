@@ -128,7 +128,24 @@ def close_to_the_closed_form(out, _folder):
     assert max(float(chain[3]) for chain in chains) < 1e-6
 
 
+def definitions_as_on_their_page(out, _folder):
+    """The page quotes the output; the split by equal shares, the symmetric and the nonsqueezing one agree."""
+    page = FOLDER.parent / "docs" / "concepts" / "internal-force-definitions.md"
+    (quoted,) = re.findall(r"^```text\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    found, shown = ([line.split() for line in text.splitlines()] for text in (out, quoted))
+    assert [words[0] for words in found] == [words[0] for words in shown]
+    rows = [words for words in found if len(words) == 4]
+    assert len(rows) == 14
+    for words, there in zip(rows, (words for words in shown if len(words) == 4), strict=True):
+        assert [float(word) for word in words[1:]] == pytest.approx(
+            [float(word) for word in there[1:]], abs=0.011
+        )
+    equal = {name: rest for name, *rest in rows}
+    assert equal["load_shares"] == equal["nonsqueezing"] == equal["symmetric"] != equal["virtual_linkage"]
+
+
 PROMISES = {
+    "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
     "sweep_force_gain": static_factor_and_bound,
     "own_controller": tracking_and_squeeze,

@@ -145,7 +145,11 @@ class ProofTerms(NamedTuple):
         C: C_i of eq. (13), shape (k, k).
         Y_mu: D qddot_r + C qdot_r + G, eq. (16), shape (k,).
         beyond: held torque less the law's with the true force, shape (k,).
-        D_rate, J_rate, s_r_rate, surface_rate, V_rate: central differences.
+        D_rate: central difference, as the others.
+        J_rate: of the Jacobian.
+        s_r_rate: of the residual.
+        surface_rate: of xtildedot + gamma xtilde.
+        V_rate: of V_i.
     """
 
     law: LawTerms

@@ -61,8 +61,8 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
 
     Rates are central differences along the true motion with the torques of the tick. ``V_rate`` must be the
     sum of ``V_rate_1`` to ``V_rate_3`` and ``V_rate_held``; the theorem needs sum_i ``V_rate_3`` <= 0, and
-    ``V_rate_3_is_positive`` marks where it exceeds 1e-6 W. ``V_may_grow`` marks where |rho| exceeds
-    lambda_min(K_d) |s_r|, ``sliding_is_not_assured`` where |sdot_r| exceeds the smallest alpha,
+    ``V_rate_3_is_positive`` marks where it exceeds 1e-6 W. ``V_may_grow`` marks where ``|rho|`` exceeds
+    ``lambda_min(K_d) |s_r|``, ``sliding_is_not_assured`` where ``|sdot_r|`` exceeds the smallest alpha,
     ``signs_differ`` where sgn(s_q) differs between arms in some joint. Theorem 3 concludes from
     ``u_prime_sum`` -> 0 that each ``u_prime`` vanishes.
 

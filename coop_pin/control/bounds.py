@@ -18,8 +18,8 @@ def force_gain_bound(pole: float, delay: int = 0) -> float:
     In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of
     tick k acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k-D] the error obeys
     z^D (z - p) + K_f (1 - p) = 0. Its first roots reach the unit circle at z = exp(j a) with
-    D a + arg(z - p) = pi, where K_f = |z - p| / (1 - p). Without delay that is (1 + p) / (1 - p); without
-    filter it is 1, whatever the delay.
+    D a + arg(z - p) = pi, where K_f = ``|z - p| / (1 - p)``. Without delay that is (1 + p) / (1 - p);
+    without filter it is 1, whatever the delay.
 
     Args:
         pole: p of the filter, in [0, 1); p = 0 is the wrench of one tick before.

@@ -19,9 +19,10 @@ _AVERAGED = 1.0
 def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
     """Return the terms of Theorems 2 and 3 over time, with the marks where the proof breaks.
 
-    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and |rho| of each arm beside
-    lambda_min(K_d) |s_r|, beyond which V may grow. Below: what Theorem 3 concludes from, |sum_i u_i'|,
-    beside the largest |u_i'|, which it says must vanish, averaged over 1 s; and the internal-force error.
+    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and ``|rho|`` of each arm beside
+    ``lambda_min(K_d) |s_r|``, beyond which V may grow. Below: what Theorem 3 concludes from,
+    ``|sum_i u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
+    internal-force error.
 
     Args:
         result: the run of law (23).
@@ -34,10 +35,10 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
         _draw_rate(rates, time, _averaged(monitor["V_rate_3_sum"].values, ticks))
         for index, arm in enumerate(monitor["arm"].values):
             colour = palette.SERIES[index % len(palette.SERIES)]
-            for name, line, text in (("rho", "-", "|ρ|"), ("damping_force", ":", "λ_min(K_d) |s_r|")):
+            for name, line, text in (("rho", "-", "|ρ|"), ("damping_force", ":", "λ_min |s_r|")):
                 values = _averaged(monitor[name].values[:, index], ticks)
                 bounds.plot(time, values, line, color=colour, label=f"{text}, {arm}")
-        label(bounds, "V may grow where |ρ| > λ_min(K_d) |s_r|", "N m")
+        label(bounds, "V may grow where |ρ| > λ_min |s_r|", "N m")
         bounds.set_yscale("log")
         u = np.apply_along_axis(_averaged, 0, monitor["u_prime"].values, ticks)
         sums.plot(time, np.linalg.norm(u.sum(axis=1), axis=1), color=palette.ACTUAL, label="|Σ u′|")
