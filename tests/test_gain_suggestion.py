@@ -206,7 +206,10 @@ def test_the_force_path_decides_anchor_and_rate(six):
     bound = 2.0 * np.sin(np.pi / 34.0)
     assert delayed.anchor_bound == pytest.approx(bound, rel=1e-6)
     assert 0.24 * bound < delayed.gains.anchor_gain <= bound / 4.0
-    leaky = gain_proposal(six.override({"controller.force_path": {"kind": "none"}}), found)
+    none = {"controller.force_path": {"kind": "none"}}
+    wrists = six.override({**none, "sensors.wrist": {"delay": 2}})
+    assert gain_proposal(wrists, found).anchor_bound == pytest.approx(2.0 * np.sin(np.pi / 10.0), rel=1e-6)
+    leaky = gain_proposal(six.override(none), found)
     assert (leaky.anchor_bound, leaky.internal_force) == (None, None)
     assert leaky.tracking > gain_proposal(six, found).tracking
 

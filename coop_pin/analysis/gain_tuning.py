@@ -31,6 +31,8 @@ _ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
 _ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
+_LEAK = 0.2
+"""The law's own leak where nothing is measured, 1/s."""
 _PULL_PART = 0.1
 """Part of the torque limit that the posture's spring may take."""
 _FASTEST_HZ = 1000.0
@@ -130,7 +132,7 @@ def _at_rate(
     alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
     k_I, bound = alpha / width, None
     if isinstance(path, NoForcePath):
-        force, rest = None, inertia.load_range / (K * gamma * (1.0 + k_I / 0.2))
+        force, rest = None, inertia.load_range / (K * gamma * (1.0 + k_I / _LEAK))
         tracking = np.maximum(inertia.load_rate / (K * gamma * k_I), rest)
     else:
         bound = _anchor_bound(scenario, path)
