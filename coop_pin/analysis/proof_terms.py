@@ -135,7 +135,7 @@ class ArmSample(NamedTuple):
 
 
 class ProofTerms(NamedTuple):
-    """Law and dynamics of one arm at one tick, with their rates along the motion.
+    """Law and dynamics of one arm at one tick, with their rates, central differences, along the motion.
 
     Attributes:
         law: quantities of the law.
