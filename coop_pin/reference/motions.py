@@ -207,8 +207,7 @@ class CircleMotion(PoseReference):
         phi = self.start_angle + self.angular_rate * quintic_integral(time, self.start_time, self.ramp)
         rate, acceleration = self.angular_rate * s.value, self.angular_rate * s.rate
         outward, onward = _radial_and_tangential(phi, spokes)
-        a = acceleration * onward - rate**2 * outward
-        return make_target(R, centre + outward, v=rate * onward, a=a)
+        return make_target(R, centre + outward, v=rate * onward, a=acceleration * onward - rate**2 * outward)
 
 
 def _radial_and_tangential(phi: float, spokes: Array) -> Array:
@@ -220,15 +219,13 @@ def _radial_and_tangential(phi: float, spokes: Array) -> Array:
 class TurnMotion(PoseReference):
     """R = exp(theta e) R_0, p = c + exp(theta e) (p_0 - c); theta goes from 0 to angle by the quintic.
 
-    The turn is about an axis e through the centre c: through P itself, which then rests, unless it is given.
-
     Attributes:
         pose: X_WP_d before the turn.
         axis: e in world axes, any length.
         angle: reached at the end, rad; may be more than a whole turn.
         duration: of the turn, s.
         start_time: s.
-        centre: c, a point of the axis in world axes, m; P itself when omitted.
+        centre: c, a point of the axis in world axes, m; P itself, which then rests, when omitted.
     """
 
     kind: Literal["turn"] = "turn"
@@ -251,10 +248,9 @@ class TurnMotion(PoseReference):
         omega, alpha = s.rate * turn, s.acceleration * turn
         if self.centre is None:
             return make_target(R, p, omega=omega, alpha=alpha)
-        centre = np.array(self.centre)
-        r = Rotation.from_rotvec(s.value * turn).apply(p - centre)
+        r = Rotation.from_rotvec(s.value * turn).apply(p - self.centre)
         v = np.cross(omega, r)
-        return make_target(R, centre + r, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
+        return make_target(R, r + self.centre, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
 
 
 class SwingMotion(PoseReference):
@@ -286,13 +282,11 @@ class SwingMotion(PoseReference):
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         axis, p, terms = self._start
-        s, w = quintic(time, self.start_time, self.ramp), 2.0 * math.pi / self.period
+        s, w, A = quintic(time, self.start_time, self.ramp), 2.0 * math.pi / self.period, self.amplitude
         sine, cosine = math.sin(w * (time - self.start_time)), math.cos(w * (time - self.start_time))
-        theta = self.amplitude * s.value * sine
-        theta_rate = self.amplitude * (s.rate * sine + s.value * w * cosine)
-        theta_acceleration = self.amplitude * (
-            s.acceleration * sine + 2.0 * s.rate * w * cosine - s.value * w * w * sine
-        )
+        theta = A * s.value * sine
+        theta_rate = A * (s.rate * sine + s.value * w * cosine)
+        theta_acceleration = A * (s.acceleration * sine + 2.0 * s.rate * w * cosine - s.value * w * w * sine)
         R = _rotation_about_axis(terms, theta)
         return make_target(R, p, omega=theta_rate * axis, alpha=theta_acceleration * axis)
 
