@@ -47,11 +47,11 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     for _ in range(TICK):
         run.tick()
     plant, chain, sensor, t = run.plant, run.plant.chain, run.sensing.arms[0], run.timeline.time(TICK)
-    target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.arms), run.references(t)
+    target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.grasps), run.references(t)
     measured = run.sensing.start(plant.q, plant.v, references)
     law, state = controller.controllers["left"], run.controller_state
     command = controller.step(measured, references, state)
-    applied, free = run.actuation.apply(t, command), measured[0].saturated
+    applied, free = run.actuation.apply(t, command, plant.q), measured[0].saturated
     none_saturated = [arm.saturated for arm in measured]
     q, v, tau, h = (
         plant.q,
@@ -72,7 +72,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
         BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
-        "Actuation.apply": lambda: run.actuation.apply(t, command),
+        "Actuation.apply": lambda: run.actuation.apply(t, command, plant.q),
         "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(t, q, v),
