@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from coop_pin.arrays import Array, as_array, frozen
+from coop_pin.arrays import Array, as_array, frozen, require_type
 from coop_pin.errors import FieldError, ScenarioError, one_or_all
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
@@ -210,6 +210,9 @@ def _rows(wrenches: Mapping[str, Any], arms: Collection[str]) -> Array:
 
 def _tips(grasps: Mapping[str, Pose]) -> tuple[tuple[float, float, float], ...]:
     """Return the position r_i of each tip in the payload frame, m."""
+    require_type("grasps", grasps, Mapping)
+    for name, grasp in grasps.items():
+        require_type(f"grasp of arm {name!r}", grasp, Pose)
     return tuple(grasp.xyz for grasp in grasps.values())
 
 
