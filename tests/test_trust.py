@@ -344,7 +344,7 @@ def found_by_hand(lower=(np.nan, np.nan), upper=(np.nan, np.nan), at_once=True, 
         energy_floor=0.5,
         energy_share=0.1,
     )
-    monitor = TrustMonitor(thresholds, 0.1, [("arm", ("one", "two"))], np.array([lower]), np.array([upper]))
+    monitor = TrustMonitor(thresholds, [("arm", ("one", "two"))], np.array([lower]), np.array([upper]))
     if at_once:
         return monitor.breaches(samples)
     ticks = [{name: values[k : k + 1] for name, values in samples.items()} for k in range(6)]

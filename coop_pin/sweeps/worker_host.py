@@ -59,12 +59,16 @@ class _Slot(threading.Thread):
 
     def run(self) -> None:
         """Compute batches and send what became of their parts, or the worker's own error."""
-        while True:
-            number, jobs, *self._limits = self._tasks.get()
-            try:
-                self._reply((number, self._parts(jobs, 0, 0)))
-            except Exception as error:
-                self._reply((number, error))
+        with contextlib.suppress(OSError):  # whoever sent them has ended
+            while True:
+                number, jobs, *self._limits = self._tasks.get()
+                self._reply((number, self._result(jobs)))
+
+    def _result(self, jobs: list[bytes]) -> Any:
+        try:
+            return self._parts(jobs, 0, 0)
+        except Exception as error:
+            return error
 
     def _new_pool(self) -> None:
         spawn = multiprocessing.get_context("spawn")
