@@ -446,6 +446,18 @@ def test_figures_and_the_live_view_show_the_measured_internal_force_where_it_dif
         assert header["measured_internal"] == pytest.approx(np.linalg.norm(forces, axis=1).max())
 
 
+def test_fields_below_a_table_that_the_scenario_lacks_are_set_one_by_one():
+    wrist = {"sensors.wrist.delay": 1, "sensors.wrist.noise.force": 2.0, "sensors.wrist.noise.moment": 0.1}
+    arms = {f"arm_sensors.{arm}.encoder.noise": 1e-5 for arm in ("left", "right")}
+    sensors = scenario_of("planar", wrist | arms | {"arm_sensors.left.encoder.offset": 0.1})
+    assert (sensors.sensors.wrist.delay, sensors.sensors.wrist.noise.force) == (1, 2.0)
+    assert sensors.sensors.wrist.noise.moment == 0.1
+    assert [sensors.sensors_of(arm).encoder.noise for arm in ("left", "right")] == [1e-5, 1e-5]
+    assert sensors.sensors_of("left").encoder.offset == 0.1
+    with pytest.raises(errors.UnknownFieldError):
+        scenario_of("planar", {"sensors.wrist.delay": 1, "sensors.wrist.noize.force": 2.0})
+
+
 # ---------------------------------------------------------------- refusals
 
 BAD = {

@@ -39,6 +39,10 @@ def _order(path: str) -> tuple[int, bool]:
     return len(keys), keys[-1] != "kind"
 
 
+class _Begun(dict[str, Any]):
+    """Table that changes begin; which fields it may have is left to the validation."""
+
+
 def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
     """Return a copy of a node with the value at the end of the keys replaced."""
     key, rest = keys[0], keys[1:]
@@ -48,15 +52,15 @@ def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
         index = _index(node, key, path)
         old = node[index] if index < len(node) else None
         return (*node[:index], _changed(old, rest, value, path) if rest else value, *node[index + 1 :])
-    if node is None:
-        node = {}
+    if node is None or node == {}:
+        node = _Begun()
     if not isinstance(node, dict):
         raise UnknownFieldError(f"there is no field {key!r} in {node!r}", path)
     if key == "kind" and not rest and node.get("kind", value) != value:
         return {"kind": value}
-    if rest and node and key not in node and "kind" not in node:
+    if rest and key not in node and "kind" not in node and not isinstance(node, _Begun):
         raise UnknownFieldError(f"there is no field {key!r}; {suggestion(key, list(node))}", path)
-    return node | {key: _changed(node.get(key), rest, value, path) if rest else value}
+    return type(node)({**node, key: _changed(node.get(key), rest, value, path) if rest else value})
 
 
 def _index(entries: Sequence[Any], key: str, path: str) -> int:
