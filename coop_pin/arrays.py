@@ -213,11 +213,9 @@ def free_memory() -> int:
 
 
 def _system_memory() -> int:
-    try:
-        lines = Path("/proc/meminfo").read_text("ascii").splitlines()  # Linux; what caches give back is free
+    with contextlib.suppress(OSError, StopIteration):  # Linux; what caches give back is free
+        lines = Path("/proc/meminfo").read_text("ascii").splitlines()
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, StopIteration):
-        pass
     for pages in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
         with contextlib.suppress(AttributeError, OSError, ValueError):  # no such name, or not on this system
             return int(os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE"))

@@ -35,6 +35,7 @@ from coop_pin.results import Observer, RunResult
 from coop_pin.schema.user_code import load_class
 from coop_pin.simulation import simulate
 from coop_pin.simulation.simulate import Progress
+from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import joint_shortage
 
 
@@ -108,7 +109,7 @@ def _payload_weight(scenario: Scenario, mass: float | None) -> Array | None:
     """Return the weight of a payload of this mass as a wrench about P, on the task rows; None without one."""
     if mass is None:
         return None
-    return scenario.cell.task_rows.select(mass * np.array([*scenario.cell.gravity, 0.0, 0.0, 0.0]))
+    return scenario.cell.task_rows.select(weight_wrench(mass, scenario.cell.gravity))
 
 
 def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:

@@ -10,6 +10,22 @@ import numpy as np
 
 import coop_pin as cp
 
+PUSH = """
+import numpy as np
+import coop_pin as cp
+
+class Push(cp.CellController):
+    def __init__(self, scenario):
+        pass
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        return cp.CellCommand([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
+"""
+"""Source of a controller that a user edits: it gives the first drive the constant TORQUE."""
+
 
 class Faulty(cp.CellController):
     """Does nothing until it misbehaves at the first tick."""

@@ -13,6 +13,7 @@ from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.actuation import TorqueResponse
+from coop_pin.simulation.transmission import friction
 
 ACCELERATION = (0.0, -3.0, -9.81)
 """A gravity that loads the planar arms, too."""
@@ -396,3 +397,13 @@ def test_a_law_runs_on_imperfect_actuators():
     assert again == scenario
     result = cp.simulate(again, build_controller(again))
     assert result.energy_balance_max() < 1e-6
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_friction_of_an_arm_is_that_of_the_transmission(name):
+    scenario = cell_of(name, **rough(name, stiction=1.7))
+    plant = cp.Simulation(scenario, build_controller(scenario)).plant
+    v = np.random.default_rng(1).normal(size=(5, len(plant.v))) * 0.3
+    for arm in plant.chain.model.arms:
+        own = friction(scenario.cell.arms[arm.name], arm.name).force(v[:, arm.v_slice])
+        assert_allclose(own, [plant.transmission.friction(row)[arm.v_slice] for row in v], atol=1e-13)

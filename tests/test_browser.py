@@ -373,8 +373,10 @@ def test_a_new_kernel_of_the_live_notebook_has_a_new_view(lab):
             const frame = document.querySelector('iframe[title="coop_pin live"]');
             return frame && frame.src !== {old!r}; }}""")
         frame = live_frame(page)
+        assert frame.url != old
         page.locator(".jupyter-button", has_text="Start").click()
         frame.wait_for_function("coopPin.shown.time > 0.5")
+        assert frame.evaluate("coopPin.shown.time") > 0.5
 
 
 @pytest.mark.slow

@@ -304,7 +304,9 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
 def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     """One block after the other, pasted into an empty folder."""
     monkeypatch.chdir(tmp_path)
-    exec(compile("\n".join(blocks(DOCS / name, "python")), name, "exec"), {"__name__": "__main__"})
+    names = {"__name__": "__main__"}
+    exec(compile("\n".join(blocks(DOCS / name, "python")), name, "exec"), names)
+    assert any(getattr(value, "__name__", "").startswith("coop_pin") for value in names.values())
 
 
 # ---------------------------------------------------------------- the site

@@ -36,21 +36,22 @@ def endings(seed, first, count):
     return found
 
 
-def require_sound(found):
+def unsound(found):
+    """Calls that ended otherwise than allowed; enough of the others are refused and give results."""
     counts = Counter(call["end"] for call in found)
-    unsound = [call for call in found if call["end"] not in SOUND]
-    print(dict(counts), *unsound, sep="\n")
-    assert unsound == []
+    others = [call for call in found if call["end"] not in SOUND]
+    print(dict(counts), *others, sep="\n")
     assert counts["result"] > 0.15 * len(found)
     assert counts["refused"] > 0.3 * len(found)
+    return others
 
 
 def test_fifty_random_calls_end_in_typed_errors_or_sound_results():
-    require_sound(endings(2026, 0, 50))
+    assert unsound(endings(2026, 0, 50)) == []
 
 
 @pytest.mark.slow
 def test_five_thousand_random_calls_end_in_typed_errors_or_sound_results():
     found = [call for first in range(0, 5000, BATCH) for call in endings(11, first, BATCH)]
     assert len(found) == 5000
-    require_sound(found)
+    assert unsound(found) == []

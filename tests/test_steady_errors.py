@@ -78,3 +78,9 @@ def test_check_prints_them(capsys):
     text = capsys.readouterr().out
     assert "2 mm leaves 0.5 N" in text
     assert "stable with 15 more ticks" in text
+
+
+def test_the_further_delay_counts_from_the_stated_ones():
+    wrist = {"sensors.wrist.delay": 2, "controller.force_path.delay": 1}
+    plain, late = (steady_errors(cp.Scenario.load("adept-anchored", fields)).delay for fields in ({}, wrist))
+    assert late == plain - 3

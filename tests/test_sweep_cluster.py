@@ -11,7 +11,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from faulty import law
+from faulty import PUSH, law
 
 import coop_pin as cp
 from coop_pin.errors import FieldError, WorkersLostError
@@ -122,27 +122,11 @@ def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsew
     assert not any("TLS" in message for message in caplog.messages)
 
 
-LAW = """
-import numpy as np
-import coop_pin as cp
-
-class Push(cp.CellController):
-    def __init__(self, scenario):
-        pass
-
-    def init(self, measurements, references):
-        return None
-
-    def step(self, measurements, references, state):
-        return cp.CellCommand([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
-"""
-
-
 def test_workers_elsewhere_load_edited_code_anew_for_every_sweep(tmp_path, elsewhere, code, monkeypatch):
     monkeypatch.syspath_prepend(code)
     peaks = []
     for torque in (1.0, 2.0):
-        (code / "own_far.py").write_text(LAW.replace("TORQUE", str(torque)))
+        (code / "own_far.py").write_text(PUSH.replace("TORQUE", str(torque)))
         changes = SHORT | {"controller": {"kind": "user", "target": "own_far:Push"}}
         result = sweep("adept-paper", out=tmp_path, scheduler=elsewhere[0], quiet=True, changes=changes)
         peaks.append(float(result.values("torque_peak_Nm")))

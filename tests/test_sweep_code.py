@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from faulty import PUSH
 
 import coop_pin as cp
 import coop_pin.sweeps.engine as engine
@@ -15,21 +16,7 @@ from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, source_fi
 from coop_pin.sweeps.store import SweepStore
 
 SHORT = {"duration": 0.1, "events": []}
-LAW = """
-import numpy as np
-import coop_pin as cp
-from {gains} import TORQUE
-
-class Push(cp.CellController):
-    def __init__(self, scenario):
-        pass
-
-    def init(self, measurements, references):
-        return None
-
-    def step(self, measurements, references, state):
-        return cp.CellCommand([np.array([TORQUE, 0.0, 0.0]) for _ in measurements], state)
-"""
+LAW = "from {gains} import TORQUE\n" + PUSH
 
 
 @pytest.fixture

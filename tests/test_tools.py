@@ -119,12 +119,17 @@ def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_pa
 # ---------------------------------------------------------------- tools/measure.py
 
 
-@pytest.fixture(scope="module")
-def measure():
-    spec = importlib.util.spec_from_file_location("measure", REPOSITORY / "tools" / "measure.py")
+def tool(name):
+    """A Python file of tools/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, REPOSITORY / "tools" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def measure():
+    return tool("measure")
 
 
 def test_a_difference_is_the_largest_and_its_share_is_of_what_is_allowed_there(measure):
@@ -188,10 +193,7 @@ def test_what_the_page_says_is_what_is_found(measure):
 
 @pytest.fixture(scope="module")
 def mutate():
-    spec = importlib.util.spec_from_file_location("mutate", REPOSITORY / "tools" / "mutate.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return tool("mutate")
 
 
 @pytest.mark.parametrize(

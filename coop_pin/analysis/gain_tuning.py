@@ -16,12 +16,12 @@ from coop_pin.control.bounds import anchor_gain_bound
 from coop_pin.description.controller import (
     ForcePath,
     LateForcePath,
-    LowPassForcePath,
     NoForcePath,
     PayloadSpace,
     PayloadSpaceGains,
     PostureGains,
 )
+from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 
@@ -135,7 +135,7 @@ def _at_rate(
         force, rest = None, inertia.load_range / (K * gamma * (1.0 + k_I / _LEAK))
         tracking = np.maximum(inertia.load_rate / (K * gamma * k_I), rest)
     else:
-        bound = _anchor_bound(scenario, path)
+        bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists)._asdict())
         tracking = inertia.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3
@@ -160,8 +160,7 @@ def _at_rate(
 def _rates(scenario: Scenario) -> Iterator[float]:
     """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
     own, path = scenario.clock.rate_hz, scenario.controller.force_path
-    wrists = any(scenario.sensors_of(name).wrist for name in scenario.cell.arms)
-    timed = wrists or (not isinstance(path, NoForcePath) and (path.delay or path.pole))
+    timed = bool(scenario.wrists) or (not isinstance(path, NoForcePath) and (path.delay or path.pole))
     fastest = own if timed else max(own, _FASTEST_HZ)
     yield from (own * count for count in range(1, int(fastest / own) + 1))
 
@@ -178,16 +177,9 @@ def _lag(scenario: Scenario) -> float:
 def force_path_of(scenario: Scenario) -> ForcePath:
     """Return the scenario's force path; the latest wrench where it has none but all wrists have sensors."""
     path = scenario.controller.force_path
-    if isinstance(path, NoForcePath) and all(scenario.sensors_of(arm).wrist for arm in scenario.cell.arms):
+    if isinstance(path, NoForcePath) and len(scenario.wrists) == len(scenario.cell.arms):
         return LateForcePath()
     return path
-
-
-def _anchor_bound(scenario: Scenario, path: LateForcePath | LowPassForcePath) -> float:
-    wrists = [wrist for arm in scenario.cell.arms if (wrist := scenario.sensors_of(arm).wrist)]
-    delay = path.delay + max((wrist.delay for wrist in wrists), default=0)
-    every = max((wrist.ticks_per_sample(scenario.clock) for wrist in wrists), default=1)
-    return anchor_gain_bound(pole=path.pole, delay=delay, every=every)
 
 
 def _posture_gains(scenario: Scenario, found: Reachability, T: float) -> PostureGains:

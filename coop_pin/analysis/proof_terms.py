@@ -17,6 +17,7 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.simulation.transmission import friction
+from coop_pin.spatial import weight_wrench
 
 _STEP = 1e-5
 _SPAN = 2.0 * _STEP
@@ -97,8 +98,7 @@ class ProofArm:
         J6 = self.model.payload_jacobian(q)
         J = J6[rows] @ to_rates
         R, omega = self.model.payload_pose(q)[:3, :3], (J6 @ v)[3:]
-        M_0, Q_0 = np.zeros((2, 6, 6))
-        M_0[:3, :3], M_0[3:, 3:] = payload.mass * np.eye(3), R @ payload.inertia_matrix @ R.T
+        M_0, Q_0 = payload.spatial_inertia(R), np.zeros((6, 6))
         Q_0[3:, 3:] = pin.skew(omega) @ M_0[3:, 3:]
         M_0, Q_0 = M_0[np.ix_(rows, rows)], Q_0[np.ix_(rows, rows)]
         M = to_rates.T @ self.model.mass_matrix(q) @ to_rates
@@ -201,5 +201,5 @@ def proof_terms(arm: ProofArm, x: ArmSample, sigma: Array) -> ProofTerms:
 def _load(arm: ProofArm, x: ArmSample, J: Array) -> Array:
     """Return G_i of eq. (13): the arm's weight and friction, and its share of the payload's, shape (k,)."""
     at_rest = arm.model.nonlinear_effects(x.q, np.zeros_like(x.v)) - x.friction
-    weight = x.external + x.payload.mass * np.array([*arm.gravity, 0.0, 0.0, 0.0])
+    weight = x.external + weight_wrench(x.payload.mass, arm.gravity)
     return arm.inverse_drive.T @ at_rest - arm.share * J.T @ weight[list(arm.rows.indices)]

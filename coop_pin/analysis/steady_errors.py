@@ -13,6 +13,7 @@ from coop_pin.arrays import as_positive, require_type
 from coop_pin.control import Switching
 from coop_pin.control.bounds import force_loop_is_stable
 from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, UserController
+from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 
@@ -96,7 +97,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     return SteadyErrors(
         needs=needs,
         wrenches=len(shares) if exchanges else 0,
-        delay=_largest_delay(law) if exchanges or own else math.inf,
+        delay=_largest_delay(scenario, law) if exchanges or own else math.inf,
         bias=bias,
         load=load,
         force=force,
@@ -149,11 +150,8 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         np.diagonal(np.array(gain) * np.eye(rows.size) if np.ndim(gain) < 2 else np.array(gain))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
-    every = max((wrist.every for wrist in scenario.wrists), default=1)
-    beta, leak = (
-        gains.anchor_gain / (every * scenario.clock.period),
-        law.leak_of(next(iter(scenario.cell.arms))),
-    )
+    period = sampled_loop(law.force_path, scenario.wrists).every * scenario.clock.period
+    beta, leak = gains.anchor_gain / period, law.leak_of(next(iter(scenario.cell.arms)))
     anchored = (internal or own) and beta > 0.0
     return [
         _Direction(
@@ -169,15 +167,17 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
     ]
 
 
-def _largest_delay(law: Law) -> float:
-    """Return the largest further delay at which the feedback of the measured wrench is stable, ticks.
+def _largest_delay(scenario: Scenario, law: Law) -> float:
+    """Return the largest delay beyond the stated ones at which force feedback is stable, ticks; -1 for none.
 
     Found by bisection: a loop that is stable at a delay is stable at every smaller one.
     """
-    pole = 0.0 if isinstance(law.force_path, NoForcePath) else law.force_path.pole
+    pole, stated, every = sampled_loop(law.force_path, scenario.wrists)
     anchor_gain = law.gains.anchor_gain if isinstance(law, PayloadSpace) else 0.0
 
-    def unstable(delay: int) -> bool:
-        return not force_loop_is_stable(anchor_gain, pole=pole, delay=delay, force_gain=law.gains.force_gain)
+    def unstable(further: int) -> bool:
+        return not force_loop_is_stable(
+            anchor_gain, pole=pole, delay=stated + further, every=every, force_gain=law.gains.force_gain
+        )
 
     return float(bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1)

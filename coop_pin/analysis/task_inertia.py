@@ -49,9 +49,7 @@ def task_inertia(scenario: Scenario, found: Reachability) -> TaskInertia:
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     times, arms = found.arms[0].times, [ArmModel.from_cell(cell, reach.arm) for reach in found.arms]
     turns = [arms[0].payload_pose(q)[:3, :3] for q in found.arms[0].q]
-    M_0 = np.zeros((len(times), 6, 6))
-    M_0[:, :3, :3] = cell.payload.mass * np.eye(3)
-    M_0[:, 3:, 3:] = [R @ cell.payload.inertia_matrix @ R.T for R in turns]
+    M_0 = np.array([cell.payload.spatial_inertia(R) for R in turns])
     A = M_0.copy()
     for model, reach in zip(arms, found.arms, strict=True):
         for at, q in enumerate(reach.q):
@@ -85,9 +83,7 @@ def _arm_wrench(scenario: Scenario, model: ArmModel, reach: ArmReach, rows: list
     positions = np.concatenate((np.zeros((1, model.nv)), np.cumsum(steps, axis=0)))
     v = np.gradient(positions, t, axis=0)
     qdd = np.gradient(v, t, axis=0)
-    law = friction(scenario.cell.arms[reach.arm], reach.arm)
-    w = v @ law.axes.T
-    rubbing = (law.viscous * w + law.coulomb * np.tanh(w / law.coulomb_velocity)) @ law.axes
+    rubbing = -friction(scenario.cell.arms[reach.arm], reach.arm).force(v)
     wrenches = []
     for at, configuration in enumerate(q):
         J, M = model.payload_jacobian(configuration)[rows], model.mass_matrix(configuration)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
-from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, UserController
+from coop_pin.description.controller import ForcePath, Law, NoForcePath, PayloadSpace, UserController
 from coop_pin.errors import FieldError, suggestion
 
 _INSIST = "or insist with beyond_bound = true"
@@ -24,6 +24,27 @@ class SampledWrist(NamedTuple):
 
     delay: int
     every: int
+
+
+class SampledLoop(NamedTuple):
+    """Timing of the feedback of measured wrenches.
+
+    Attributes:
+        pole: p of the force path's filter.
+        delay: D of force path and wrists together, ticks.
+        every: ticks from one sample to the next.
+    """
+
+    pole: float
+    delay: int
+    every: int
+
+
+def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist]) -> SampledLoop:
+    """Return the timing of the slowest feedback over a force path, or over the wrists alone without one."""
+    pole, delay = (0.0, 0) if isinstance(path, NoForcePath) else (path.pole, path.delay)
+    slowest = max((wrist.delay for wrist in wrists), default=0)
+    return SampledLoop(pole, delay + slowest, max((wrist.every for wrist in wrists), default=1))
 
 
 def controller_problems(
@@ -89,14 +110,12 @@ def _beyond_anchor_bound(
         return []
     gains, path = [controller.gains_of(name) for name in arms], controller.force_path
     largest, force_gain = max(gain.anchor_gain for gain in gains), max(gain.force_gain for gain in gains)
-    pole, delay = (0.0, 0) if isinstance(path, NoForcePath) else (path.pole, path.delay)
-    delay += max((wrist.delay for wrist in wrists), default=0)
-    every = max((wrist.every for wrist in wrists), default=1)
-    bound = anchor_gain_bound(pole=pole, delay=delay, every=every, force_gain=force_gain)
+    loop = sampled_loop(path, wrists)
+    bound = anchor_gain_bound(**loop._asdict(), force_gain=force_gain)
     if largest < bound:
         return []
     detail = (
-        f"is {largest:g}, but the anchored integral over {path.kind!r}{_late(delay)} with K_f ="
+        f"is {largest:g}, but the anchored integral over {path.kind!r}{_late(loop.delay)} with K_f ="
         f" {force_gain:g} is unstable from {bound:.4g} on; lower it, {_INSIST}"
     )
     return [FieldError(detail, "gains.anchor_gain")]

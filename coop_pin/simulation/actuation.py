@@ -19,6 +19,7 @@ from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.simulation.noise import generator
 from coop_pin.simulation.plant import Plant
+from coop_pin.spatial import weight_wrench
 
 _TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m."""
@@ -57,12 +58,12 @@ class ArmActuation:
         """Start with the command that holds the arm at q, the configuration of the cell."""
         options, cell, self.limit = scenario.actuators_of(place.name), scenario.cell, limit
         self._place, self._model = place, ArmModel.from_cell(cell, place.name)
-        weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
-        self._load = cell.shares[list(cell.arms).index(place.name)] * weight
+        share = cell.shares[list(cell.arms).index(place.name)]
+        self._load = share * weight_wrench(cell.payload.mass, cell.gravity)
         robot, self._missed = options.gravity_compensation, options.missed_ticks
         self._carried = 0.0 if robot is None else 1.0 + robot.mass_error
         self._random = generator(scenario.seed, f"{place.name}/missed_ticks") if self._missed else None
-        self._last = self.holding_command(q) if self._missed else limit
+        self._last = self.holding_command(q)
 
     def holding_torque(self, q: Array) -> Array:
         """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""

@@ -18,7 +18,7 @@ from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.noise import generator
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.wrist import ForcePath, Wrist
-from coop_pin.spatial import internal_wrenches, rotate_vector6
+from coop_pin.spatial import internal_wrenches, rotate_vector6, weight_wrench
 
 
 class ArmSensor:
@@ -153,8 +153,7 @@ class Sensing:
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
         self._tick = 0
-        weight = self._cell.payload.mass * np.array([*self._cell.gravity, 0.0, 0.0, 0.0])
-        loads = self._shares[:, None] * weight
+        loads = self._shares[:, None] * weight_wrench(self._cell.payload.mass, self._cell.gravity)
         measurements = []
         for sensor, joints, torque in zip(self.arms, self._joints, self._holding_torques(q), strict=True):
             sensor.restart()

@@ -37,6 +37,12 @@ class Friction(NamedTuple):
     excess: Array
     stribeck_velocity: float
 
+    def force(self, v: Array) -> Array:
+        """Return the generalised force of friction at joint velocities, N m, shape (..., k) both."""
+        w = v @ self.axes.T
+        level = self.coulomb + self.excess * np.exp(-((w / self.stribeck_velocity) ** 2))
+        return -(self.viscous * w + level * np.tanh(w / self.coulomb_velocity)) @ self.axes
+
 
 def friction(arm: Arm, name: str = "arm") -> Friction:
     """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.

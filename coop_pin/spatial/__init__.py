@@ -35,6 +35,7 @@ from coop_pin.spatial.pose import (
     rotation_from_rpy,
     rpy_from_rotation,
     shift_wrench,
+    weight_wrench,
 )
 from coop_pin.spatial.task_rows import FullRows, PlanarRows, PositionalRows, TaskRows, task_rows
 
@@ -53,4 +54,5 @@ __all__ = [
     "rpy_from_rotation",
     "shift_wrench",
     "task_rows",
+    "weight_wrench",
 ]

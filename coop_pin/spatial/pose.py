@@ -78,6 +78,16 @@ def shift_wrench(F_EA: Array, p_BA: Array) -> Array:
     return np.concatenate((force, moment + np.cross(p_BA, force)), axis=-1)
 
 
+def weight_wrench(mass: float, gravity: ArrayLike) -> Array:
+    """Return the weight of a body about its centre of mass in world axes, [m g, 0], N and N m, shape (6,).
+
+    Args:
+        mass: kg.
+        gravity: g, m/s^2, shape (3,).
+    """
+    return np.concatenate((mass * np.asarray(gravity, dtype=np.float64), np.zeros(3)))
+
+
 def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
     """Return a twist or wrench given in axes B, expressed in axes A, about the same point.
 
