@@ -140,6 +140,24 @@ def test_a_result_has_every_definition_of_its_internal_wrench(name):
     result = cp.run(scenario)
     found, F = result.internal_wrench_definitions(), result.data["interaction_wrench"]
     np.testing.assert_allclose(found["load_shares"], result.data["internal_wrench"], atol=1e-12)
+    determined = np.isfinite(F.values)
+    tips = (result.data["tip_position"] - result.data["payload_position"]).transpose("time", "arm", ...).values
+    r, values = np.where(determined[..., :3], tips, 0.0), np.where(determined, F.values, 0.0)
+    payload, c = scenario.cell.payload, np.array(scenario.cell.shares)
+    expected = {
+        "minimum_norm": minimum_norm_internal_wrenches(values, r),
+        "nonsqueezing": nonsqueezing_internal_wrenches(values, r),
+        "virtual_linkage": virtual_linkage_internal_wrenches(values, r),
+        "constraint_consistent": constraint_consistent_internal_wrenches(
+            values, r, c * payload.mass, c * np.trace(payload.inertia_matrix) / 3.0
+        ),
+        "symmetric": symmetric_internal_wrenches(values),
+    }
+    assert set(found) == {"load_shares", *expected}
+    for definition, wrenches in expected.items():
+        np.testing.assert_allclose(
+            found[definition].values[determined], wrenches[determined], atol=1e-12, rtol=1e-12
+        )
     for values in found.values():
         assert values.dims == F.dims
         np.testing.assert_array_equal(np.isnan(values), np.isnan(F))
