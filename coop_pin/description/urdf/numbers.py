@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 
 from coop_pin.description.urdf.report import UrdfFinding, quoted
-from coop_pin.description.urdf.xml import Node
+from coop_pin.description.urdf.xml import Element, finding
 
 COUNTS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -33,11 +33,11 @@ _NUMBER = re.compile(
 )
 
 
-def numbers(node: Node | None, attribute: str) -> tuple[float, ...] | None:
+def numbers(element: Element | None, attribute: str) -> tuple[float, ...] | None:
     """Return the numbers of an attribute, or None if they are absent or malformed (see number_findings)."""
-    if node is None or attribute not in node.attributes:
+    if element is None or attribute not in element.attrib:
         return None
-    return number_list(node.attributes[attribute], COUNTS[node.tag][attribute])
+    return number_list(element.attrib[attribute], COUNTS[element.tag][attribute])
 
 
 def number_list(text: str, count: int) -> tuple[float, ...] | None:
@@ -45,24 +45,22 @@ def number_list(text: str, count: int) -> tuple[float, ...] | None:
     return None if _problem(text, count) else tuple(map(float, _pieces(text, count)))
 
 
-def number(node: Node | None, attribute: str) -> float | None:
+def number(element: Element | None, attribute: str) -> float | None:
     """Return the single number of an attribute, or None if it is absent or malformed."""
-    values = numbers(node, attribute)
+    values = numbers(element, attribute)
     return values[0] if values else None
 
 
-def number_findings(owner: Node) -> Iterator[UrdfFinding]:
-    """Yield malformed numbers of a link or joint; Pinocchio silently reads many of them as zero."""
+def number_findings(owner: Element, element: Element) -> Iterator[UrdfFinding]:
+    """Yield malformed numbers of an element in a link or joint; Pinocchio reads many of them as zero."""
     # Pinocchio never reads the axis of a joint that has none, and many files have "0 0 0" there.
-    unread = owner.child("axis") if owner.attributes.get("type") in ("fixed", "floating") else None
-    for node in owner.family():
-        for attribute, count in COUNTS.get(node.tag, {}).items():
-            text = node.attributes.get(attribute)
-            if text is None or node is unread or is_unexpanded(text):
-                continue
-            if problem := _problem(text, count):
-                code, message = problem
-                yield owner.finding(code, f"{attribute} of <{node.tag}> is {quoted(text)}{message}", at=node)
+    if owner.get("type") in ("fixed", "floating") and element is owner.find("axis"):
+        return
+    for attribute, count in COUNTS.get(element.tag, {}).items():
+        text = element.get(attribute)
+        if text is not None and not is_unexpanded(text) and (problem := _problem(text, count)):
+            message = f"{attribute} of <{element.tag}> is {quoted(text)}{problem[1]}"
+            yield finding(owner, problem[0], message, at=element)
 
 
 def is_unexpanded(text: str) -> bool:
@@ -71,8 +69,10 @@ def is_unexpanded(text: str) -> bool:
 
 
 def _pieces(text: str, count: int) -> list[str]:
-    # A trailing blank is harmless in a vector; Pinocchio's parser does not read a scalar that has one.
-    return [text.lstrip(" ")] if count == 1 else [piece for piece in text.split(" ") if piece]
+    # Tabs and line breaks are a finding of their own. A trailing blank is harmless in a vector; Pinocchio's
+    # parser does not read a scalar that has one.
+    blank = re.sub(r"[\t\r\n]", " ", text)
+    return [blank.lstrip(" ")] if count == 1 else [piece for piece in blank.split(" ") if piece]
 
 
 def _problem(text: str, count: int) -> tuple[str, str] | None:
