@@ -23,8 +23,8 @@ def ask(
 ) -> tuple[int, bytes]:
     """Return the exit code of a script, and what its function returns.
 
-    The code is 0; REFUSED with the message of an exception instead; or another one if a limit, or a crash, ends
-    the process.
+    The code is 0; REFUSED with the message of an exception instead; or another one if a limit, or a crash,
+    ends the process.
 
     Args:
         script: a file that calls ``answer``.
@@ -34,7 +34,7 @@ def ask(
         patience_s: wall time, for a crowded machine, and for systems without limits of processor time, s.
         quiet: drop its standard error.
     """
-    path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+    path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
     try:
         done = subprocess.run(
             [sys.executable, "-P", str(script)],

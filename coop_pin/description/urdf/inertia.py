@@ -7,10 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.numbers import number
 from coop_pin.description.urdf.report import Kind, UrdfFinding
 from coop_pin.description.urdf.tree import Tree
-from coop_pin.description.urdf.xml import Element, finding
+from coop_pin.description.urdf.xml import Element, finding, number
 
 ROUNDING = 1e-6
 """Tolerance of the inequalities for rounded numbers, relative to the largest principal moment."""

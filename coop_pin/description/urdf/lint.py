@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from lxml import etree
 
-from coop_pin.description.urdf.numbers import COUNTS, number_findings, numbers
 from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
-from coop_pin.description.urdf.xml import EXPAND, Element, finding
+from coop_pin.description.urdf.xml import COUNTS, EXPAND, Element, finding, number_problem, numbers
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -24,7 +23,10 @@ _FAR_M = 10.0
 _READ = ("link", "joint", "material")
 """Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
 
-_ONCE = "inertial origin mass inertia geometry parent child axis limit mimic dynamics".split()
+_ONCE = [
+    *("inertial", "origin", "mass", "inertia", "geometry"),
+    *("parent", "child", "axis", "limit", "mimic", "dynamics"),
+]
 _REQUIRED = {
     "limit": ("effort", "velocity"),
     "safety_controller": ("k_velocity",),
@@ -48,7 +50,13 @@ def _values(attributes: Sequence[Any]) -> list[float]:
     return [value for each in attributes for value in numbers(each.getparent(), each.attrname) or (math.nan,)]
 
 
+def _problem(_: object, attributes: Sequence[Any], count: float) -> str:
+    """Return what is wrong with numbers that are no xacro expression, which is a finding of its own."""
+    return next((number_problem(str(each), int(count)) for each in attributes if "$" not in each), "")
+
+
 _FUNCTIONS = {
+    (None, "problem"): _problem,
     (None, "least"): lambda _, attributes: min(_values(attributes), default=math.nan),
     (None, "largest"): lambda _, attributes: max(map(abs, _values(attributes)), default=math.nan),
 }
@@ -56,6 +64,13 @@ _FUNCTIONS = {
 
 _HAS_AXIS = "@type='revolute' or @type='continuous' or @type='prismatic' or @type='planar'"
 _BLANKS = "'\t\r\n'"
+
+
+_NUMBERS = {
+    "count": "numbers, separated by blanks",
+    "number": "plain decimal numbers without trailing blanks",
+    "not_finite": "finite numbers within the range of a float",
+}
 
 
 class _Rule(NamedTuple):
@@ -112,6 +127,23 @@ _RULES = (
         )
         for tag, names in _NOT_NEGATIVE.items()
         for name in names
+    ),
+    *(
+        # Pinocchio never reads the axis of a joint that has none, and many files have "0 0 0" there.
+        _Rule(
+            code,
+            f"//{tag}[problem(@{name}, {count}) = '{code}']"
+            "[not(self::axis/parent::joint[@type='fixed' or @type='floating'])]",
+            f"{name} of <{tag}> is {{{name}}}; it must be {count} {what}",
+        )
+        for code, what in _NUMBERS.items()
+        for tag, counts in COUNTS.items()
+        for name, count in counts.items()
+    ),
+    *(
+        _Rule("no_" + tag, path, f"the joint names no {tag}; add <{tag} link=...>")
+        for tag in ("parent", "child")
+        for path in (f"/robot/joint[not({tag})]", f"//{tag}[not(string(@link))][parent::joint]")
     ),
     _Rule(
         "line_break",
@@ -198,9 +230,6 @@ def element_findings(robot: Element) -> Iterator[UrdfFinding]:
             owner = [element, *element.iterancestors()][-2:][0]
             yield finding(owner, rule.code, rule.message.format_map(words), at=element, kind=rule.kind)
     yield from _name_findings(robot)
-    for owner in robot:
-        for element in owner.iter(*COUNTS):
-            yield from number_findings(owner, element)
 
 
 def _name_findings(robot: Element) -> Iterator[UrdfFinding]:

@@ -20,17 +20,16 @@ revolute or continuous, and prismatic. Limits, friction and damping of a loop ar
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.numbers import number_list
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, read_document
+from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
 from coop_pin.spatial import inverse_pose, make_pose
 
 LoopRows = Literal["full", "point", "axis"] | tuple[bool, ...]
@@ -135,7 +134,7 @@ _DIALECTS = {
         f"{_BALL}_p_AP",
         f"{_BALL}_p_BQ",
         "",
-        {f"self::*[not({_BALL}_p_AP/@value and {_BALL}_p_BQ/@value)]": "it must have the points p_AP and p_BQ"},
+        {f"self::*[not({_BALL}_p_AP/@value and {_BALL}_p_BQ/@value)]": "it must have p_AP and p_BQ"},
     ),
 }
 
@@ -242,8 +241,9 @@ def _only(loop: Element, path: str) -> Any:
 
 
 def _pose(loop: Element, path: str) -> Array:
-    """Return the pose that the element at a path says: by xyz and rpy, six numbers, or a point; or identity."""
-    xyz = rpy = (0.0, 0.0, 0.0)
+    """Return the pose that the element at a path says: xyz and rpy, six numbers, or a point; or identity."""
+    xyz: Sequence[float] = (0.0, 0.0, 0.0)
+    rpy: Sequence[float] = (0.0, 0.0, 0.0)
     for value in loop.xpath(f"({path})/@xyz | ({path})/@value"):
         xyz = _numbers(value, 3)
     for value in loop.xpath(f"({path})/@rpy"):

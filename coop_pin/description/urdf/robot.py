@@ -1,8 +1,8 @@
 """Kinematics of a URDF without Pinocchio: joint order, mimic joints, link poses; links as of yourdfpy.
 
 yourdfpy gives poses and bodies; it is imported only for them, because that takes longer than a model. Joint
-order and mimic joints are read here: yourdfpy has the joints in the order of the file, follows one mimic joint
-but not a chain of them, and cannot let one move independently.
+order and mimic joints are read here: yourdfpy has the joints in the order of the file, follows one mimic
+joint but not a chain of them, and cannot let one move independently.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from lxml import etree
 
 from coop_pin.arrays import Array
 from coop_pin.description.urdf.meshes import meshes
-from coop_pin.description.urdf.numbers import number
 from coop_pin.description.urdf.tree import Edge, read_tree
-from coop_pin.description.urdf.xml import Element, read_document
+from coop_pin.description.urdf.xml import Element, number, read_document
 from coop_pin.errors import NameNotFoundError
 
 _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::mesh]"
@@ -98,7 +97,7 @@ class Robot:
         ends = {edge.name: edge.child for edge in self._edges} | {link: link for link in self._tree.links}
         if frame not in ends:
             raise NameNotFoundError("frame", frame, ends, "the URDF")
-        self._kinematics.update_cfg(dict.fromkeys(self.joints, 0.0) | angles)
+        self._kinematics.update_cfg(dict.fromkeys(self.joints, 0.0) | dict(angles))
         return np.array(self._kinematics.get_transform(ends[frame]))
 
     @functools.cached_property

@@ -20,21 +20,15 @@ class Edge(NamedTuple):
         joint: its element.
         parent: name of its parent link, empty if the joint names none that exists.
         child: name of its child link.
+        name: of the joint.
+        is_fixed: whether the joint is of type fixed.
     """
 
     joint: Element
     parent: str
     child: str
-
-    @property
-    def name(self) -> str:
-        """Name of the joint."""
-        return str(self.joint.get("name", ""))
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the joint is of type fixed."""
-        return bool(self.joint.get("type") == "fixed")
+    name: str
+    is_fixed: bool
 
 
 class Tree(NamedTuple):
@@ -70,7 +64,8 @@ def read_tree(robot: Element) -> Tree:
         if name := link.get("name"):
             tree.links.setdefault(name, link)
     for joint in robot.iterchildren("joint"):
-        edge = Edge(joint, *(_end(joint, tag, tree) for tag in ("parent", "child")))
+        parent, child = (_end(joint, tag, tree) for tag in ("parent", "child"))
+        edge = Edge(joint, parent, child, joint.get("name", ""), joint.get("type") == "fixed")
         if not edge.child:
             continue
         first = tree.above.setdefault(edge.child, edge)
@@ -85,17 +80,12 @@ def read_tree(robot: Element) -> Tree:
 
 
 def _end(joint: Element, tag: str, tree: Tree) -> str:
-    """Return the link at one end of a joint; record a finding and return "" if there is none."""
-    end = joint.find(tag)
-    name = "" if end is None else end.get("link", "")
-    if name in tree.links:
-        return str(name)
-    code, message = f"no_{tag}", f"the joint names no {tag}; add <{tag} link=...>"
-    if name:
-        code = f"unknown_{tag}"
+    """Return the link at one end of a joint; record a finding and return "" if it does not exist."""
+    name = str(joint.xpath(f"string({tag}/@link)"))
+    if name and name not in tree.links:
         message = f"its {tag} {quoted(name)} is not a link of the file; links: {listed(tree.links)}"
-    tree.findings.append(finding(joint, code, message, at=end))
-    return ""
+        tree.findings.append(finding(joint, f"unknown_{tag}", message, at=joint.find(tag)))
+    return name if name in tree.links else ""
 
 
 def _root_findings(robot: Element, tree: Tree) -> Iterator[UrdfFinding]:
@@ -128,7 +118,5 @@ def _depth_findings(tree: Tree) -> Iterator[UrdfFinding]:
     for edge in tree.edges():
         depth[edge.child] = depth.get(edge.parent, 0) + 1
         if depth[edge.child] == MAX_DEPTH + 1:
-            message = (
-                f"more than {MAX_DEPTH} joints lie between the root and this one; Pinocchio would crash"
-            )
+            message = f"more than {MAX_DEPTH} joints lie between the root and this one; Pinocchio would crash"
             yield finding(edge.joint, "depth", message)

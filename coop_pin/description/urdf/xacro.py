@@ -39,9 +39,7 @@ def expanded(urdf: UrdfFile) -> bytes:
         "arguments": dict(urdf.xacro_args),
         "largest": MAX_BYTES,
     }
-    code, said = limited_process.ask(
-        _SCRIPT, order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S
-    )
+    code, said = limited_process.ask(_SCRIPT, order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S)
     if code == 0:
         return said
     reason = f"it takes more than {_CPU_S} s or {_MEMORY / 1e9:.2g} GB; look for a macro that calls itself"

@@ -1,4 +1,4 @@
-"""Text of a URDF to lxml elements, with limits.
+"""Text of a URDF to lxml elements, with limits; the numbers in their attributes.
 
 Malformed or hostile text gives a finding, never a crash or exhausted memory. Pinocchio's parser knows no
 namespaces: prefixes are part of the names here, with ``COLON`` for the colon, which lxml does not allow.
@@ -6,13 +6,14 @@ namespaces: prefixes are part of the names here, with ``COLON`` for the colon, w
 
 from __future__ import annotations
 
-import itertools
+import math
 import re
 
 from lxml import etree
-from lxml.etree import _Element as Element
 
 from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
+
+Element = etree._Element
 
 MAX_BYTES = 5_000_000
 """Size limit of a file; the largest of example-robot-data has 0.2 MB."""
@@ -28,13 +29,40 @@ COLON = "\u00b7"
 EXPAND = "rename the file so that it ends in .xacro, or run xacro on it and use its output"
 """Advice for a xacro file that is used as a URDF."""
 
-_DOCTYPE = re.compile(rb"(?:\xef\xbb\xbf)?(?>\s+|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL)
-_START = re.compile(rb"<[^\s!?/]")
+_REFUSED_TEXT = (
+    ("encoding", re.compile(rb"[^\0]*+\0"), "a byte is NUL; a URDF is UTF-8 text"),
+    (
+        "doctype",
+        re.compile(rb"(?:\xef\xbb\xbf)?(?>\s+|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL),
+        "a DOCTYPE is not allowed: its entities can read other files or fill the memory; remove it",
+    ),
+    (
+        "elements",
+        re.compile(rb"(?:(?>[^<]+|<[\s!?/])*+<[^\s!?/]){%d}" % (MAX_ELEMENTS + 1)),
+        f"more than {MAX_ELEMENTS} XML elements; put each robot of a scene into a file of its own",
+    ),
+)
+"""Beginnings of texts that are refused."""
+
 _TAG = re.compile(rb"</?[^\s<>!?/\"'](?>[^<>\"']+|\"[^<\"]*\"|'[^<']*')*+>")
 _PIECE = re.compile(rb"\"[^\"]*\"|'[^']*'|\bxmlns\b|[:\r\n]")
 """What is rewritten in a tag: values, declarations of namespaces, colons and line breaks."""
 
 _LIMITS = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+
+_REFUSED = (
+    ("root", "/*[name() != 'robot']", "the root element is {}; the root element of a URDF is 'robot'"),
+    (
+        "nesting",
+        f"//*[count(ancestor::*) >= {MAX_NESTING}]",
+        f"{{}} is nested more than {MAX_NESTING} deep; a URDF needs about 5 levels",
+    ),
+    (
+        "xacro",
+        f"//*[starts-with(name(), 'xacro{COLON}')]",
+        f"{{}} is a xacro that is not expanded; {EXPAND}",
+    ),
+)
 
 
 class DocumentError(Exception):
@@ -63,22 +91,13 @@ def read_document(data: bytes) -> Element:
         is_limit = error.code == etree.ErrorTypes.ERR_RESOURCE_LIMIT
         message = f"not well-formed XML: {str(error.msg).rpartition(', line')[0]}"
         raise DocumentError("nesting" if is_limit else "not_xml", error.lineno or 0, message) from None
-    if robot.tag != "robot":
-        message = f"the root element is {quoted(robot.tag)}; the root element of a URDF is 'robot'"
-        raise DocumentError("root", _line(robot), message)
-    for deep in robot.xpath(f"//*[count(ancestor::*) >= {MAX_NESTING}]"):
-        message = f"XML elements are nested more than {MAX_NESTING} deep; a URDF needs about 5 levels"
-        raise DocumentError("nesting", _line(deep), message)
-    for macro in robot.xpath(f"//*[starts-with(name(), 'xacro{COLON}')]"):
-        message = f"{quoted(name_of_tag(macro))} is a xacro that is not expanded; {EXPAND}"
-        raise DocumentError("xacro", _line(macro), message)
+    for code, path, message in _REFUSED:
+        for element in robot.xpath(path):
+            raise DocumentError(code, _line(element), message.format(quoted(name_of_tag(element))))
     return robot
 
 
 def _require_text(data: bytes) -> None:
-    def refuse(code: str, at: int, message: str) -> None:
-        raise DocumentError(code, data.count(b"\n", 0, at) + 1, message)
-
     if len(data) > MAX_BYTES:
         advice = "put meshes and textures into files of their own"
         raise DocumentError("size", 0, f"the file is larger than {MAX_BYTES} bytes; {advice}")
@@ -87,15 +106,11 @@ def _require_text(data: bytes) -> None:
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
-        refuse("encoding", error.start, f"byte {error.start} is not UTF-8; save the file as UTF-8 text")
-    if (index := data.find(b"\0")) >= 0:
-        refuse("encoding", index, f"byte {index} is NUL; a URDF is UTF-8 text")
-    if doctype := _DOCTYPE.match(data):
-        message = "a DOCTYPE is not allowed: its entities can read other files or fill the memory; remove it"
-        refuse("doctype", doctype.end(), message)
-    if start := next(itertools.islice(_START.finditer(data), MAX_ELEMENTS, None), None):
-        advice = "put each robot of a scene into a file of its own"
-        refuse("elements", start.start(), f"more than {MAX_ELEMENTS} XML elements; {advice}")
+        message = f"byte {error.start} is not UTF-8; save the file as UTF-8 text"
+        raise DocumentError("encoding", data.count(b"\n", 0, error.start) + 1, message) from None
+    for code, pattern, message in _REFUSED_TEXT:
+        if match := pattern.match(data):
+            raise DocumentError(code, data.count(b"\n", 0, match.end()) + 1, message)
 
 
 def _flat(tag: re.Match[bytes]) -> bytes:
@@ -112,7 +127,9 @@ def _flat_piece(piece: re.Match[bytes]) -> bytes:
         return COLON.encode()
     if piece[0] == b"xmlns":
         return b"xmlns_"
-    return re.sub(rb"[\t\r\n]", lambda blank: b"&#%d;" % ord(blank[0]), piece[0]) if piece[0].strip() else b" "
+    return (
+        re.sub(rb"[\t\r\n]", lambda blank: b"&#%d;" % ord(blank[0]), piece[0]) if piece[0].strip() else b" "
+    )
 
 
 def name_of_tag(element: Element) -> str:
@@ -140,3 +157,64 @@ def finding(
     label = f"{name_of_tag(element)} {quoted(name) if name else '(unnamed)'}"
     line = _line(element if at is None else at)
     return UrdfFinding(kind, code, "robot" if element.tag == "robot" else label, line, message)
+
+
+# ---------------------------------------------------------------- numbers
+
+COUNTS: dict[str, dict[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "calibration": {"rising": 1, "falling": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+"""Number of values of each numeric attribute, by element."""
+
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|nan|inf|infinity)",
+    re.IGNORECASE | re.ASCII,
+)
+
+
+def numbers(element: Element | None, attribute: str) -> tuple[float, ...] | None:
+    """Return the numbers of an attribute, or None if they are absent or malformed."""
+    if element is None or attribute not in element.attrib:
+        return None
+    return number_list(element.attrib[attribute], COUNTS[element.tag][attribute])
+
+
+def number_list(text: str, count: int) -> tuple[float, ...] | None:
+    """Return the numbers of a text, or None if they are malformed or not as many as they must be."""
+    return None if number_problem(text, count) else tuple(map(float, _pieces(text, count)))
+
+
+def number(element: Element | None, attribute: str) -> float | None:
+    """Return the single number of an attribute, or None if it is absent or malformed."""
+    values = numbers(element, attribute)
+    return values[0] if values else None
+
+
+def number_problem(text: str, count: int) -> str:
+    """Return "count", "number" or "not_finite" if numbers are malformed; Pinocchio reads many as zero."""
+    pieces = _pieces(text, count)
+    if len(pieces) != count:
+        return "count"
+    if not all(map(_NUMBER.fullmatch, pieces)):
+        return "number"
+    return "" if all(map(math.isfinite, map(float, pieces))) else "not_finite"
+
+
+def _pieces(text: str, count: int) -> list[str]:
+    # Tabs and line breaks are a finding of their own. A trailing blank is harmless in a vector; Pinocchio's
+    # parser does not read a scalar that has one.
+    blank = re.sub(r"[\t\r\n]", " ", text)
+    return [blank.lstrip(" ")] if count == 1 else [piece for piece in blank.split(" ") if piece]
