@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any, TypeAlias
 
 from lxml import etree
 
 from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
 
-Element = etree._Element
+Element: TypeAlias = Any
+"""lxml.etree._Element; lxml has no types."""
 
 MAX_BYTES = 5_000_000
 """Size limit of a file; the largest of example-robot-data has 0.2 MB."""
