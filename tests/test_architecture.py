@@ -28,27 +28,30 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - schema is the frozen pydantic base of everything in a scenario file;
 # - schema (rotations), reference and results convert quaternions with scipy;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
+# - yourdfpy, whose XML reader is lxml, gives poses of links and bodies of payloads;
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
+# - limited_process runs readers that have no limits;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "user_files": (set(), set()),
+    "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic", "scipy"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference", "user_files"},
-        {"pydantic", "scipy", "tomli_w", "trimesh", "xacrodoc"},
+        {"schema", "control", "reference", "user_files", "limited_process"},
+        {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
-    "model": ({"description"}, {"pinocchio"}),
+    "model": ({"description", "limited_process"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"xarray", "scipy"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
