@@ -141,7 +141,9 @@ def test_a_result_has_every_definition_of_its_internal_wrench(name):
     found, F = result.internal_wrench_definitions(), result.data["interaction_wrench"]
     np.testing.assert_allclose(found["load_shares"], result.data["internal_wrench"], atol=1e-12)
     determined = np.isfinite(F.values)
-    tips = (result.data["tip_position"] - result.data["payload_position"]).transpose("time", "arm", ...).values
+    tips = (
+        (result.data["tip_position"] - result.data["payload_position"]).transpose("time", "arm", ...).values
+    )
     r, values = np.where(determined[..., :3], tips, 0.0), np.where(determined, F.values, 0.0)
     payload, c = scenario.cell.payload, np.array(scenario.cell.shares)
     expected = {

@@ -314,7 +314,9 @@ def test_zero_at_grasp_undoes_a_bias_that_is_fixed_in_the_tip(name):
 
 
 def test_a_posture_pulls_by_a_spring_and_a_damper():
-    posture = Posture(angles=np.array([0.1, 0.2]), stiffness=np.array([3.0, 5.0]), damping=np.array([0.5, 2.0]))
+    posture = Posture(
+        angles=np.array([0.1, 0.2]), stiffness=np.array([3.0, 5.0]), damping=np.array([0.5, 2.0])
+    )
     pull = posture.pull(np.array([0.4, 0.1]), np.array([1.0, -0.3]))
     assert_close(pull, [-3.0 * 0.3 - 0.5, 5.0 * 0.1 + 2.0 * 0.3], atol=1e-15)
 
