@@ -226,7 +226,8 @@ def save_figure(
 
 
 def _write(figure: Figure, part: Path) -> None:
+    canvas: Any = (FigureCanvasAgg if part.suffix == ".png" else FigureCanvasSVG)(figure)
     if part.suffix == ".png":
-        FigureCanvasAgg(figure).print_png(part, metadata={"Software": None})
+        canvas.print_png(part, metadata={"Software": None})
     else:
-        FigureCanvasSVG(figure).print_svg(part, metadata={"Date": None})
+        canvas.print_svg(part, metadata={"Date": None})

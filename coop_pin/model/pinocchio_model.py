@@ -141,7 +141,7 @@ ModelKey = tuple[UrdfFile, tuple[int, int], tuple[tuple[str, float], ...], bool]
 
 
 def model_key(arm: Arm) -> ModelKey:
-    """Return what the model of an arm depends on: its file and that file's version, locked and mimic joints."""
+    """Return what the model of an arm depends on: its file and the version of it, locked and mimic joints."""
     version = arm.file.path.stat()
     key = (version.st_mtime_ns, version.st_size)
     return arm.file, key, tuple(arm.locked.items()), arm.mimic == "ignore"
