@@ -78,7 +78,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "ipywidgets",
             "meshcat",
             "playwright",
-            "scipy",
             "tornado",
             "umsgpack",
             "xarray",
