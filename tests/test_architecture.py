@@ -110,7 +110,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 
 # Distributions by the names they are imported under, and what another distribution brings along.
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
-COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
+COMES_WITH = {
+    "h5py": "h5netcdf",
+    "pydantic_core": "pydantic",
+    "tornado": "meshcat",
+    "umsgpack": "meshcat",
+    "zmq": "meshcat",
+}
 
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
