@@ -45,7 +45,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
-    "control": ({"schema"}, {"pydantic", "scipy"}),
+    "control": ({"schema"}, {"pydantic"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
         {"schema", "control", "reference", "user_files", "limited_process"},
@@ -53,7 +53,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "model": ({"description", "limited_process"}, {"pinocchio"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description", "user_files"}, {"xarray", "scipy"}),
+    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
@@ -78,7 +78,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "ipywidgets",
             "meshcat",
             "playwright",
-            "scipy",
             "tornado",
             "umsgpack",
             "xarray",
@@ -111,7 +110,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 
 # Distributions by the names they are imported under, and what another distribution brings along.
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
-COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
+COMES_WITH = {
+    "h5py": "h5netcdf",
+    "pydantic_core": "pydantic",
+    "tornado": "meshcat",
+    "umsgpack": "meshcat",
+    "zmq": "meshcat",
+}
 
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""

@@ -7,7 +7,6 @@ from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from coop_pin.arrays import as_positive, require_type
 from coop_pin.control import Switching
@@ -136,6 +135,8 @@ class _Direction(NamedTuple):
 
     def sag(self, load: float) -> float:
         """Return the error at which the load is held, m."""
+        from scipy.optimize import brentq  # slow to load
+
         if not self.load_rate and self.integral:
             return 0.0
         if self.held(_LARGEST_SAG, self.load_rate) < load:

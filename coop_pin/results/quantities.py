@@ -13,14 +13,13 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
-from coop_pin.spatial import internal_wrenches, rotate_vector6
+from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
 
 Samples: TypeAlias = dict[str, NDArray[Any]]
 """Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
@@ -51,12 +50,12 @@ class Quantity(NamedTuple):
 
 
 def _quaternions(poses: Array) -> Array:
-    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    return quaternions(poses[:, :3, :3])
 
 
 def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
-    rotation = Rotation.from_matrix(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2)).as_rotvec()
+    rotation = log3(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2))
     return np.concatenate((X[:, :3, 3] - X_d[:, :3, 3], rotation), axis=1)
 
 

@@ -94,9 +94,11 @@ def bundled_urdf_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "urdf"
 
 
-def robot_files() -> dict[str, Path]:
+@functools.cache
+def robot_files() -> MappingProxyType[str, Path]:
     """Return the file of every bundled robot and every robot of example-robot-data, by name."""
-    return dict(example_urdfs()) | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    bundled = {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    return MappingProxyType(example_urdfs() | bundled)
 
 
 def find_urdf(
