@@ -83,7 +83,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
-        {"distributed", "filelock", "optuna", "pebble", "pydantic", "scipy", "xarray"},
+        {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
@@ -108,7 +108,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 
 # Distributions by the names they are imported under, and what another distribution brings along.
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
-COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
+COMES_WITH = {
+    "pydantic_core": "pydantic",
+    "pandas": "xarray",
+    "tornado": "meshcat",
+    "umsgpack": "meshcat",
+    "zmq": "meshcat",
+}
 
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
