@@ -39,7 +39,11 @@ class PointResult(NamedTuple):
 def _row(record: Record) -> dict[str, Any]:
     """Return the columns of a record."""
     failure = record.failure or Failure("", "")
-    told = {"failure": failure.kind, "message": failure.message, "failed_at_s": failure.numbers.get("time")}
+    told = {
+        "failure": failure.kind,
+        "message": failure.message,
+        "failed_at_s": failure.numbers.get("time", np.nan),
+    }
     status = {"key": record.key, "status": FAILED if record.failure else OK}
     return status | told | record.times | record.metrics
 
@@ -57,12 +61,10 @@ def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     chunks = [pd.DataFrame(chunk) for chunk in iter(lambda: list(itertools.islice(rows, 1000)), [])]
     stored = pd.concat(chunks or [pd.DataFrame(columns=["key"])]).drop_duplicates("key", keep="last")
     table = stored.set_index("key").reindex(keys).reset_index()
-    texts = (
-        table.reindex(columns=["status", "failure", "message", "key"]).fillna({"status": MISSING}).fillna("")
-    )
-    numbers = table.reindex(columns=sorted({"failed_at_s", "wall_s", "cpu_s", *table} - {*texts})).astype(
-        float
-    )
+    texts = table.reindex(columns=["status", "failure", "message", "key"]).astype(object)
+    texts = texts.fillna({"status": MISSING}).fillna("")
+    names = sorted({"failed_at_s", "wall_s", "cpu_s", *table} - {*texts})
+    numbers = table.reindex(columns=names).astype(float)
     if "trustworthy" in numbers:
         numbers.loc[texts["status"] == FAILED, "trustworthy"] = 0.0
     columns = {"number": np.arange(len(plan)), **{name: texts[name].to_numpy(object) for name in texts}}
