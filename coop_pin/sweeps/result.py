@@ -111,11 +111,7 @@ class SweepResult:
         return {status: int((self.table["status"] == status).sum()) for status in (OK, FAILED, MISSING)}
 
     def write_tables(self) -> None:
-        """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
-
-        Raises:
-            FileWriteError: the disk is full.
-        """
+        """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk."""
         times, folder = ["wall_s", "cpu_s"], self.store.folder
         self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
@@ -170,8 +166,7 @@ class SweepResult:
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
         """Return the Pareto front of two metrics, sorted by the first one; smaller is better.
 
-        A run is dominated if another one is no worse in both metrics and better in one; of equal ones the
-        first counts.
+        No other run is as good in both metrics; of equal ones the first counts.
         """
         rows = self._finite(metric_a, metric_b).sort_values([metric_a, metric_b], kind="stable")
         return self._points(rows.index[rows[metric_b] < rows[metric_b].cummin().shift(fill_value=np.inf)])
@@ -188,18 +183,18 @@ class SweepResult:
                 finished ones when omitted.
 
         Returns:
-            ``last_stable`` (NaN if the smallest value is unstable) and ``first_unstable`` (NaN if all are
-            stable).
+            ``last_stable``, NaN if the smallest value is unstable, and ``first_unstable``, NaN if none is.
 
         Raises:
             InvalidStateError: runs are missing.
-            NameNotFoundError: the field is not a dimension.
+            NameNotFoundError: the field is not a dimension with numbers.
         """
         require_type("by", by, str, Sequence, type(None))
         require_type("stable", stable, xr.DataArray, type(None))
         self._require_all(self.table["status"] == MISSING, "a stability boundary")
-        if field not in self._coordinate(field).dims:
-            raise NameNotFoundError("dimension", field, map(str, self.data.dims), "the sweep")
+        numeric = [str(dim) for dim in self.data.dims if self.data[dim].dtype.kind in "iuf"]
+        if self._coordinate(field).name not in numeric:
+            raise NameNotFoundError("dimension with numbers", field, numeric, "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
         kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
         good = stable.all([dim for dim in stable.dims if dim not in kept]).sortby(field).cumprod(field) > 0
@@ -217,8 +212,7 @@ class SweepResult:
             resamples: number of bootstrap samples.
 
         Returns:
-            For each field the indices ``first`` and ``total``, each with the ends of its bootstrap confidence
-            interval, ``first_low`` and so on.
+            For each field ``first`` and ``total``, with the ends ``first_low``, ... of bootstrap intervals.
 
         Raises:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
@@ -229,7 +223,8 @@ class SweepResult:
         if not 0.0 < as_number("confidence", confidence) < 1.0:
             raise OutOfRangeError("confidence", confidence, "between 0 and 1")
         sample = self.plan.sample
-        if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
+        is_whole = len(self.plan.dimensions) == 1 and len(self.table) == len(self.plan)
+        if sample is None or sample.method != "saltelli" or not is_whole:
             wanted = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
             raise FieldError(wanted, "sample")
         values = self.values(metric).values
@@ -281,10 +276,7 @@ class SweepResult:
         raise OutOfRangeError("number", nearest, f"a run of this table, of the plan's {len(self.plan)}")
 
     def fields_without_effect(self) -> list[str]:
-        """Return the dimensions along which all runs finished with the same metrics, bit for bit.
-
-        For example the posture of arms that have no joint to spare.
-        """
+        """Return the dimensions along which all metrics are the same, as the posture of six-joint arms."""
         if not self.metric_names or (self.table["status"] != OK).any():
             return []
         metrics = self.data[self.metric_names]
