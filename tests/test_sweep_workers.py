@@ -12,7 +12,7 @@ import pytest
 from faulty import law
 
 import coop_pin as cp
-from coop_pin.errors import WorkersLostError
+from coop_pin.errors import CodeChangedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, linspace, sweep
 from coop_pin.sweeps.backend import LocalPool
 from coop_pin.sweeps.job import Job
@@ -162,6 +162,9 @@ def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_kille
             assert computed(pool, job("none")) == {"none": None}
         (worker,) = workers_of()
         assert loaded(worker) == {"pinocchio"}
+        with pytest.raises(CodeChangedError):
+            computed(pool, job("none", code=(("faulty:Faulty", ("other",)),)))
+        pool.under_way.clear()
         assert {worker.environ()[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")} == {"1"}
         worker.kill()  # idle
         assert computed(pool, job("none")) == {"none": None}

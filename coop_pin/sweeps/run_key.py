@@ -198,7 +198,7 @@ def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     for point in plan.points():
         try:
-            scenario = plan.scenario(point.number)
+            scenario = plan.base[point.base].override(point.changes)
         except ScenarioError as error:
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), error)
             continue

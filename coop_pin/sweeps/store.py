@@ -179,7 +179,7 @@ class SweepStore:
         try:
             data = read_user_file(path, limit=_PLAN_BYTES, kind="the plan of a sweep")
             return SweepPlan(**json.loads(checked_content(data.strip())))
-        except (FileReadError, ScenarioError, ValueError, TypeError) as error:
+        except (FileReadError, ScenarioError, ValueError, TypeError, RecursionError) as error:
             advice = "run the sweep's command again: finished runs are kept"
             raise FileReadError(f"{path} cannot be used ({error}); {advice}") from None
 

@@ -45,7 +45,7 @@ def _row(record: Record) -> dict[str, Any]:
         "failed_at_s": failure.numbers.get("time", np.nan),
     }
     status = {"key": record.key, "status": FAILED if record.failure else OK}
-    return status | told | record.times | record.metrics
+    return record.metrics | record.times | told | status
 
 
 def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
@@ -63,7 +63,7 @@ def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     table = stored.set_index("key").reindex(keys).reset_index()
     texts = table.reindex(columns=["status", "failure", "message", "key"]).astype(object)
     texts = texts.fillna({"status": MISSING}).fillna("")
-    names = sorted({"failed_at_s", "wall_s", "cpu_s", *table} - {*texts})
+    names = sorted({"failed_at_s", "wall_s", "cpu_s", *table} - {*texts, "number"})
     numbers = table.reindex(columns=names).astype(float)
     if "trustworthy" in numbers:
         numbers.loc[texts["status"] == FAILED, "trustworthy"] = 0.0

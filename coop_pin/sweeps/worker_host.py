@@ -20,12 +20,11 @@ import sys
 import threading
 import time
 from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
-
-from coop_pin.errors import CodeChangedError
 
 _START_S, _STARTS, _POLL_S, _PAUSE_S = 60.0, 5, 0.2, 0.1
 """Time of a start, workers that may die in a row while they start, interval of looks, pause at the end; s."""
@@ -79,6 +78,8 @@ class _Slot(threading.Thread):
         If a worker dies, or is killed at the time limit, the jobs of its batch are tried again, each alone.
         """
         end, content = self._attempt(jobs)
+        if end == "failed":
+            raise content
         if end == "done":
             return [content]
         if len(jobs) == 1 and deaths + 1 >= _TRIES[end]:
@@ -87,10 +88,10 @@ class _Slot(threading.Thread):
         return [part for number, job in alone for part in self._parts([job], number, deaths + 1)]
 
     def _attempt(self, jobs: list[bytes]) -> tuple[str, Any]:
-        """Return how an attempt ended, and pickled outcomes or an exit code."""
+        """Return how an attempt ended, and pickled outcomes, an exit code or an error."""
         limit_s, memory_limit = self._limits
         for _ in range(_STARTS):
-            with contextlib.suppress(RuntimeError):  # the pool broke: its worker died before it took the jobs
+            with contextlib.suppress(RuntimeError):  # the pool broke: its worker died before it took jobs
                 future = self.pool.schedule(compute, (jobs, memory_limit), timeout=limit_s)
                 end = time.monotonic() + limit_s + _START_S
                 while not (done := futures.wait([future], _POLL_S).done) and self.pool.active:
@@ -102,7 +103,9 @@ class _Slot(threading.Thread):
                     return "died", getattr(error, "exitcode", 0)
                 if isinstance(error, TimeoutError):
                     return "late", -signal.SIGKILL
-                if isinstance(error, CodeChangedError) or (done and not isinstance(error, RuntimeError)):
+                if error is not None and not isinstance(error, BrokenProcessPool):
+                    return "failed", error
+                if done and error is None:
                     return "done", future.result()
             self._replace_pool()
         raise RuntimeError(f"{_STARTS} workers in a row died while they started")
