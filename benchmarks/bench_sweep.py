@@ -176,7 +176,8 @@ def main(arguments: list[str] | None = None) -> None:
             f"throughput of two workers / one: {ratios[-1]:.2f}, load {psutil.getloadavg()[0]:.1f}",
             flush=True,
         )
-    print(f"throughput of two workers / one, median of {len(ratios)}: {statistics.median(ratios):.2f}")
+    if ratios:
+        print(f"throughput of two workers / one, median of {len(ratios)}: {statistics.median(ratios):.2f}")
 
 
 if __name__ == "__main__":
