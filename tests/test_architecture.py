@@ -85,7 +85,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
-        {"distributed", "filelock", "optuna", "pebble", "pydantic", "scipy", "xarray"},
+        {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
@@ -112,6 +112,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
 COMES_WITH = {
     "h5py": "h5netcdf",
+    "pandas": "xarray",
     "pydantic_core": "pydantic",
     "tornado": "meshcat",
     "umsgpack": "meshcat",
