@@ -255,6 +255,13 @@ def test_compensation_follows_the_true_configuration_and_is_cut_with_the_command
     cut = cp.simulate(scenario.override(weak), Given(lambda _time, held: [0.0 * torque for torque in held]))
     assert np.nanmax(np.abs(cut.data.torque.values)) == 1.5
     assert cut.data.saturated.values.any()
+    # The limit is exceeded by what the drives are asked for: zero commands, and the compensation.
+    asked = cut.data.requested_torque.values
+    np.testing.assert_array_equal(np.nan_to_num(np.abs(asked)) > 1.5, cut.data.saturated.values)
+    found = cut.limit_violations()
+    assert {violation.kind for violation in found} == {"torque"}
+    assert len(found) == cut.data.saturated.values.any(axis=0).sum()
+    assert_allclose(max(abs(v.worst) for v in found), np.nanmax(np.abs(asked)), rtol=0)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
