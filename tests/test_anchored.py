@@ -110,7 +110,7 @@ def test_a_bias_loads_every_arm_by_its_own_part(name):
     changes = {
         "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
         "duration": 5.0,
-        f"cell.arms.{first}.calibration_error.xyz": [4e-4, 3e-4, 0.0],
+        f"cell.arms.{first}.calibration_error.tip.xyz": [4e-4, 3e-4, 0.0],
     }
     result = cp.run(scenario, changes)
     gamma, stiffness, beta = rates(scenario)
@@ -335,6 +335,6 @@ def test_zero_at_grasp_in_space(name):
     arm = next(iter(Scenario.load(name).cell.arms))
     changes = {"controller.zero_at_grasp": True, "duration": 3.0}
     exact = cp.run(name, changes)
-    zeroed = cp.run(name, changes | {f"cell.arms.{arm}.calibration_error": bias})
+    zeroed = cp.run(name, changes | {f"cell.arms.{arm}.calibration_error.tip": bias})
     assert_allclose(zeroed.data.internal_wrench, exact.data.internal_wrench, atol=1e-4)
     assert_allclose(zeroed.data.pose_error, exact.data.pose_error, atol=1e-7)

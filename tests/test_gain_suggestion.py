@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from cells import CATALOGUE_CELLS
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.analysis import gain_proposal, reachability
+from coop_pin.analysis import closure_problem, gain_proposal, reachability
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model import ArmModel
@@ -220,6 +221,55 @@ def test_lags_lower_the_gains(six, lag):
     slow = six.replace(actuators=cp.Actuators(lag=lag), clock=six.clock.replace(rate_hz=1000.0))
     proposal = gain_proposal(slow, found)
     assert proposal.t_lambda_max * (1.0 + 2.0 * lag * 1000.0) == pytest.approx(0.9, rel=0.01)
+
+
+LEVEL = UR5_OF_FIVE | {"posture": (0.0, -1.2, 1.6, -0.4, -1.57)}
+"""Its tool is level: with its three parallel axes it cannot tilt about the line to another such arm."""
+
+
+def short(scenario):
+    return scenario.replace(motion=scenario.motion.replace(start_time=0.2, duration=1.5), duration=2.0)
+
+
+@pytest.mark.parametrize("name", ["adept-paper", "five-joint-pair", "two-pandas-box"])
+def test_closures_that_are_redundant_everywhere_or_nowhere_are_no_problem(name):
+    assert closure_problem(cp.Scenario.load(name)) == ""
+
+
+def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, capsys):
+    level = short(carry("level", [LEVEL] * 2, by=(0.0, 0.0, 0.1), rows="positional"))
+    assert cp.reachability(level, poses=5).ok
+    assert cp.cell_summary(level.cell, level.start.matrix).freedom == 5  # ten joints less six rows: four
+    assert refused(level) == "singularity"
+    level.save(tmp_path / "level.toml")
+    assert main(["check", str(tmp_path / "level.toml"), "--poses", "5"]) == 1
+    assert "rank 5 there and 6 nearby" in capsys.readouterr().out
+
+
+def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
+    """Both arms see one pose, at the position of the reference and turned."""
+    five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
+    found = cp.reachability(five, poses=11)
+    assert found.ok
+    models = [ArmModel.from_cell(five.cell, arm.arm) for arm in found.arms]
+    ends = [model.payload_pose(arm.q[-1]) for model, arm in zip(models, found.arms, strict=True)]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    np.testing.assert_allclose(ends[0][:3, 3], (0.0, 0.03, 0.05), atol=1e-6)
+    assert np.degrees(np.arccos((np.trace(ends[0][:3, :3]) - 1.0) / 2.0)) > 15.0
+    far = short(carry("five", [UR5_OF_FIVE] * 2, rows="positional"))  # there the chain is singular
+    assert not cp.reachability(far, poses=21).ok
+
+
+@pytest.mark.slow
+def test_a_run_on_positional_rows_turns_as_expected():
+    """Within the little that the springs of the posture do in the null space."""
+    five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
+    result = cp.run(cp.suggest(five).scenario)
+    assert result.trustworthy
+    found = cp.reachability(five)
+    expected = ArmModel.from_cell(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
+    turned = Rotation.from_quat(result.data.payload_quaternion.values[-1])
+    assert (turned * Rotation.from_matrix(expected).inv()).magnitude() < np.deg2rad(1.0)
 
 
 def refused(scenario):

@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.gain_suggestion import Suggestion, suggest
 from coop_pin.analysis.gain_tuning import GainProposal, gain_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
@@ -43,6 +44,7 @@ __all__ = [
     "TaskInertia",
     "Unreachable",
     "cell_summary",
+    "closure_problem",
     "gain_proposal",
     "maximum_reach",
     "reachability",
