@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import CATALOGUE_CELLS
+from cells import CATALOGUE_CELLS, FAR_CELLS
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
@@ -303,13 +303,27 @@ def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
     assert "rank" in capsys.readouterr().err
 
 
+def as_expected(name, suggestion, start=0.0, **fields):
+    """Largest errors of a suggested run: at most twice what is expected, on positional rows four times."""
+    proposal, scenario = suggestion.proposal, suggestion.scenario.replace(**fields)
+    tracking, force = run_errors(scenario, start)
+    print(
+        f"{name}: {proposal.rate_hz:g} Hz, {1e3 * tracking:.3g} mm ({1e3 * proposal.tracking:.3g}),"
+        f" {force:.3g} N ({proposal.internal_force:.3g})"
+    )
+    factor = 4.0 if scenario.cell.rows == "positional" else 2.0
+    assert tracking <= factor * proposal.tracking
+    assert force <= factor * proposal.internal_force
+    return tracking, force
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*CATALOGUE_CELLS, "adept-anchored"])
+@pytest.mark.parametrize("name", [*CATALOGUE_CELLS, *FAR_CELLS, "adept-anchored"])
 def test_the_suggested_scenario_of_a_catalogue_cell_runs_within_its_limits(name):
     """From 3 s on: before, the squeeze comes in, and the planar arms come from 0.1 m away."""
-    scenario = cp.suggest(cp.Scenario.load(name)).scenario
-    tracking, force = run_errors(scenario.replace(events=(), duration=7.0), start=3.0)
-    assert tracking < 1e-4
+    suggestion = cp.suggest(cp.Scenario.load(name))
+    tracking, force = as_expected(name, suggestion, start=3.0, events=(), duration=7.0)
+    assert tracking < (5e-4 if name in FAR_CELLS else 1e-4)
     assert force < 0.3
 
 
@@ -320,6 +334,6 @@ def test_ten_new_cells_carry_two_kilograms_with_no_number_set_by_hand_or_are_tol
         if cause is not None:
             assert refused(scenario) == cause, name
             continue
-        tracking, force = run_errors(cp.suggest(scenario).scenario)
+        tracking, force = as_expected(name, cp.suggest(scenario))
         carried[name] = tracking < 1e-3 and force < 0.5
     assert sum(carried.values()) >= 7, carried
