@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import SCENARIOS, planar_three_arms, spatial_scenario
 
 import coop_pin as cp
 from coop_pin.analysis import theorem_monitor
@@ -98,7 +98,7 @@ MEASURED = {
         "controller.payload_mass": 2.5,
         "sensors.wrist": {},
     },
-    "nothing": {"controller.force_path": {"kind": "none"}} | BIAS,
+    "nothing": {"controller.force_path": {"kind": "none"}},
 }
 
 
@@ -129,6 +129,41 @@ def test_the_integrals_disagree_as_predicted_and_v_has_its_rates(name, measured)
     if measured == "late, pushed":
         assert largest(monitor["anchor_sum"]) < 1e-9
     assert float(monitor["anchor_sum"].max() > 0.1) == (measured == "own wrist")
+
+
+MORE_ARMS = {
+    "planar, three": lambda: planar_three_arms("adept-anchored"),
+    "spatial, three": lambda: cp.Scenario.load("three-ur5-plate", {"duration": 0.04}),
+    "spatial, unequal": lambda: cp.Scenario.load("panda-ur5-bar", {"duration": 0.04}),
+}
+
+
+@pytest.mark.parametrize("measured", ["internal wrench", "own wrist", "nothing"])
+@pytest.mark.parametrize("cell", MORE_ARMS)
+def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
+    """Anchored, by the own wrist and leaky, with a bias of one arm."""
+    scenario = MORE_ARMS[cell]().override(MEASURED.get(measured, {}))
+    first, *others = scenario.cell.arms
+    arms = {arm: {} for arm in others} | {first: {"tip": {"xyz": [1e-3, 0.0, 0.0]}}}
+    result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms})
+    monitor = theorem_monitor(result)
+    assert result.trustworthy
+    assert largest(monitor["balance_2"]) < 1e-6
+    assert largest(monitor["rate_defect"]) < 1e-6
+    assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
+    assert largest(monitor["disagreement_rate"].isel(time=slice(1, None))) > 1e-3
+
+
+@pytest.mark.parametrize("cell", ["planar", "spatial"])
+def test_the_printed_laws_identities_close_for_three_arms(cell):
+    scenario = planar_three_arms("adept-paper")
+    if cell == "spatial":
+        law = spatial_scenario().controller
+        scenario = cp.Scenario.load("three-ur5-plate", {"duration": 0.04}).replace(controller=law)
+    monitor = theorem_monitor(cp.run(scenario))
+    assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
+    assert largest(monitor["balance_25"]) < 1e-6 * largest(monitor["u_prime"])
+    assert largest(monitor["residual_21"]) < 1e-12
 
 
 def test_v_falls_where_the_load_comes_to_rest_and_the_disagreement_with_it():
