@@ -412,5 +412,11 @@ def test_friction_of_an_arm_is_that_of_the_transmission(name):
     plant = cp.Simulation(scenario, build_controller(scenario)).plant
     v = np.random.default_rng(1).normal(size=(5, len(plant.v))) * 0.3
     for arm in plant.chain.model.arms:
-        own = friction(scenario.cell.arms[arm.name], arm.name).force(v[:, arm.v_slice])
+        found = friction(scenario.cell.arms[arm.name], arm.name)
+        own = found.force(v[:, arm.v_slice])
         assert_allclose(own, [plant.transmission.friction(row)[arm.v_slice] for row in v], atol=1e-13)
+        assert_allclose(own[0], -found.damping(v[0, arm.v_slice]) @ v[0, arm.v_slice], rtol=1e-12)
+        steepest = found.damping(np.zeros(len(arm.drive)))
+        assert_allclose(
+            steepest @ v[0, arm.v_slice], -found.force(1e-7 * v[0, arm.v_slice]) / 1e-7, rtol=1e-6
+        )

@@ -138,8 +138,16 @@ MORE_ARMS = {
 }
 
 
-@pytest.mark.parametrize("measured", ["internal wrench", "own wrist", "nothing"])
-@pytest.mark.parametrize("cell", MORE_ARMS)
+@pytest.mark.parametrize(
+    ("cell", "measured"),
+    [
+        ("planar, three", "internal wrench"),
+        ("spatial, three", "internal wrench"),
+        ("spatial, three", "own wrist"),
+        ("spatial, unequal", "internal wrench"),
+        ("spatial, unequal", "nothing"),
+    ],
+)
 def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
     """Anchored, by the own wrist and leaky, with a bias of one arm."""
     scenario = MORE_ARMS[cell]().override(MEASURED.get(measured, {}))

@@ -76,8 +76,7 @@ def motion_wrenches(scenario: Scenario, found: Reachability, posture: PostureGai
 
     a_i = Jdyn^T (M qdd + h + friction - what the torques hold besides the law's wrench): the robot's own
     gravity compensation, and in the null space the holding torques of the start and the posture's spring and
-    damper. On full rows the spare joints of a redundant arm move as damper, spring, holding torque and weight
-    let them, without inertia.
+    damper. On full rows the spare joints of a redundant arm move as these and the arm's weight let them.
 
     Args:
         scenario: what is asked of the arms.
@@ -173,21 +172,28 @@ class _HeldArm:
         return np.array(found)
 
     def _with_spare_motion(self, t: Array, q: Array) -> Array:
-        """Return the path on which damping c holds the spare joints against the rest: c N qdot = N (tau - g).
+        """Return the path on which the spare joints move.
 
-        The payload's twist is the reference's, and what is left of the pose error is taken out in one step.
+        ``N M N wdot = N (tau - g - c w - D qdot)`` with ``qdot = J^+ V + w``, implicit in damper c and in
+        the friction D. What is left of the pose error is taken out in each step.
         """
-        model, rest = self.model, np.zeros(self.model.nv)
-        own, path = q[0], [q[0]]
+        model, rest, from_drive = self.model, np.zeros(self.model.nv), self.from_drive
+        own, w, path = q[0], rest, [q[0]]
         for begin, end in itertools.pairwise(t.tolist()):
             count = math.ceil((end - begin) / _SPARE_STEP)
             h = (end - begin) / count
             for time in np.linspace(begin, end, count + 1)[1:].tolist():
-                target = self.motion.at(time)
-                J = self.rows.select(model.payload_jacobian(own)) @ self.from_drive
-                step = np.linalg.pinv(J) @ self.rows.pose_error(target.X_WP_d, model.payload_pose(own))
-                pulled = self.from_drive.T @ (self.beside(own, rest) - self.weight(own))
-                step = step + h / self.damping * self._null_space(own) @ pulled
-                own = pin.integrate(model.model, own, self.from_drive @ step)
+                target, N = self.motion.at(time), self._null_space(own)
+                J_plus = np.linalg.pinv(self.rows.select(model.payload_jacobian(own)) @ from_drive)
+                along = J_plus @ self.rows.select(target.V_WP_d)
+                M = from_drive.T @ model.mass_matrix(own) @ from_drive
+                D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
+                pulled = from_drive.T @ (self.beside(own, rest) - self.weight(own))
+                inert = M + h * (D + self.damping * np.eye(model.nv))
+                w = np.linalg.solve(
+                    N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))
+                )
+                step = J_plus @ self.rows.pose_error(target.X_WP_d, model.payload_pose(own)) + h * w
+                own = pin.integrate(model.model, own, from_drive @ step)
             path.append(own)
         return np.array(path)
