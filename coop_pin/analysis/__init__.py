@@ -23,7 +23,7 @@ from coop_pin.analysis.statics import (
     statics_along,
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
-from coop_pin.analysis.task_inertia import TaskInertia, task_inertia
+from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
 from coop_pin.analysis.theorem_monitor import theorem_monitor
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "FastestJoint",
     "GainProposal",
     "JointLimitMargin",
+    "MotionWrenches",
     "NearlySingular",
     "Reachability",
     "SampledStability",
@@ -47,6 +48,7 @@ __all__ = [
     "closure_problem",
     "gain_proposal",
     "maximum_reach",
+    "motion_wrenches",
     "reachability",
     "sampled_stability",
     "start_stability",
