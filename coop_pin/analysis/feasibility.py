@@ -40,8 +40,10 @@ def closure_problem(scenario: Scenario) -> str:
     Between arms that all lack a direction there (level tools of five-joint arms, for example) the closures
     have a smaller rank than at configurations nearby. Then neither the motions of the chain nor its internal
     wrenches are determined: a push opens new motions, and the energy of a run is not explained by work.
-    Closures that are redundant everywhere, as between planar arms, are no problem. The start must be in
-    reach.
+    Closures that are redundant everywhere, as between planar arms, are no problem.
+
+    Args:
+        scenario: whose start every arm reaches.
     """
     chain, X_WP = CellChain(scenario.cell, scenario.plant), scenario.start.matrix
     stated = scenario.start_angles
