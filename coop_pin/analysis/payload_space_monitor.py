@@ -103,24 +103,7 @@ class _MonitoredCell:
 
     def at_tick(self, now: Tick) -> dict[str, Any]:
         """Return the monitored quantities of a tick; what needs the next tick comes later."""
-        if not self.start:
-            self.start = [
-                (self._surface(i, m.payload_pose, m.payload_twist, now.t), r.internal_wrench)
-                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
-            ]
-        e = self._remaining(now.t)
-        s = np.array(
-            [
-                self._surface(i, m.payload_pose, m.payload_twist, now.t) - self.start[i][0] * e
-                for i, m in enumerate(now.seen)
-            ]
-        )
-        f_r = np.array(
-            [
-                self.rows.turn(m.payload_pose, r.internal_wrench - self.start[i][1] * e)
-                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
-            ]
-        )
+        s, f_r = self._surfaces(now)
         error, is_new, is_stale = self._measured(now, f_r)
         w = np.array(
             [
@@ -159,6 +142,28 @@ class _MonitoredCell:
                 now, Zbar, (rate - anchor / self.period).sum(axis=0), (now.F - a - fed_back).sum(axis=0)
             ),
         }
+
+    def _surfaces(self, now: Tick) -> tuple[Array, Array]:
+        """Return s_i and f_r,i of every arm, shape (m, k_0) each; they start from the first tick."""
+        if not self.start:
+            self.start = [
+                (self._surface(i, m.payload_pose, m.payload_twist, now.t), r.internal_wrench)
+                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
+            ]
+        e = self._remaining(now.t)
+        s = np.array(
+            [
+                self._surface(i, m.payload_pose, m.payload_twist, now.t) - self.start[i][0] * e
+                for i, m in enumerate(now.seen)
+            ]
+        )
+        f_r = np.array(
+            [
+                self.rows.turn(m.payload_pose, r.internal_wrench - self.start[i][1] * e)
+                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
+            ]
+        )
+        return s, f_r
 
     def _each(self, gain: str) -> Array:
         """Return a scalar gain of every arm, shape (m, 1)."""
