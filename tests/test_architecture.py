@@ -237,13 +237,13 @@ def test_every_third_party_is_a_declared_dependency():
 # ---------------------------------------------------------------- what a controller can see
 
 BLIND_LAW = """
-import sys
+import dataclasses, sys
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, PayloadSpaceController, Saturation, Sign, SlidingModeController,
-    ZeroedController,
+    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController, Saturation,
+    Sign, SlidingModeController, ZeroedController,
 )
 from coop_pin.spatial import make_pose, task_rows
 
@@ -273,6 +273,18 @@ state = zeroed.init(first, reference)
 for k in range(3):
     torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
 assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
+own = dataclasses.replace(anchored, payload_weight=np.ones(3), leak=0.2)
+for measured in (first._replace(internal_wrench=None, interaction_wrench=f, interaction_wrench_age=0.0),
+                 first._replace(internal_wrench=None)):  # by the own wrist, and by nothing
+    torque, state = own.step(measured, reference, own.init(measured, reference))
+    assert np.isfinite(torque).all()
+wide = dataclasses.replace(law, sign_gain=0.2 * np.eye(4), damping_gain=60.0 * np.eye(4))
+redundant = RedundantSlidingModeController(wide, Posture(np.zeros(4), np.ones(4), np.ones(4)), 0.0)
+J4, v4 = np.column_stack((J, J[:, 0] + 0.3)), np.append(v, 0.1)
+spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload_jacobian=J4,
+                             saturated=np.zeros(4, bool))
+torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
+assert torque.shape == (4,) and np.isfinite(torque).all()
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """

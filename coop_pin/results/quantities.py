@@ -157,6 +157,8 @@ QUANTITIES = (
     Quantity("work_friction", "", "J", "done by joint friction since the start"),
     Quantity("work_external", "", "J", "done by external wrenches since the start"),
     Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
+    Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
+             " arrived, and gravity compensation", group="compensation"),
     Quantity("drive_position", "arm joint", "rad", "positions of the drives", group="encoder"),
     Quantity("measured_drive_position", "arm joint", "rad", "positions that the encoders read",
              group="encoder"),
@@ -181,6 +183,9 @@ QUANTITIES = (
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
+    "compensation": lambda scenario: any(
+        scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
+    ),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
