@@ -18,6 +18,7 @@ COUNTS = {
     "payload": {"with_sign": 36, "without_sign": 36},
     "bias": {"law": 30, "sign": 8},
     "internal_force": {"bias": 2, "force_gain": 6, "sign_gain": 18},
+    "one_millimetre": {"one_millimetre": 3},
 }
 
 
