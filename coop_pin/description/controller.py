@@ -202,7 +202,7 @@ class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
 
 
 class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
-    """The payload-space law, a repair of law (23) for any number of joints: PayloadSpaceController.
+    """The payload-space law, for any number of joints: PayloadSpaceController.
 
     What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
     arm's own wrist wrench does, with a stated payload mass; else it leaks.
