@@ -21,7 +21,7 @@ from coop_pin.errors import ArgumentError
 from coop_pin.model.arm_model import ArmModel
 
 _LARGEST_DELAY = 200
-"""Delays beyond it are not searched, ticks."""
+"""A loop that is stable at this delay, ticks, counts as stable at any."""
 _LARGEST_SAG = 1.0
 """A load that is not carried within it counts as dropped, m."""
 
@@ -32,8 +32,8 @@ class SteadyErrors(NamedTuple):
     Attributes:
         needs: what the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
-        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf if no
-            wrench is fed back, -1 if it is unstable as it is.
+        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for any,
+            or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
@@ -53,8 +53,9 @@ class SteadyErrors(NamedTuple):
     def summary(self) -> str:
         """Return the errors as text."""
         crossing = f"{self.wrenches} wrenches cross" if self.wrenches else "nothing crosses"
-        stable = f"; stable with {self.delay:g} more ticks of delay" if math.isfinite(self.delay) else ""
-        lines = [f"the law needs {self.needs}; {crossing} between the arms at each tick{stable}"]
+        further = f"with {self.delay:g} more ticks of" if math.isfinite(self.delay) else "at any"
+        stable = f"; stable {further} delay" if "wrench" in self.needs else ""
+        lines = [f"the law needs {self.needs}, no model; {crossing} between the arms at each tick{stable}"]
         if not math.isnan(self.force):
             force = (
                 f"{self.force:.3g} N of internal force" if math.isfinite(self.force) else "a growing force"
@@ -219,4 +220,5 @@ def _largest_delay(scenario: Scenario, law: Law) -> float:
             anchor_gain, pole=pole, delay=stated + further, every=every, force_gain=law.gains.force_gain
         )
 
-    return float(bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1)
+    found = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
+    return math.inf if found == _LARGEST_DELAY else float(found)
