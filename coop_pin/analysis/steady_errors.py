@@ -32,8 +32,8 @@ class SteadyErrors(NamedTuple):
     Attributes:
         needs: what the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
-        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for any,
-            or if no wrench is fed back; -1 if it is unstable as it is.
+        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
+            any, or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
