@@ -7,7 +7,13 @@ import numpy as np
 from coop_pin.chain import ClosedChain
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import SlidingMode, SlidingModeGains
+from coop_pin.description.controller import (
+    LateForcePath,
+    PayloadSpace,
+    PayloadSpaceGains,
+    SlidingMode,
+    SlidingModeGains,
+)
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference import HoldMotion
@@ -122,3 +128,18 @@ def kkt_of(chain: ClosedChain) -> ClosedChain:
     return ClosedChain(
         chain.model, chain.closures.closures, stabilisation=chain.stabilisation, formulation="kkt"
     )
+
+
+ANCHORED = {
+    "planar": Scenario.load("adept-anchored").controller,
+    "spatial": PayloadSpace(
+        gains=PayloadSpaceGains(
+            pose_gain=5.0,
+            sliding_gain=(600.0, 600.0, 600.0, 20.0, 20.0, 20.0),
+            sign_gain=0.25,
+            transient_rate=5.0,
+        ),
+        force_path=LateForcePath(),
+    ),
+}
+"""The anchored law of each test cell."""

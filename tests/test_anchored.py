@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import CATALOGUE_CELLS, SCENARIOS
+from cells import ANCHORED, CATALOGUE_CELLS, SCENARIOS
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -12,23 +12,11 @@ from coop_pin.description import Scenario
 from coop_pin.errors import DivergedError
 
 NOTHING_MEASURED = {"controller.force_path": {"kind": "none"}}
-CONTROLLERS = {
-    "planar": Scenario.load("adept-anchored").controller,
-    "spatial": cp.PayloadSpace(
-        gains=cp.PayloadSpaceGains(
-            pose_gain=5.0,
-            sliding_gain=(600.0, 600.0, 600.0, 20.0, 20.0, 20.0),
-            sign_gain=0.25,
-            transient_rate=5.0,
-        ),
-        force_path=cp.LateForcePath(),
-    ),
-}
 
 
 def at_rest(name, duration, changes=None):
     """A test cell with the anchored law that stays where it starts."""
-    scenario = SCENARIOS[name]().replace(controller=CONTROLLERS[name], events=(), duration=duration)
+    scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=(), duration=duration)
     still = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "clock.steps_per_tick": 1}
     return scenario.override(still | (changes or {}))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS, planar_three_arms, spatial_scenario
+from cells import ANCHORED, SCENARIOS, planar_three_arms, spatial_scenario
 
 import coop_pin as cp
 from coop_pin.analysis import theorem_monitor
@@ -69,18 +69,6 @@ def test_the_monitor_marks_where_the_proof_breaks():
 
 # ------------------------------------------------------------ payload-space law
 
-ANCHORED = {
-    "planar": cp.Scenario.load("adept-anchored").controller,
-    "spatial": cp.PayloadSpace(
-        gains=cp.PayloadSpaceGains(
-            pose_gain=5.0,
-            sliding_gain=(600.0, 600.0, 600.0, 20.0, 20.0, 20.0),
-            sign_gain=0.25,
-            transient_rate=5.0,
-        ),
-        force_path=cp.LateForcePath(),
-    ),
-}
 AWAY = {"motion": {"kind": "hold", "pose": {"xyz": [0.45, 0.07, 0.42], "rpy": [0.3, -0.1, 0.5]}}}
 BIAS = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
 MEASURED = {

@@ -239,19 +239,22 @@ class TurnMotion(PoseReference):
     def _start(self) -> tuple[Array, Array, Array]:
         return _about_axis(self.axis, self.pose)
 
+    @cached_property
+    def _centre(self) -> tuple[Array, Array]:
+        """C in world axes, and p_0 - c in payload axes."""
+        X = self.pose.matrix
+        c = X[:3, 3] if self.centre is None else np.array(self.centre)
+        return c, X[:3, :3].T @ (X[:3, 3] - c)
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
-        axis, p, terms = self._start
+        (axis, _, terms), (c, offset) = self._start, self._centre
         s, turn = quintic(time, self.start_time, self.duration), self.angle * axis
         R = _rotation_about_axis(terms, self.angle * s.value)
         omega, alpha = s.rate * turn, s.acceleration * turn
-        if self.centre is None:
-            return make_target(R, p, omega=omega, alpha=alpha)
-        from scipy.spatial.transform import Rotation  # slow to load
-
-        r = Rotation.from_rotvec(s.value * turn).apply(p - self.centre)
+        r = R @ offset
         v = np.cross(omega, r)
-        return make_target(R, r + self.centre, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
+        return make_target(R, c + r, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
 
 
 class SwingMotion(PoseReference):
