@@ -47,7 +47,7 @@ EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
 PACKAGES = ("chain", "control", "results", "spatial")
 TESTS = (
-    "anchored bounds branches cell_chain closed_chain closures integrators interface internal_force "
+    "anchored bounds branches cell_chain closed_chain closures ik_solver integrators interface internal_force "
     "internal_wrench_definitions invariants inverse_kinematics live_run mechanisms metrics motion "
     "payload_space projection reachability redundant_sliding_mode refusals results sensing shapes simulation "
     "sizes sliding_mode spatial sweep_store theorem_monitor trust user_files"
