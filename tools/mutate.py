@@ -40,6 +40,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from _pytest.runner import runtestprotocol
+from _pytest.warnings import catch_warnings_for_item
 from hypothesis import Phase, settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -344,7 +345,9 @@ def load_changed(mutant: Mutant) -> None:
 def first_failure(items: list[pytest.Item], following: pytest.Item | None = None) -> str:
     """Return the name of the first test that fails, or ""; shared fixtures last for the test that follows."""
     for item, next_item in zip(items, [*items[1:], following], strict=False):
-        if any(report.failed for report in runtestprotocol(item, log=False, nextitem=next_item)):
+        with catch_warnings_for_item(item.config, item.ihook, "runtest", item, record=False):
+            reports = runtestprotocol(item, log=False, nextitem=next_item)
+        if any(report.failed for report in reports):
             return item.nodeid
     return ""
 
