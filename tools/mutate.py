@@ -47,14 +47,15 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "coop_pin"
 EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
-PACKAGES = ("chain", "control", "results", "spatial")
-TESTS = (
-    "anchored bounds branches cell_chain closed_chain closures ik_solver integrators interface "
-    "internal_force internal_wrench_definitions invariants inverse_kinematics live_run mechanisms metrics "
-    "motion payload_space projection reachability redundant_sliding_mode refusals results sensing shapes "
-    "simulation sizes sliding_mode spatial sweep_store theorem_monitor trust user_files"
-)
-"""Test files that are run; those of figures, live view, command line and sweeps hardly judge the packages."""
+TESTS = {
+    "chain": "branches cell_chain closed_chain closures ik_solver integrators inverse_kinematics mechanisms"
+    " projection refusals sizes",
+    "control": "anchored bounds interface invariants payload_space redundant_sliding_mode refusals sensing"
+    " simulation sliding_mode",
+    "results": "internal_wrench_definitions metrics results sensing sizes trust user_files",
+    "spatial": "internal_wrench_definitions motion payload_space refusals results sliding_mode spatial",
+}
+"""Test files that are run for each package; others hardly judge it, and take longer."""
 LONGEST = 8.0
 """Processor time of a test, with its lines counted, beyond which it is not used, s."""
 
@@ -179,7 +180,7 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
 
 def files() -> dict[str, Path]:
     """Return the files of the packages by their names under coop_pin."""
-    paths = (path for package in PACKAGES for path in sorted((PACKAGE / package).rglob("*.py")))
+    paths = (path for package in TESTS for path in sorted((PACKAGE / package).rglob("*.py")))
     return {str(path.relative_to(PACKAGE)): path for path in paths}
 
 
@@ -496,7 +497,8 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationR
     with executed_lines() as run.at_import:
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
-        run_pytest([f"tests/test_{name}.py" for name in TESTS.split()], run)
+        names = {name for package in {mutant.package for mutant in chosen} for name in TESTS[package].split()}
+        run_pytest([f"tests/test_{name}.py" for name in sorted(names)], run)
     return run
 
 
