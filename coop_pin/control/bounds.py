@@ -31,7 +31,7 @@ def force_gain_bound(pole: float, delay: int = 0) -> float:
     if not 0.0 <= pole < 1.0:
         raise OutOfRangeError("pole", pole, "at least 0 and less than 1")
     low, high = 0.0, np.pi
-    for _ in range(_BISECTIONS if delay else 0):
+    for _ in range(_BISECTIONS):  # without delay to high = pi
         angle = (low + high) / 2.0
         beyond = delay * angle + np.angle(np.exp(1j * angle) - pole) > np.pi
         low, high = (low, angle) if beyond else (angle, high)
