@@ -1,0 +1,6 @@
+"""Controllers that use a model of arms and payload, exact or off by stated factors."""
+
+from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms, ModelFactors
+from coop_pin.model_based.computed_torque import ComputedTorqueController
+
+__all__ = ["ArmDynamics", "ArmTerms", "ComputedTorqueController", "ModelFactors"]
