@@ -161,3 +161,21 @@ class Posture:
             J_plus: its right inverse, shape (k, k_0).
         """
         return null_space_part(self.pull(q, v), J, J_plus)
+
+
+def spare_torque(measurement: ArmMeasurement, start: Array, gains: tuple[float, float]) -> Array:
+    """Return the torque that brings the spare joints back to where they started, N m, shape (k,).
+
+    Args:
+        measurement: of the arm; zero for an arm without spare joints.
+        start: drive angles at t_0, rad, shape (k,).
+        gains: stiffness, N m/rad, and damping, N m s/rad, of all joints.
+
+    Raises:
+        SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
+    """
+    J, q, v = measurement.payload_jacobian, measurement.q, measurement.v
+    if J.shape[0] == J.shape[1]:
+        return np.zeros_like(q)
+    spring = Posture(start, np.full(q.size, gains[0]), np.full(q.size, gains[1]))
+    return spring.torque(q, v, J, right_inverse(J, measurement.time))
