@@ -75,3 +75,26 @@ def test_options_that_the_class_does_not_take_are_refused_with_their_path():
     assert refused.value.path == "controller.options"
     with pytest.raises(ScenarioError):
         cp.run("adept-paper", computed_torque(model={"mas": 2.0}))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_payload_answers_a_push_like_the_stated_mass_spring_and_damper(name):
+    """Schneider and Cannon (1992): M_d e'' + D e' + K e = F_ext, whatever payload and arms weigh."""
+    M_d, D, K, push = 15.0, 240.0, 1500.0, 30.0
+    linear, angular = (2, 1) if name == "planar" else (3, 3)
+    controller = stated(
+        "coop_pin.model_based:ObjectImpedanceController",
+        **{
+            field: [value] * linear + [value / M_d] * angular
+            for field, value in {"inertia": M_d, "damping": D, "stiffness": K}.items()
+        },
+    )
+    event = {"kind": "wrench-pulse", "time": 0.0, "duration": 1.0, "wrench": [push, 0, 0, 0, 0, 0]}
+    result = cp.run(
+        still(name, controller, duration=1.0, rate=500.0, events=[event], **{"sensors.wrist": {}})
+    )
+    t = result.data.time.values
+    p, r = np.roots([M_d, D, K])
+    answer = push / K * (1.0 + (r * np.exp(p * t) - p * np.exp(r * t)) / (p - r)).real
+    assert_allclose(x_error(result), answer, atol=0.03 * push / K)
+    assert_allclose(x_error(result)[-1], push / K, rtol=0.02)

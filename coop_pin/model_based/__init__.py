@@ -2,5 +2,6 @@
 
 from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms, ModelFactors
 from coop_pin.model_based.computed_torque import ComputedTorqueController
+from coop_pin.model_based.object_impedance import ObjectImpedanceController
 
-__all__ = ["ArmDynamics", "ArmTerms", "ComputedTorqueController", "ModelFactors"]
+__all__ = ["ArmDynamics", "ArmTerms", "ComputedTorqueController", "ModelFactors", "ObjectImpedanceController"]
