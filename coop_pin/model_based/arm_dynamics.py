@@ -95,12 +95,16 @@ class ArmDynamics:
         q, v = self.joints(measurement)
         M, h = self._arm.mass_matrix(q), self._arm.nonlinear_effects(q, v)
         h = h - self._friction_factor * self._friction.force(v)
-        pin.computeJointJacobiansTimeVariation(self.model, self.data, q, v)
+        back = self.from_drive
+        return ArmTerms(back.T @ M @ back, back.T @ h, self.jacobian_rate(measurement))
+
+    def jacobian_rate(self, measurement: ArmMeasurement) -> Array:
+        """Return Jdot of the payload on the task rows, shape (k_0, k)."""
+        pin.computeJointJacobiansTimeVariation(self.model, self.data, *self.joints(measurement))
         J_dot = pin.getFrameJacobianTimeVariation(
             self.model, self.data, self.payload_frame, pin.LOCAL_WORLD_ALIGNED
         )
-        back = self.from_drive
-        return ArmTerms(back.T @ M @ back, back.T @ h, self.rows.select(J_dot) @ back)
+        return np.asarray(self.rows.select(J_dot) @ self.from_drive)
 
     def payload_inertia(self, X_WP: Array) -> Array:
         """Return M_0 in world axes on the task rows, shape (k_0, k_0)."""
@@ -115,3 +119,57 @@ class ArmDynamics:
         w = self.rows.expand(measurement.payload_twist)[3:]
         moment = np.cross(w, R @ self._inertia @ R.T @ w)
         return self.rows.select(np.concatenate((-self._mass * self._gravity, moment)))
+
+    # ------------------------------------------------------------ linear in the parameters
+
+    def parameters(self) -> tuple[Array, Array]:
+        """Return theta of the arm and phi of the payload by this model, shapes (12 k,) and (10,).
+
+        Ten for each link (mass, first moments, inertia about the joint), then viscous and Coulomb friction of
+        each drive; stiction is no part of them, and with a drive matrix friction must act at the drives.
+        """
+        links = [self.model.inertias[joint].toDynamicParameters() for joint in range(1, self.model.njoints)]
+        rubbing = self._friction_factor * np.concatenate((self._friction.viscous, self._friction.coulomb))
+        payload = pin.Inertia(self._mass, np.zeros(3), self._inertia).toDynamicParameters()
+        return np.concatenate((*links, rubbing)), np.array(payload)
+
+    def regressor(self, measurement: ArmMeasurement, v_r: Array, a_r: Array) -> Array:
+        """Return Y with Y theta = M a_r + C(q, qdot) v_r + g + friction at v_r, shape (k, 12 k).
+
+        C is Christoffel's: the quadratic C(q, v) v is polarised, which is bilinear and symmetric.
+
+        Args:
+            measurement: of the arm.
+            v_r: drive velocities, shape (k,).
+            a_r: drive accelerations, shape (k,).
+        """
+        (q, v), back = self.joints(measurement), self.from_drive
+        still, w = np.zeros(len(v)), back @ v_r
+
+        def Y(velocity: Array, acceleration: Array) -> Array:
+            return np.array(pin.computeJointTorqueRegressor(self.model, self.data, q, velocity, acceleration))
+
+        links = Y(still, back @ a_r) + (Y(v + w, still) - Y(v - w, still)) / 4.0
+        sliding = np.tanh(measurement.v / self._friction.coulomb_velocity)
+        return np.hstack((back.T @ links, np.diag(v_r), np.diag(sliding)))
+
+    def payload_regressor(self, measurement: ArmMeasurement, V_r: Array, A_r: Array) -> Array:
+        """Return Y_0 with Y_0 phi = M_0 A_r + V_r x* (M_0 V) + W_0 about P in world axes, shape (k_0, 10).
+
+        V_r x* (M_0 V) is Q_0 V at V_r = V and does no work on V_r, so that Mdot_0 - 2 Q_0 is skew.
+
+        Args:
+            measurement: of the arm, with V.
+            V_r: twist on the task rows, shape (k_0,).
+            A_r: its derivative, shape (k_0,).
+        """
+        R = measurement.payload_pose[:3, :3]
+        turn = np.kron(np.eye(2), R.T)
+        V, W, A = (turn @ self.rows.expand(x) for x in (measurement.payload_twist, V_r, A_r))
+        A[:3] -= R.T @ self._gravity
+        A -= np.concatenate((np.cross(V[3:], W[:3]), np.cross(V[3:], W[3:])))  # of components in payload axes
+        still = pin.Motion.Zero()
+        inertial = pin.bodyRegressor(still, pin.Motion(A))
+        momentum = pin.bodyRegressor(still, pin.Motion(V))
+        cross = -pin.Motion(W).action.T  # the matrix of W x*
+        return np.asarray(self.rows.select(turn.T @ (inertial + cross @ momentum)))
