@@ -33,7 +33,7 @@ def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
     if not 0.0 <= pole < 1.0:
         raise OutOfRangeError("pole", pole, "at least 0 and less than 1")
     low, high, r = 0.0, np.pi, lag_pole(lag)
-    for _ in range(_BISECTIONS if delay else 0):
+    for _ in range(_BISECTIONS):  # without delay to high = pi
         angle = (low + high) / 2.0
         z = np.exp(1j * angle)
         beyond = (delay - 1) * angle + np.angle(z - pole) + np.angle(z - r) > np.pi
