@@ -56,7 +56,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio"}),
+    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},

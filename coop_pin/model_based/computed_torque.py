@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
@@ -99,27 +98,23 @@ class ComputedTorqueController(ArmController):
         M_0 = self.dynamics.payload_inertia(measurement.payload_pose)
         F_0 = M_0 @ a + self.dynamics.payload_bias(measurement)
         f_r, force = self.force.step(measurement, reference, state.force)
-        tau = arm_torque(
-            self.dynamics, measurement, a, f_r - self.load_share * F_0, state.start, self.spare_gains
-        )
+        along, rest = acceleration_torque(self.dynamics, measurement, state.start, self.spare_gains)
+        F = f_r - self.load_share * F_0
+        tau = along @ a + rest - measurement.payload_jacobian.T @ F
         return ArmCommand(tau, state._replace(force=force))
 
 
-def arm_torque(
-    dynamics: ArmDynamics,
-    measurement: ArmMeasurement,
-    a: Array,
-    F: Array,
-    start: Array,
-    spare_gains: tuple[float, float],
-) -> Array:
-    """Return M a_q + h - J^T F, the torque that gives the payload the acceleration a under the wrench F.
+def acceleration_torque(
+    dynamics: ArmDynamics, measurement: ArmMeasurement, start: Array, spare_gains: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Return L and r: the torque ``L a + r - J^T F`` accelerates the payload by a under the wrench F.
+
+    L = M J^+ has the shape (k, k_0), r = M [b - J^+ (Jdot qdot + J b)] + h the shape (k,), with the spare
+    joints' b = -k_p (q - q(t_0)) - k_v qdot.
 
     Args:
         dynamics: of the arm.
         measurement: of the arm.
-        a: on the task rows, shape (k_0,).
-        F: on the arm by the payload about P, shape (k_0,).
         start: drive angles to which the spare joints return, rad, shape (k,).
         spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
 
@@ -128,6 +123,5 @@ def arm_torque(
     """
     J, v = measurement.payload_jacobian, measurement.v
     J_plus, (M, h, J_dot) = right_inverse(J, measurement.time), dynamics.terms(measurement)
-    spare = -spare_gains[0] * (measurement.q - start) - spare_gains[1] * v
-    a_q = J_plus @ (a - J_dot @ v - J @ spare) + spare
-    return np.asarray(M @ a_q + h - J.T @ F)
+    b = -spare_gains[0] * (measurement.q - start) - spare_gains[1] * v
+    return M @ J_plus, M @ (b - J_plus @ (J_dot @ v + J @ b)) + h

@@ -13,7 +13,7 @@ from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellCont
 from coop_pin.control.terms import InternalForceIntegral, gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
-from coop_pin.model_based.computed_torque import ComputedTorqueState, arm_torque
+from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque
 
 
 class ObjectImpedanceState(NamedTuple):
@@ -114,7 +114,8 @@ class ObjectImpedanceController(CellController):
             f_r, force = self.force.step(m, reference, state.arms[index].force)
             F = f_r - self.shares[index] * (M_0 @ a + bias - E)
             start = state.arms[index].start
-            torques.append(arm_torque(dynamics, m, a, F, start, self.spare_gains))
+            along, rest = acceleration_torque(dynamics, m, start, self.spare_gains)
+            torques.append(along @ a + rest - m.payload_jacobian.T @ F)
             arms.append(ComputedTorqueState(force, start))
             accelerations.append(a)
         return CellCommand(torques, ObjectImpedanceState(tuple(arms), tuple(accelerations)))
