@@ -89,11 +89,26 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
+    "comparison": (
+        {
+            "analysis",
+            "chain",
+            "description",
+            "model",
+            "results",
+            "run_scenario",
+            "simulation",
+            "sweeps",
+            "user_files",
+        },
+        {"pandas", "xarray"},
+    ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
         {
             "analysis",
+            "comparison",
             "description",
             "figures",
             "progress_bar",
