@@ -168,14 +168,14 @@ def lyapunov(scenario, laws, kept):
         m, reference, state = (part[index] for part in kept)
         exact = ArmDynamics(scenario, arm)
         theta, phi = exact.parameters()
-        xtilde = law.rows.pose_error(m.payload_pose, reference.pose)
-        s_0 = m.payload_twist - reference.twist + law.gamma * xtilde
+        xtilde = law._rows.pose_error(m.payload_pose, reference.pose)
+        s_0 = m.payload_twist - reference.twist + law._gamma * xtilde
         s = np.linalg.solve(m.payload_jacobian, s_0)
         V += s @ exact.terms(m).M @ s / 2.0
         share = scenario.cell.shares[index]
         V += share * s_0 @ exact.payload_inertia(m.payload_pose) @ s_0 / 2.0
-        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law.G)
-        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law.G_0)
+        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law._G)
+        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law._G_0)
     return V
 
 

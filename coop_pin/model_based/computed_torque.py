@@ -72,17 +72,17 @@ class ComputedTorqueController(ArmController):
             ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        self.rows = scenario.cell.task_rows
-        self.load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
-        self.dynamics = ArmDynamics(scenario, arm, model)
-        self.K_p = gain_vector("position_gain", position_gain, self.rows.size)
-        self.K_v = gain_vector("velocity_gain", velocity_gain, self.rows.size)
-        self.force = InternalForceIntegral(self.rows, float(anchor_gain))
-        self.spare_gains = spare_gains
+        self._rows = scenario.cell.task_rows
+        self._load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        self._dynamics = ArmDynamics(scenario, arm, model)
+        self._K_p = gain_vector("position_gain", position_gain, self._rows.size)
+        self._K_v = gain_vector("velocity_gain", velocity_gain, self._rows.size)
+        self._force = InternalForceIntegral(self._rows, float(anchor_gain))
+        self._spare_gains = spare_gains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ComputedTorqueState:
         """Return the state at t_0: Z = 0."""
-        return ComputedTorqueState(self.force.start(), measurement.q)
+        return ComputedTorqueState(self._force.start(), measurement.q)
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: ComputedTorqueState
@@ -92,14 +92,14 @@ class ComputedTorqueController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian loses rank.
         """
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
-        a = reference.acceleration - self.K_v * xtildedot - self.K_p * xtilde
-        M_0 = self.dynamics.payload_inertia(measurement.payload_pose)
-        F_0 = M_0 @ a + self.dynamics.payload_bias(measurement)
-        f_r, force = self.force.step(measurement, reference, state.force)
-        along, rest = acceleration_torque(self.dynamics, measurement, state.start, self.spare_gains)
-        F = f_r - self.load_share * F_0
+        a = reference.acceleration - self._K_v * xtildedot - self._K_p * xtilde
+        M_0 = self._dynamics.payload_inertia(measurement.payload_pose)
+        F_0 = M_0 @ a + self._dynamics.payload_bias(measurement)
+        f_r, force = self._force.step(measurement, reference, state.force)
+        along, rest = acceleration_torque(self._dynamics, measurement, state.start, self._spare_gains)
+        F = f_r - self._load_share * F_0
         tau = along @ a + rest - measurement.payload_jacobian.T @ F
         return ArmCommand(tau, state._replace(force=force))
 

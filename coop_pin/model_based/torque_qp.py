@@ -74,20 +74,20 @@ class TorqueQpController(CellController):
             raise MissingExtraError("proxsuite", "compare", "to solve quadratic programs") from None
         self._solve, self._solved = proxqp.dense.solve, proxqp.PROXQP_SOLVED
         cell = scenario.cell
-        self.rows, k_0, self.shares = cell.task_rows, cell.task_rows.size, cell.shares
-        self.dynamics = [ArmDynamics(scenario, arm, model) for arm in cell.arms]
-        self.limits = [JointLimits(arm, name).torque for name, arm in cell.arms.items()]
-        self.tips = [grasp.matrix[:3, 3] for grasp in (cell.grasps[name] for name in cell.arms)]
-        self.K_p = gain_vector("position_gain", position_gain, k_0)
-        self.K_v = gain_vector("velocity_gain", velocity_gain, k_0)
-        self.force, self.w = InternalForceIntegral(self.rows, float(anchor_gain)), tracking_weight
-        self.mu, self.spare_gains = friction_coefficient, spare_gains
+        self._rows, k_0, self._shares = cell.task_rows, cell.task_rows.size, cell.shares
+        self._dynamics = [ArmDynamics(scenario, arm, model) for arm in cell.arms]
+        self._limits = [JointLimits(arm, name).torque for name, arm in cell.arms.items()]
+        self._tips = [grasp.matrix[:3, 3] for grasp in (cell.grasps[name] for name in cell.arms)]
+        self._K_p = gain_vector("position_gain", position_gain, k_0)
+        self._K_v = gain_vector("velocity_gain", velocity_gain, k_0)
+        self._force, self._w = InternalForceIntegral(self._rows, float(anchor_gain)), tracking_weight
+        self._mu, self._spare_gains = friction_coefficient, spare_gains
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[ComputedTorqueState, ...]:
         """Return the state of each arm at t_0, as of computed torque."""
-        return tuple(ComputedTorqueState(self.force.start(), measured.q) for measured in measurements)
+        return tuple(ComputedTorqueState(self._force.start(), measured.q) for measured in measurements)
 
     def step(
         self,
@@ -102,20 +102,20 @@ class TorqueQpController(CellController):
             InvalidStateError: no torques within the limits hold the cell.
         """
         first = measurements[0]
-        M_0 = self.dynamics[0].payload_inertia(first.payload_pose)
-        bias = self.dynamics[0].payload_bias(first)
+        M_0 = self._dynamics[0].payload_inertia(first.payload_pose)
+        bias = self._dynamics[0].payload_bias(first)
         a_d, desired, arms = self._desired(measurements, references, state, M_0, bias)
         rows = [self._torque_rows(*each) for each in zip(count(), measurements, state, strict=False)]
-        limits = [np.minimum(limit, _NO_LIMIT) for limit in self.limits]
+        limits = [np.minimum(limit, _NO_LIMIT) for limit in self._limits]
         C = [block for block, _ in rows]
         lower = [-limit - rest for limit, (_, rest) in zip(limits, rows, strict=True)]
         upper = [limit - rest for limit, (_, rest) in zip(limits, rows, strict=True)]
-        if self.mu is not None:
-            C.append(self._cones(first.payload_pose[:3, :3], self.mu))
+        if self._mu is not None:
+            C.append(self._cones(first.payload_pose[:3, :3], self._mu))
             lower.append(np.full(len(C[-1]), -_NO_LIMIT))
             upper.append(np.zeros(len(C[-1])))
         x_d = np.concatenate((a_d, *desired))
-        weights = np.where(np.arange(x_d.size) < a_d.size, self.w, 1.0)
+        weights = np.where(np.arange(x_d.size) < a_d.size, self._w, 1.0)
         A = np.hstack((M_0, *[np.eye(a_d.size)] * len(measurements)))
         found = self._solve(
             np.diag(weights),
@@ -143,20 +143,20 @@ class TorqueQpController(CellController):
     ) -> tuple[Array, list[Array], list[ComputedTorqueState]]:
         """Return a_d, F_d of each arm, shape (k_0,) each, and the next states."""
         seen, reference = measurements[0], references[0]
-        a_d = reference.acceleration - self.K_p * self.rows.pose_error(seen.payload_pose, reference.pose)
-        a_d = a_d - self.K_v * (seen.payload_twist - reference.twist)
+        a_d = reference.acceleration - self._K_p * self._rows.pose_error(seen.payload_pose, reference.pose)
+        a_d = a_d - self._K_v * (seen.payload_twist - reference.twist)
         wrenches, arms = [], []
-        for share, m, wanted, own in zip(self.shares, measurements, references, state, strict=True):
-            f_r, force = self.force.step(m, wanted, own.force)
+        for share, m, wanted, own in zip(self._shares, measurements, references, state, strict=True):
+            f_r, force = self._force.step(m, wanted, own.force)
             wrenches.append(f_r - share * (M_0 @ a_d + bias))
             arms.append(own._replace(force=force))
         return a_d, wrenches, arms
 
     def _torque_rows(self, index: int, m: ArmMeasurement, own: ComputedTorqueState) -> tuple[Array, Array]:
         """Return C and r with tau = C [a, F_1, ...] + r, shapes (k, k_0 (1 + m)) and (k,)."""
-        k_0 = self.rows.size
-        along, rest = acceleration_torque(self.dynamics[index], m, own.start, self.spare_gains)
-        C = np.zeros((len(rest), k_0 * (1 + len(self.dynamics))))
+        k_0 = self._rows.size
+        along, rest = acceleration_torque(self._dynamics[index], m, own.start, self._spare_gains)
+        C = np.zeros((len(rest), k_0 * (1 + len(self._dynamics))))
         C[:, :k_0] = along
         C[:, k_0 * (1 + index) : k_0 * (2 + index)] = -m.payload_jacobian.T
         return C, rest
@@ -166,12 +166,14 @@ class TorqueQpController(CellController):
 
         On the payload the arm presses along n: mu n . F + t . F <= 0 for four tangents t.
         """
-        k_0, tips = self.rows.size, np.array(self.tips)
+        k_0, tips = self._rows.size, np.array(self._tips)
         C = np.zeros((4 * len(tips), k_0 * (1 + len(tips))))
         for index, tip in enumerate(tips):
             n = R_WP @ (np.delete(tips, index, axis=0).mean(axis=0) - tip)
             _, _, axes = np.linalg.svd(n[None])  # the direction and two tangents
             n, edges = n / np.linalg.norm(n), np.vstack((axes[1:], -axes[1:]))
             forces = np.hstack((edges + mu * n, np.zeros((4, 3))))
-            C[4 * index : 4 * index + 4, k_0 * (1 + index) : k_0 * (2 + index)] = self.rows.select(forces.T).T
+            C[4 * index : 4 * index + 4, k_0 * (1 + index) : k_0 * (2 + index)] = self._rows.select(
+                forces.T
+            ).T
         return C
