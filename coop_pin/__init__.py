@@ -31,6 +31,7 @@ _PUBLIC = {
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
     "ClosureError": "coop_pin.chain",
+    "Comparison": "coop_pin.comparison",
     "ConstantSqueeze": "coop_pin.reference",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.reference",
@@ -95,6 +96,7 @@ _PUBLIC = {
     "WrenchPulse": "coop_pin.description",
     "WristSensor": "coop_pin.description",
     "cell_summary": "coop_pin.analysis",
+    "compare": "coop_pin.comparison",
     "grasps_from_configuration": "coop_pin.description",
     "ik_branches": "coop_pin.chain",
     "linspace": "coop_pin.sweeps",
@@ -114,6 +116,7 @@ _PUBLIC = {
 _PACKAGES = (
     "analysis",
     "chain",
+    "comparison",
     "control",
     "description",
     "errors",
