@@ -256,10 +256,11 @@ def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
 def test_neither_anchor_nor_leak_unless_stated():
     controller = law(task_rows("planar"), sign_gain=np.zeros((3, 3)))
     m, r = inputs(controller.rows, 3)
-    state = controller.init(m, r)._replace(integral=np.ones(3))
-    for age in (0.0, 9.0):
+    for age in (0.0, 9.0):  # anchored anew, and stale
+        state = controller.init(m, r)._replace(integral=np.ones(3), wrench_age=np.inf if age == 0.0 else 8.0)
         after = controller.step(m._replace(internal_wrench_age=age), r, state).state
         assert_allclose(after.integral, 1.0, atol=1e-15)
+        assert_allclose(after.anchored, float(age == 0.0), atol=0)
 
 
 def test_only_time_since_the_start_counts():
