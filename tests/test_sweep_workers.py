@@ -12,9 +12,9 @@ import pytest
 from faulty import law
 
 import coop_pin as cp
-from coop_pin.errors import CodeChangedError, WorkersLostError
+from coop_pin.errors import CodeChangedError, WorkerDiedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, linspace, sweep
-from coop_pin.sweeps.backend import LocalPool
+from coop_pin.sweeps.backend import LocalBackend, outcomes
 from coop_pin.sweeps.job import Job
 
 PLAN = SweepPlan(
@@ -132,9 +132,7 @@ def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_
     seen = {failure.number: failure.kind for failure in result.failures}
     assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
     assert result.counts()["missing"] == 0
-    (died,) = [record.failure for record in result.store.records()
-               if record.key == result.table["key"][modes.index("exit")]]  # fmt: skip
-    assert died.numbers == {"deaths": 3, "code": 3}
+    assert result.table["message"][modes.index("exit")] == str(WorkerDiedError(3, 3))
 
 
 def job(mode, **limits):
@@ -143,8 +141,8 @@ def job(mode, **limits):
 
 
 def computed(pool, *jobs):
-    found = [outcome.record for batch in pool.outcomes(iter(jobs)) for outcome in batch]
-    return {record.key: record.failure and record.failure.kind for record in found}
+    found = [outcome.record for batch in outcomes(pool, iter(jobs)) for outcome in batch]
+    return {record.key: record.failure or None for record in found}
 
 
 @contextlib.contextmanager
@@ -157,14 +155,13 @@ def meanwhile(action):
 
 def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_killed_are_replaced():
     """Also while they start, and between two runs; no run is lost or recorded as failed."""
-    with contextlib.closing(LocalPool(1)) as pool:
+    with contextlib.closing(LocalBackend(1)) as pool:
         with meanwhile(lambda: wait_until(workers_of)[0].kill()):  # starting
             assert computed(pool, job("none")) == {"none": None}
         (worker,) = workers_of()
         assert loaded(worker) == {"pinocchio"}
         with pytest.raises(CodeChangedError):
             computed(pool, job("none", code=(("faulty:Faulty", ("other",)),)))
-        pool.under_way.clear()
         assert {worker.environ()[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")} == {"1"}
         worker.kill()  # idle
         assert computed(pool, job("none")) == {"none": None}
@@ -184,15 +181,15 @@ def loaded(worker):
 
 def test_a_host_that_cannot_start_is_a_typed_error(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with contextlib.closing(LocalPool(1)) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
+    with contextlib.closing(LocalBackend(1)) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
         computed(pool, job("none"))
 
 
 UP = """
 import contextlib, sys
 sys.path.insert(0, "TESTS")
-from test_sweep_workers import LocalPool, computed, job
-with contextlib.closing(LocalPool(1)) as pool:
+from test_sweep_workers import LocalBackend, computed, job
+with contextlib.closing(LocalBackend(1)) as pool:
     print("up", flush=True)
     computed(pool, job("hang"))
 """
