@@ -125,7 +125,7 @@ def _findings_of_file(
 
 def _text(urdf: UrdfFile) -> bytes:
     if urdf.path.suffix == ".xacro":
-        return expanded(urdf, MAX_BYTES)
+        return expanded(urdf.path, urdf.package_dirs, dict(urdf.xacro_args), MAX_BYTES)
     try:
         return read_user_file(urdf.path, limit=MAX_BYTES, kind="a URDF")
     except FileReadError as error:

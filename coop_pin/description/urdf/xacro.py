@@ -9,24 +9,22 @@ from __future__ import annotations
 import importlib.util
 import io
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.sax.saxutils import escape
 
 from coop_pin import limited_process
 from coop_pin.errors import FileReadError, MissingExtraError, UrdfError
 from coop_pin.user_files import read_user_file
 
-if TYPE_CHECKING:
-    from coop_pin.description.urdf.find import UrdfFile
-
 _CPU_S, _MEMORY = 3, 2**30
 """Limits of an expansion: processor time, s, and memory, bytes; a robot takes a tenth of a second."""
 _PATIENCE_S = 60.0
 
 
-def expanded(urdf: UrdfFile, largest: int) -> bytes:
+def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str], largest: int) -> bytes:
     """Return the URDF of a xacro file, UTF-8, of at most a number of bytes.
 
     xacro evaluates Python expressions, in a process of its own with limits of time and memory. The files that
@@ -39,14 +37,14 @@ def expanded(urdf: UrdfFile, largest: int) -> bytes:
         UrdfError: the file cannot be expanded, or not within the limits.
     """
     if importlib.util.find_spec("xacrodoc") is None:
-        raise MissingExtraError("xacrodoc", "xacro", f"to read {urdf.path.name}")
-    packages = [path.parent for folder in urdf.package_dirs for path in sorted(folder.glob("*/package.xml"))]
-    above = [folder for folder in urdf.path.parents if (folder / "package.xml").is_file()]
+        raise MissingExtraError("xacrodoc", "xacro", f"to read {path.name}")
+    packages = [path.parent for folder in package_dirs for path in sorted(folder.glob("*/package.xml"))]
+    above = [folder for folder in path.parents if (folder / "package.xml").is_file()]
     order = {
-        "path": str(urdf.path),
+        "path": str(path),
         "packages": {folder.name: str(folder) for folder in packages},
-        "roots": list(map(str, (urdf.path.parent, *above, *packages))),
-        "arguments": dict(urdf.xacro_args),
+        "roots": list(map(str, (path.parent, *above, *packages))),
+        "arguments": dict(arguments),
         "largest": largest,
     }
     code, said = limited_process.ask(
@@ -58,7 +56,7 @@ def expanded(urdf: UrdfFile, largest: int) -> bytes:
     if code == limited_process.REFUSED:
         advice = "check its arguments (xacro_args) and packages (package_dirs)"
         reason = f"{said.decode(errors='replace')}; {advice}"
-    raise UrdfError(f"{urdf.path} cannot be expanded: {reason}")
+    raise UrdfError(f"{path} cannot be expanded: {reason}")
 
 
 def _expand(
