@@ -114,14 +114,14 @@ def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsew
     assert address.startswith("tls://")
     found = sweep(PLAN, out=tmp_path / "there", scheduler=address, quiet=True)
     assert [failure.kind for failure in found.failures] == [*["WorkerDiedError"] * 2, *["DivergedError"] * 2]
-    cases = {name: case for name, case in PLAN.cases["law"].items() if name != "dead"}
-    here = sweep(PLAN.replace(cases={"law": cases}), out=tmp_path / "here", workers=0, quiet=True)
-    for name in cases:
-        assert (
-            found.at({"law": name})
-            .data.drop_vars("number")
-            .equals(here.at({"law": name}).data.drop_vars("number"))
-        )
+    tame = PLAN.replace(cases={"law": {name: PLAN.cases["law"][name] for name in ("paper", "wild")}})
+    here = sweep(tame, out=tmp_path / "here", workers=0, quiet=True)
+    for name in ("paper", "wild"):
+        parts = [result.at({"law": name}).data.drop_vars("number") for result in (found, here)]
+        assert parts[0].equals(parts[1])
+    sweep(tame, out=tmp_path / "there", workers=0, quiet=True)  # computes nothing
+    assert len(list((tmp_path / "there" / "runs").iterdir())) == 1
+    assert (tmp_path / "there" / "table.csv").read_bytes() == (tmp_path / "here" / "table.csv").read_bytes()
     assert not any("TLS" in message for message in caplog.messages)
 
 
