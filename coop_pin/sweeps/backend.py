@@ -197,16 +197,19 @@ _workers: dict[int, tuple[str, Worker]] = {}
 def compute(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
     """Return the outcomes of jobs, by the worker that the calling thread keeps for a sweep."""
     thread = threading.get_ident()
-    if (known := _workers.get(thread, ("",))[0]) != sweep:
-        close_workers(known)
-        _workers[thread] = sweep, Worker()
-    return _workers[thread][1].compute(jobs)
+    known, worker = _workers.get(thread, ("", Worker()))
+    if known != sweep:
+        worker.close()  # other threads may still compute for the other sweep
+        _, worker = _workers[thread] = sweep, Worker()
+    return worker.compute(jobs)
 
 
 def close_workers(sweep: str) -> None:
     """End the workers of a sweep, also those at work."""
-    for thread in [thread for thread, (name, _) in _workers.items() if name == sweep]:
-        _workers.pop(thread)[1].close()
+    for thread, (known, worker) in list(_workers.items()):
+        if known == sweep:
+            del _workers[thread]
+            worker.close()
 
 
 class LocalBackend:
