@@ -119,6 +119,7 @@ _PACKAGES = (
     "errors",
     "figures",
     "model",
+    "model_based",
     "reference",
     "report",
     "results",
