@@ -8,7 +8,6 @@ import io
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
 
 import numpy as np
@@ -223,7 +222,7 @@ class Payload(Description):
         path: str | Path,
         *,
         package_dirs: tuple[str, ...] = (),
-        xacro_args: Mapping[str, str] = MappingProxyType({}),
+        xacro_args: Mapping[str, str] | None = None,
     ) -> Self:
         """Return the only link of a URDF; P has the axes of the link.
 
@@ -238,7 +237,7 @@ class Payload(Description):
             MissingExtraError: it is a xacro file and xacrodoc is not installed.
             UrdfError: no such file; the file has defects, physical ones included, or more than one link.
         """
-        file = find_urdf(path, package_dirs=package_dirs, xacro_args=xacro_args)
+        file = find_urdf(path, package_dirs=package_dirs, xacro_args=xacro_args or {})
         links = links_of(load_checked(file, strict=True))
         if len(links) != 1:
             names = listed(link.name for link in links)
