@@ -42,7 +42,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "user_files": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
-    "control": ({"schema"}, {"pydantic", "scipy"}),
+    "control": ({"schema"}, {"pydantic"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
         {"schema", "control", "reference", "user_files"},

@@ -7,6 +7,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array, shaped
+from coop_pin.spatial.scalars import atan2, sqrt, where
+
+_SMALL = 1e-9
+"""Length of a quaternion's vector, of a factor of 2 to 4, below which atan2(length, w) is length / w."""
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
@@ -44,9 +48,10 @@ def inverse_pose(X_AB: Array) -> Array:
     """Return X_BA = X_AB^-1, shape (4, 4)."""
     X_AB = shaped("X_AB", X_AB, 4, 4)
     R_BA = X_AB[:3, :3].T
-    X_BA = np.eye(4)
+    X_BA = np.zeros_like(X_AB)
     X_BA[:3, :3] = R_BA
     X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
+    X_BA[3, 3] = 1.0
     return X_BA
 
 
@@ -60,8 +65,34 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
         X_WP_d: the desired pose, shape (4, 4).
     """
     X_WP, X_WP_d = shaped("X_WP", X_WP, 4, 4), shaped("X_WP_d", X_WP_d, 4, 4)
-    rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
-    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))
+    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], log3(X_WP[:3, :3] @ X_WP_d[:3, :3].T)))
+
+
+def log3(R: Array) -> Array:
+    """Return the rotation vector of a rotation matrix, of length 0 to pi, rad, shape (3,).
+
+    From the quaternion (w, x, y, z) of the largest of its four entries, which is accurate at all angles:
+    ``2 atan2(|(x, y, z)|, w)`` along (x, y, z), with w >= 0.
+
+    Args:
+        R: shape (3, 3).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    # Four multiples of the quaternion; the factor of each is its own diagonal entry.
+    by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
+    by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
+    by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
+    by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
+    largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
+    largest = where(zz > largest[0], (zz, *by_z), largest)
+    w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
+    w, sign = where(w < 0.0, (-w, -1.0), (w, 1.0))
+    length = sqrt(x * x + y * y + z * z)
+    is_small = length < _SMALL
+    # Both quotients are formed, and neither may divide by zero.
+    by_w_only, by_angle = 2.0 / where(is_small, w, 1.0), 2.0 * atan2(length, w) / where(is_small, 1.0, length)
+    factor = sign * where(is_small, by_w_only, by_angle)
+    return np.array((factor * x, factor * y, factor * z))
 
 
 def shift_wrench(F_EA: Array, p_BA: Array) -> Array:
