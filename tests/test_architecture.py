@@ -34,6 +34,7 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
+# - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -56,6 +57,19 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
+    ),
+    "batch": (
+        {
+            "chain",
+            "control",
+            "description",
+            "model",
+            "results",
+            "run_scenario",
+            "schema",
+            "simulation",
+        },
+        {"llvmlite", "pinocchio"},
     ),
     "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
