@@ -224,7 +224,7 @@ def _arm_inputs(cell: CellModel, state: CellState) -> list[ArmInput]:
 
 
 def _terms(functions: SharedFunctions, tape: Tape, model: ArmModel, state: ArmInput) -> ArmTerms:
-    """Return the terms of an arm: by a call of its model's code, or in place in a plane: it is short there."""
+    """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
     if len(model.rows) < 6:
         return arm_terms(model, state)
     blank, bodies = (np.zeros((3, 3)), np.zeros(3)), [*model.arm.bodies]

@@ -72,7 +72,7 @@ def simulate_batch(
     for index, scenario in enumerate(scenarios):
         require_type(f"scenarios[{index}]", scenario, Scenario)
     prepared = prepare(scenarios)
-    program, uniforms, block, loads = _assemble(prepared)
+    program, uniforms, block, loads = assemble(prepared)
     runner, records = machine(program), []
     valid = program.lanes.slots("is_valid")
     for first in range(0, len(scenarios), LARGEST_BLOCK):
@@ -81,7 +81,7 @@ def simulate_batch(
     return BatchResult(prepared, program.lanes, np.concatenate(records, axis=2), block[valid] == 1.0)
 
 
-def _assemble(prepared: Prepared) -> tuple[Program, Array, Array, Array]:
+def assemble(prepared: Prepared) -> tuple[Program, Array, Array, Array]:
     """Return the program, its uniforms, initial block and loads."""
     first, run = prepared.scenarios[0], prepared.runs[0]
     path = first.controller.force_path
