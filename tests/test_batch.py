@@ -33,7 +33,7 @@ from coop_pin.run_scenario import build_controller
 from coop_pin.spatial import make_pose
 
 CATALOGUE = scenario_names()
-QUICK = ("adept-paper", "two-pandas-box")
+QUICK = ("adept-paper", "five-joint-pair")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -241,7 +241,7 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
 # ---------------------------------------------------------------- whole runs
 
 
-def runs(name, duration, count=3):
+def runs(name, duration, count=2):
     """Scenarios that differ in a gain and in the payload's mass, with a mass drop and a push."""
     base = cp.Scenario.load(name)
     mass = base.cell.payload.mass
@@ -316,14 +316,14 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
                 "cell.arms.right.calibration_error": {"tip": {"xyz": [1e-4 * (1 + k), 0.0, 0.0]}},
             }
         )
-        for k in range(3)
+        for k in range(2)
     ]
     batch = simulate_batch(scenarios)
-    for index in (0, 2):
+    for index in (0, 1):
         wanted = cp.run(scenarios[index]).data
         for name in ("configuration", "torque", "internal_wrench", "seen_pose_error"):
             assert_allclose(batch.result(index).data[name], wanted[name], rtol=0, atol=1e-9)
-    assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][2])
+    assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
 
 
 def test_late_and_filtered_wrenches_saturation_and_sparse_records():
@@ -410,7 +410,7 @@ def test_compiled_code_is_kept_and_damaged_files_are_compiled_again(tmp_path, mo
     file.write_bytes(whole[: len(whole) // 2])
     run()
     assert file.read_bytes() == whole
-    monkeypatch.setattr("llvmlite.binding.create_pass_builder", None)  # only compiling needs it
+    monkeypatch.setattr("llvmlite.binding.TargetMachine.emit_object", None)
     run()
 
 
