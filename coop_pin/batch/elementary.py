@@ -192,8 +192,8 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
     n = _rounded(x * (2.0 / math.pi))
     r = _reduced(x, n, _HALF_PI)
     z = r * r
-    sine = r + r * z * _polynomial(z, _SINE)
-    cosine = 1.0 - 0.5 * z + z * z * _polynomial(z, _COSINE)
+    sine: Number = r + r * z * _polynomial(z, _SINE)
+    cosine: Number = 1.0 - 0.5 * z + z * z * _polynomial(z, _COSINE)
     swapped, half = _is_odd(n)
     _, next_half = _is_odd(n + 1.0)
     sine, cosine = select(swapped, cosine, sine), select(swapped, sine, cosine)
