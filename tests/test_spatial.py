@@ -5,7 +5,7 @@ import pytest
 from close import assert_close
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin.errors import OutOfRangeError, ShapeError
@@ -21,7 +21,7 @@ from coop_pin.spatial import (
     shift_wrench,
     task_rows,
 )
-from coop_pin.spatial.pose import log3
+from coop_pin.spatial.pose import log3, quaternions
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -228,6 +228,15 @@ def test_log3_is_the_rotation_vector_at_all_angles(angle):
         assert_allclose(
             log3(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=0, atol=1e-15 * (1 + angle)
         )
+
+
+def test_rotations_have_the_bits_of_scipys_and_many_logs_those_of_each():
+    rng = np.random.default_rng(6)
+    angles = np.concatenate((rng.uniform(-4.0, 4.0, (200, 3)), 0.5 * np.pi * rng.integers(-2, 3, (50, 3))))
+    R = np.stack([rotation_from_rpy(each) for each in angles])
+    assert_array_equal(R, Rotation.from_euler("xyz", angles).as_matrix())
+    assert_array_equal(quaternions(R[:200]), Rotation.from_matrix(R[:200]).as_quat())
+    assert_allclose(log3(R), [log3(each) for each in R], rtol=0, atol=2e-15)
 
 
 def test_log3_at_half_a_turn_is_one_of_the_two_rotation_vectors():

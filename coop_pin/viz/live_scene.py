@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, require_type
 from coop_pin.chain.cell_chain import CellChain, determinate_rows
@@ -18,7 +17,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.spatial import pose_error, rotate_vector6
+from coop_pin.spatial import pose_error, quaternions, rotate_vector6
 from coop_pin.viz.arrows import (
     ArrowSeries,
     expected_scales,
@@ -190,4 +189,4 @@ class LiveScene:
 
 def _position_and_quaternion(pose: Array) -> Array:
     """Return the position (m) and quaternion x, y, z, w of a pose, shape (1, 7)."""
-    return np.concatenate((pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_quat()))[None]
+    return np.concatenate((pose[:3, 3], quaternions(pose[:3, :3])))[None]
