@@ -20,6 +20,7 @@ _PUBLIC = {
     "ArmMeasurement": "coop_pin.control",
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
+    "BatchResult": "coop_pin.batch",
     "Cell": "coop_pin.description",
     "CellChain": "coop_pin.chain",
     "CellCommand": "coop_pin.control",
@@ -105,6 +106,7 @@ _PUBLIC = {
     "sampled_stability": "coop_pin.analysis",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
+    "simulate_batch": "coop_pin.batch",
     "solve_ik": "coop_pin.chain",
     "static_torques": "coop_pin.analysis",
     "suggest": "coop_pin.analysis",
@@ -113,6 +115,7 @@ _PUBLIC = {
 }
 _PACKAGES = (
     "analysis",
+    "batch",
     "chain",
     "control",
     "description",

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.batch.tape import FOLD, Number, Tape, Traced
+from coop_pin.errors import TracingError
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
@@ -55,7 +56,7 @@ _ARC_TANGENT_Q = (
 _SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
 
 
-def _apply(name: str, *numbers: Number) -> Number:
+def apply(name: str, *numbers: Number) -> Number:
     """Return the result of an operation on the tape of the traced scalars among the numbers."""
     tape: Tape | None = next((number.tape for number in numbers if isinstance(number, Traced)), None)
     return tape.apply(name, *numbers) if tape is not None else FOLD[name](*numbers)
@@ -63,17 +64,26 @@ def _apply(name: str, *numbers: Number) -> Number:
 
 def sqrt(x: Number) -> Number:
     """Return the square root."""
-    return _apply("sqrt", x)
+    return apply("sqrt", x)
+
+
+def power(x: Number, exponent: Number) -> Number:
+    """Return x to the power of 2, 1/2 or 1/4."""
+    if exponent == 2:
+        return x * x
+    if exponent not in (0.5, 0.25):
+        raise TracingError(f"raises to the power {exponent!r}; 2, 1/2 and 1/4 can be traced")
+    return sqrt(x) if exponent == 0.5 else sqrt(sqrt(x))
 
 
 def less(a: Number, b: Number) -> Number:
     """Return whether a < b, as a mask; false for NaN."""
-    return _apply("less", a, b)
+    return apply("less", a, b)
 
 
 def select(mask: Number, a: Number, b: Number) -> Number:
     """Return a where the mask holds, otherwise b."""
-    return _apply("select", mask, a, b)
+    return apply("select", mask, a, b)
 
 
 def differs(a: Number, b: Number) -> Number:
@@ -113,7 +123,7 @@ def exp(x: Number) -> Number:
     x = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
     n = _rounded(x * (1.0 / math.log(2.0)))
     r = _reduced(x, n, _LOG_2)
-    return _polynomial(r, _EXPONENTIAL) * _apply("power_of_two", n)
+    return _polynomial(r, _EXPONENTIAL) * apply("power_of_two", n)
 
 
 def tanh(x: Number) -> Number:

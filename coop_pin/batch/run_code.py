@@ -6,154 +6,43 @@ A tick is that of coop_pin.simulation: sense, events, law and actuation, observe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask
 from coop_pin.batch import elementary
-from coop_pin.batch.arm_code import Numbers, frames, payload_jacobian
-from coop_pin.batch.cell_code import CellMotion, CellState, cell_motion, payload_energy
-from coop_pin.batch.kernel import Kernel, Layout
+from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
+from coop_pin.batch.kernel import Kernel
+from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
+from coop_pin.batch.serial_arm import Numbers, frames, payload_jacobian
 from coop_pin.batch.tape import Number
 from coop_pin.batch.traced_array import traced
 from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
-from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.control import ArmMeasurement
 from coop_pin.simulation.actuation import TORQUE_LIMIT
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
-from coop_pin.spatial.task_rows import TaskRows
 
 STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
 """Of the classical Runge-Kutta method: nodes, also the coefficients of the stage before, and weights."""
 
 
-class References(NamedTuple):
-    """Desired motion and squeeze at all ticks, split by what must be given to the code.
-
-    Attributes:
-        constants: entries that never change, else anything, shape (entries,).
-        is_uniform: which entries change in time, alike in all runs, shape (entries,).
-        is_loaded: which entries differ between runs, shape (entries,).
-    """
-
-    constants: Array
-    is_uniform: Mask
-    is_loaded: Mask
-
-
-class RunShape(NamedTuple):
-    """What runs of one program share besides numbers.
-
-    Attributes:
-        rows: task rows of the cell.
-        delay: ticks of transport of the internal wrench; None without a force path.
-        changes_payload: whether events change it.
-        pushes: whether events push it.
-    """
-
-    rows: TaskRows
-    delay: int | None
-    changes_payload: bool
-    pushes: bool
-
-
 class RunCode:
-    """Kernels of the runs of a shape.
+    """Kernels of the runs of a block."""
 
-    Attributes:
-        lanes: slots of a block.
-        uniforms: numbers that all runs share at a row.
-        recorded: number of slots that are recorded.
-    """
-
-    def __init__(
-        self, shape: RunShape, constants: RunConstants, differs: Mask, references: References
-    ) -> None:
-        """Lay out the block.
-
-        Args:
-            shape: of the runs.
-            constants: of one of them.
-            differs: which of its leaves differ between the runs.
-            references: of all runs.
-        """
-        self._shape, self._constants, self._differs, self._references = shape, constants, differs, references
+    def __init__(self, block: RunBlock) -> None:
+        self._block, self._shape = block, block.shape
         self._functions = SharedFunctions()
-        self._sizes = [len(arm.drive) for arm in constants.arms]
-        m, N, k_0 = len(self._sizes), sum(self._sizes), shape.rows.size
-        self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        for name, *sizes in (
-            *(("q", N), ("v", N), ("work", 3), ("payload_energy",), ("torque", N), ("commanded", N)),
-            *(("saturated", N), ("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
-            *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
-            *(("external", 6), ("measured", m, k_0)),
-        ):
-            lanes.add(str(name), *sizes)
-        self.recorded = lanes.size
-        lanes.add("references", int(references.is_loaded.sum()))
-        self.loaded = lanes.size - self.recorded
-        lanes.add("force", N)
-        lanes.add("holding", N)
-        lanes.add("constants", int(differs.sum()))
-        lanes.add("payload", 13)
-        lanes.add("late", 0 if shape.delay is None else shape.delay, m, k_0)
-        uniforms.add("h")
-        uniforms.add("time")
-        uniforms.add("age")
-        uniforms.add("arrived")
-        uniforms.add("references", int(references.is_uniform.sum()))
         self._state: Any = None
 
     def kernels(self) -> list[Kernel]:
         """Return the kernels: start, law, observe, step, sense, and one for each instant of events."""
-        made = [self._start(), self._law(), self._observe(), self._step()]
-        made += [self._sense()]
-        return made + [self._event(index) for index in range(len(self._constants.instants))]
-
-    # ------------------------------------------------------------ reading
-
-    def _kernel(self, name: str) -> tuple[Kernel, RunConstants]:
-        """Return an empty kernel and the constants as it reads them."""
-        kernel = Kernel(name, self.lanes, self.uniforms)
-        given = iter(kernel.read("constants"))
-        numbers = leaves(self._constants)
-        known = (
-            next(given) if differs else number
-            for number, differs in zip(numbers, self._differs.tolist(), strict=True)
-        )
-        constants = rebuilt(self._constants, known)
-        if self._shape.changes_payload:
-            payload = rebuilt(constants.cell.payload, iter(kernel.read("payload")))
-            constants = constants._replace(cell=constants.cell._replace(payload=payload))
-        return kernel, constants
-
-    def _split(self, values: Numbers) -> list[Numbers]:
-        """Return the part of each arm."""
-        return [
-            traced(part) for part in np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
-        ]
-
-    def _references_of(self, kernel: Kernel) -> list[ArmReference]:
-        split, entries = self._references, np.empty(len(self._references.constants), dtype=object)
-        entries[:] = split.constants
-        entries[split.is_uniform] = kernel.uniform("references")
-        entries[split.is_loaded] = kernel.read("references")
-        pose, twist, acceleration, squeeze = np.split(entries, (16, 22, 28))
-        rows = self._shape.rows
-        return [
-            ArmReference(
-                traced(pose.reshape(4, 4)),
-                traced(rows.select(twist)),
-                traced(rows.select(acceleration)),
-                traced(rows.select(wrench)),
-            )
-            for wrench in squeeze.reshape(-1, 6)
-        ]
+        made = [self._start(), self._law(), self._observe(), self._step(), self._sense()]
+        return made + [self._event(index) for index in range(len(self._block.constants.instants))]
 
     def _measurements(self, kernel: Kernel, constants: RunConstants, is_first: bool) -> list[ArmMeasurement]:
         has_path, made = self._shape.delay is not None, []
-        parts = (self._split(kernel.read(name)) for name in ("q", "v", "saturated", "holding"))
+        parts = (self._block.split(kernel.read(name)) for name in ("q", "v", "saturated", "holding"))
         for index, (arm, q, v, saturated, holding) in enumerate(zip(constants.arms, *parts, strict=True)):
             seen, v_drive = frames(arm.seen, q), traced(arm.drive.dot(v))
             X_WP = np.eye(4).astype(object)
@@ -179,18 +68,19 @@ class RunCode:
         self, kernel: Kernel, constants: RunConstants, q: Numbers, v: Numbers
     ) -> tuple[CellMotion, list[Numbers]]:
         """Return the motion under the held torques, and the friction of each arm."""
-        friction = [arm.friction.force(own) for arm, own in zip(constants.arms, self._split(v), strict=True)]
-        tau = [force + own for force, own in zip(self._split(kernel.read("force")), friction, strict=True)]
+        split = self._block.split
+        friction = [arm.friction.force(own) for arm, own in zip(constants.arms, split(v), strict=True)]
+        tau = [force + own for force, own in zip(split(kernel.read("force")), friction, strict=True)]
         external = kernel.read("external") if self._shape.pushes else np.zeros(6)
-        state = CellState(self._split(q), self._split(v), tau, external)
+        state = CellState(split(q), split(v), tau, external)
         return cell_motion(self._functions, kernel.tape, constants.cell, state), friction
 
     # ------------------------------------------------------------ kernels
 
     def _start(self) -> Kernel:
         """Return the kernel of the first tick before the law: its state, and f_m[0] = f_d."""
-        kernel, constants = self._kernel("start")
-        references = self._references_of(kernel)
+        kernel, constants = self._block.kernel("start")
+        references = self._block.arm_references(kernel)
         measurements = self._measurements(kernel, constants, True)
         if self._shape.delay is not None:
             desired = [
@@ -206,15 +96,15 @@ class RunCode:
             arm.law.init(seen, reference)
             for arm, seen, reference in zip(constants.arms, measurements, references, strict=True)
         ]
-        self.lanes.add("law", len(leaves(self._state)))
+        self._block.lanes.add("law", len(leaves(self._state)))
         kernel.write("law", self._state)
         self._guard(kernel, [])
         return kernel
 
     def _law(self) -> Kernel:
         """Return the kernel of laws and actuation."""
-        kernel, constants = self._kernel("law")
-        references = self._references_of(kernel)
+        kernel, constants = self._block.kernel("law")
+        references = self._block.arm_references(kernel)
         states = rebuilt(self._state, iter(kernel.read("law")))
         commanded, torques, saturated, forces, after = [], [], [], [], []
         for arm, seen, reference, state in zip(
@@ -225,12 +115,12 @@ class RunCode:
             torque = np.minimum(np.maximum(asked, -arm.limit), arm.limit)
             commanded.append(asked)
             torques.append(torque)
-            saturated += [*np.atleast_1d(elementary_differs(torque, asked))]
+            saturated.append(np.not_equal(torque, asked))
             forces.append(arm.drive.T.dot(torque))
             after.append(command.state)
         kernel.write("commanded", np.concatenate(commanded))
         kernel.write("torque", np.concatenate(torques))
-        kernel.write("saturated", np.array(saturated, dtype=object))
+        kernel.write("saturated", np.concatenate(saturated))
         kernel.write("force", np.concatenate(forces))
         kernel.write("law", after)
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
@@ -238,7 +128,7 @@ class RunCode:
 
     def _observe(self) -> Kernel:
         """Return the kernel of what is recorded of the state and the forces on it."""
-        kernel, constants = self._kernel("observe")
+        kernel, constants = self._block.kernel("observe")
         v = kernel.read("v")
         motion, _ = self._motion(kernel, constants, kernel.read("q"), v)
         for name in ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinetic", "potential"):
@@ -250,7 +140,7 @@ class RunCode:
 
     def _step(self) -> Kernel:
         """Return the kernel of one plant step of h: Runge-Kutta 4, with the work of the forces."""
-        kernel, constants = self._kernel("step")
+        kernel, constants = self._block.kernel("step")
         q, v, h = kernel.read("q"), kernel.read("v"), kernel.uniform("h")
         force = kernel.read("force")
         q_end, v_end, work = q, v, kernel.read("work")
@@ -270,7 +160,7 @@ class RunCode:
 
     def _sense(self) -> Kernel:
         """Return the kernel of the force path: f_m <- p f_m + (1 - p) f, of a sample that has arrived."""
-        kernel, constants = self._kernel("sense")
+        kernel, constants = self._block.kernel("sense")
         if self._shape.delay is None:
             return kernel
         motion, _ = self._motion(kernel, constants, kernel.read("q"), kernel.read("v"))
@@ -288,7 +178,7 @@ class RunCode:
 
     def _event(self, index: int) -> Kernel:
         """Return the kernel of an instant of events: the payload and the push from then on."""
-        kernel, constants = self._kernel(f"event_{index}")
+        kernel, constants = self._block.kernel(f"event_{index}")
         instant = constants.instants[index]
         if self._shape.pushes:
             kernel.write("external", instant.push)
@@ -306,8 +196,3 @@ class RunCode:
         for condition in (*conditions, *kernel.tape.guards):
             is_valid = is_valid * condition
         kernel.write("is_valid", is_valid)
-
-
-def elementary_differs(a: Any, b: Any) -> Any:
-    """Return where two arrays differ, as masks."""
-    return np.not_equal(traced(a), b) * 1.0

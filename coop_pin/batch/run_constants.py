@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.batch.arm_code import Numbers, RigidInertia, SerialArm
-from coop_pin.batch.cell_code import CellModel
+from coop_pin.batch.cell_dynamics import CellModel
+from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm
 from coop_pin.control import ArmController, DecentralisedController
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload

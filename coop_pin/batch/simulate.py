@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, require_type
+from coop_pin.arrays import Array, Mask, require_memory, require_type
 from coop_pin.batch.kernel import LOAD, RECORD, Instruction, Layout, Machine, Program
-from coop_pin.batch.llvm_emitter import LlvmMachine
+from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Prepared, prepare
-from coop_pin.batch.run_code import References, RunCode, RunShape
+from coop_pin.batch.run_block import References, RunBlock, RunShape
+from coop_pin.batch.run_code import RunCode
 from coop_pin.batch.run_samples import jacobian_conditions, samples
 from coop_pin.batch.tree import differing, leaves
 from coop_pin.description.controller import NoForcePath
@@ -24,6 +25,9 @@ from coop_pin.simulation.timeline import Timeline
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""
+
+_COPIES = 3
+"""Of the samples: as recorded, joined, and by names."""
 
 
 class BatchResult:
@@ -65,6 +69,7 @@ def simulate_batch(
     Raises:
         ArgumentError: there are none, one cannot run in a batch, or they differ in more than numbers.
         MissingExtraError: llvmlite is not installed.
+        NotEnoughMemoryError: the samples do not fit.
         CoopPinError: a run cannot start.
     """
     if not scenarios:
@@ -73,6 +78,8 @@ def simulate_batch(
         require_type(f"scenarios[{index}]", scenario, Scenario)
     prepared = prepare(scenarios)
     program, uniforms, block, loads = assemble(prepared)
+    needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * len(scenarios)
+    require_memory(f"samples of {len(scenarios)} runs", needed, "give fewer at a time, or keep fewer samples")
     runner, records = machine(program), []
     valid = program.lanes.slots("is_valid")
     for first in range(0, len(scenarios), LARGEST_BLOCK):
@@ -95,17 +102,17 @@ def assemble(prepared: Prepared) -> tuple[Program, Array, Array, Array]:
     desired = prepared.references
     is_loaded = (desired != desired[:1]).any(axis=(0, 1))
     is_uniform = ~is_loaded & (desired[0] != desired[0, :1]).any(axis=0)
-    code = RunCode(shape, prepared.constants[0], differs, References(desired[0, 0], is_uniform, is_loaded))
-    kernels = code.kernels()
+    layout = RunBlock(shape, prepared.constants[0], differs, References(desired[0, 0], is_uniform, is_loaded))
+    kernels = RunCode(layout).kernels()
     instructions, uniforms = _schedule(
-        run.timeline, shape, code, desired[0][:, is_uniform], first.clock.record_every
+        run.timeline, layout, desired[0][:, is_uniform], first.clock.record_every
     )
     if is_loaded.any():
         loads = np.ascontiguousarray(np.moveaxis(desired[:, :, is_loaded], 0, 2))
     else:
         loads = np.zeros((1, 0, len(values)))
-    program = Program(kernels, code.lanes, code.recorded, code.loaded, instructions)
-    block = np.zeros((code.lanes.size, len(values)))
+    program = Program(kernels, layout.lanes, layout.recorded, layout.loaded, instructions)
+    block = np.zeros((layout.lanes.size, len(values)))
     for name, given in (
         ("q", np.array([begin.q for begin in prepared.starts])),
         ("holding", np.array([begin.holding for begin in prepared.starts])),
@@ -113,24 +120,24 @@ def assemble(prepared: Prepared) -> tuple[Program, Array, Array, Array]:
         ("payload", np.array([leaves(constants.cell.payload) for constants in prepared.constants])),
         ("is_valid", np.ones((len(values), 1))),
     ):
-        block[code.lanes.slots(name).ravel()] = np.asarray(given, dtype=np.float64).T
+        block[layout.lanes.slots(name).ravel()] = np.asarray(given, dtype=np.float64).T
     return program, uniforms, block, loads
 
 
 def _schedule(
-    timeline: Timeline, shape: RunShape, code: RunCode, desired: Array, every: int
+    timeline: Timeline, layout: RunBlock, desired: Array, every: int
 ) -> tuple[list[Instruction], Array]:
     """Return the instructions of a run and the uniforms that they refer to."""
     start_code, law, observe, step, sense, event = range(6)
-    delay = shape.delay
+    delay = layout.shape.delay
     rows: list[Array] = []
     steps: dict[float, int] = {}
     made: list[Instruction] = []
 
     def row(**fields: Any) -> int:
-        values = np.zeros(code.uniforms.size)
+        values = np.zeros(layout.uniforms.size)
         for name, value in fields.items():
-            values[code.uniforms.slots(name)] = value
+            values[layout.uniforms.slots(name)] = value
         rows.append(values)
         return len(rows) - 1
 
@@ -144,7 +151,7 @@ def _schedule(
         time, arrived = timeline.time(tick), delay is not None and tick - delay >= 1
         age = float(delay) if delay is not None and arrived else np.inf
         now = row(time=time, age=age, arrived=float(arrived), references=desired[tick])
-        if code.loaded:
+        if layout.loaded:
             made.append(Instruction(LOAD, tick))
         if tick == 0 or delay is not None:
             made.append(Instruction(sense if tick else start_code, now))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coop_pin.batch.cell_code import CellModel
+from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.controller import UserController
 from coop_pin.description.scenario import Scenario

@@ -8,8 +8,10 @@ once, and branches on values are refused. All operations are exact or correctly 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple, TypeAlias
+
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from coop_pin.errors import TracingError
 
@@ -88,7 +90,7 @@ class Tape:
         self.operations: list[Operation] = []
         self.inputs = 0
         self.guards: list[Number] = []
-        self._known: dict[Operation, int] = {}
+        self._known: dict[Hashable, int] = {}
 
     def input(self) -> Traced:
         """Return a new input."""
@@ -97,8 +99,7 @@ class Tape:
 
     def record(self, operation: Operation) -> int:
         """Return the index of an operation, which is recorded unless an equal one was."""
-        # -0.0 and 0.0 are equal keys, and 1 and 1.0, but indices and constants do not mix up: see _key.
-        key = operation._replace(operands=tuple(_key(operand) for operand in operation.operands))
+        key = (operation.name, operation.function, *map(_key, operation.operands))
         if key not in self._known:
             self._known[key] = len(self.operations)
             self.operations.append(operation)
@@ -122,13 +123,50 @@ class Tape:
         constants = [operand for operand in operands if isinstance(operand, float)]
         if len(constants) == len(operands):
             return FOLD[name](*constants)
-        simple = _SIMPLER.get(name)
-        shorter = simple(self, *operands) if simple else None
+        shorter = self._simpler(name, operands)
         if shorter is not None:
             return shorter
         if name in COMMUTATIVE:
             operands = tuple(sorted(operands, key=lambda operand: (isinstance(operand, float), operand)))
         return Traced(self, self.record(Operation(name, operands)))
+
+    def _simpler(self, name: str, operands: tuple[Operand, ...]) -> Number | None:
+        """Return an equal number that needs no operation or a cheaper one, None if there is none.
+
+        ``0 x`` is 0, also for x = inf and NaN: a run that diverged is refused anyway. Patterns name float or
+        int because an index may equal a constant.
+        """
+        match name, operands:
+            case (
+                ("add" | "sub", (x, float(0.0)))
+                | ("add", (float(0.0), x))
+                | ("mul", (x, float(1.0)) | (float(1.0), x))
+                | ("select", (int(x), float(1.0), float(0.0)))
+            ):
+                return self.number(x)
+            case ("mul", (_, float(0.0))) | ("mul" | "div", (float(0.0), _)):
+                return 0.0
+            case ("sub", (float(0.0), x)) | ("mul", (x, float(-1.0)) | (float(-1.0), x)):
+                return -self.number(x)
+            case "div", (x, float(b)) if abs(math.frexp(b)[0]) == 0.5:  # a power of two: the same bits
+                return self.apply("mul", self.number(x), 1.0 / b)
+            case "neg", (int(x),) if self.operations[x].name == "neg":
+                return self.number(self.operations[x].operands[0])
+            case "add", (x, int(y)) if self.operations[y].name == "neg":
+                return self.number(x) - self.number(self.operations[y].operands[0])
+            case "add", (int(y), x) if self.operations[y].name == "neg":
+                return self.number(x) - self.number(self.operations[y].operands[0])
+            case "sub", (x, int(y)) if self.operations[y].name == "neg":
+                return self.number(x) + self.number(self.operations[y].operands[0])
+            case "sub" | "less", (int(a), int(b)) if a == b:
+                return 0.0
+            case ("less", (float(math.inf), _)):
+                return 0.0
+            case "select", (float(mask), a, b):
+                return self.number(a if mask else b)
+            case "select", (_, a, b) if type(a) is type(b) and _key(a) == _key(b):
+                return self.number(a)
+        return None
 
     def number(self, operand: Operand) -> Number:
         """Return an operand as a number."""
@@ -150,7 +188,8 @@ class Tape:
         return sorted(found)
 
 
-def _key(operand: Operand) -> Any:
+def _key(operand: Operand) -> Hashable:
+    """Return a key that tells constants from indices and -0.0 from 0.0."""
     return operand if isinstance(operand, int) else (operand, math.copysign(1.0, operand))
 
 
@@ -161,105 +200,18 @@ def _constant(number: Any) -> float:
         raise TracingError(f"computes with {type(number).__name__} {number!r}; it must be a number") from None
 
 
-# ---------------------------------------------------------------- simplification
-
-Simpler: TypeAlias = "Number | None"
-
-
-def _simpler_sum(tape: Tape, a: Operand, b: Operand) -> Simpler:
-    for x, y in ((a, b), (b, a)):
-        if isinstance(x, float) and x == 0.0:
-            return tape.number(y)
-        if (negated := _negated(tape, y)) is not None:
-            return tape.apply("sub", tape.number(x), tape.number(negated))
-    return None
-
-
-def _simpler_difference(tape: Tape, a: Operand, b: Operand) -> Simpler:
-    if isinstance(b, float) and b == 0.0:
-        return tape.number(a)
-    if isinstance(a, float) and a == 0.0:
-        return -tape.number(b)
-    if a is b or (isinstance(a, int) and a == b and isinstance(b, int)):
-        return 0.0
-    if (negated := _negated(tape, b)) is not None:
-        return tape.number(a) + tape.number(negated)
-    return None
-
-
-def _simpler_product(tape: Tape, a: Operand, b: Operand) -> Simpler:
-    for x, y in ((a, b), (b, a)):
-        if isinstance(x, float):
-            if x == 0.0:
-                return 0.0  # a diverged run is refused anyway, so that 0 * inf does not matter
-            if abs(x) == 1.0:
-                return tape.number(y) if x > 0.0 else -tape.number(y)
-            if (negated := _negated(tape, y)) is not None:
-                return tape.apply("mul", -x, tape.number(negated))
-    na, nb = _negated(tape, a), _negated(tape, b)
-    if na is not None and nb is not None:
-        return tape.apply("mul", tape.number(na), tape.number(nb))
-    return None
-
-
-def _simpler_quotient(tape: Tape, a: Operand, b: Operand) -> Simpler:
-    if isinstance(a, float) and a == 0.0:
-        return 0.0
-    if isinstance(b, float) and math.frexp(b)[0] in (0.5, -0.5):  # a power of two: the same bits
-        return tape.apply("mul", tape.number(a), 1.0 / b)
-    return None
-
-
-def _simpler_negative(tape: Tape, a: Operand) -> Simpler:
-    negated = _negated(tape, a)
-    return None if negated is None else tape.number(negated)
-
-
-def _simpler_comparison(tape: Tape, a: Operand, b: Operand) -> Simpler:  # noqa: ARG001  all have this form
-    if isinstance(a, float) or isinstance(b, float):
-        return (
-            0.0
-            if (isinstance(a, float) and a == math.inf) or (isinstance(b, float) and b == -math.inf)
-            else None
-        )
-    return 0.0 if a == b else None
-
-
-def _simpler_choice(tape: Tape, mask: Operand, a: Operand, b: Operand) -> Simpler:
-    if isinstance(mask, float):
-        return tape.number(a if mask else b)
-    if type(a) is type(b) and _key(a) == _key(b):
-        return tape.number(a)
-    return (
-        tape.number(mask) if (a, b) == (1.0, 0.0) and isinstance(a, float) and isinstance(b, float) else None
-    )
-
-
-def _negated(tape: Tape, operand: Operand) -> Operand | None:
-    """Return x of an operand -x, None for others."""
-    if isinstance(operand, float) or tape.operations[operand].name != "neg":
-        return None
-    return tape.operations[operand].operands[0]
-
-
-_SIMPLER: dict[str, Callable[..., Simpler]] = {
-    "add": _simpler_sum,
-    "sub": _simpler_difference,
-    "mul": _simpler_product,
-    "div": _simpler_quotient,
-    "neg": _simpler_negative,
-    "less": _simpler_comparison,
-    "select": _simpler_choice,
-}
-
-
 # ---------------------------------------------------------------- scalars
 
 
-class Traced:
+NUMPY: dict[str, Callable[..., Any]] = {}
+"""What answers numpy for traced scalars: "ufunc" and "function" of traced_array, which needs this module."""
+
+
+class Traced(NDArrayOperatorsMixin):
     """A traced scalar: the result of an operation of a tape.
 
-    Python's operators record operations. What a branch would need, its truth or its float, is refused.
+    Python's operators call numpy's ufuncs, which record operations: see traced_array. What a branch would
+    need, its truth or its float, is refused.
     """
 
     __slots__ = ("index", "tape")
@@ -278,69 +230,12 @@ class Traced:
 
     __int__ = __index__ = __complex__ = __float__
 
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        return NUMPY["ufunc"](ufunc, method, inputs, options)
+
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return NUMPY["function"](func, args, kwargs)
+
     def require_less(self, limit: Number) -> None:
         """Note that every valid run has this scalar less than a limit."""
         self.tape.guards.append(self < limit)
-
-    def __neg__(self) -> Number:
-        return self.tape.apply("neg", self)
-
-    def __abs__(self) -> Number:
-        return self.tape.apply("abs", self)
-
-    def __add__(self, other: Any) -> Any:
-        return self._apply("add", self, other, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return self._apply("add", other, self, other)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._apply("sub", self, other, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._apply("sub", other, self, other)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._apply("mul", self, other, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self._apply("mul", other, self, other)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._apply("div", self, other, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._apply("div", other, self, other)
-
-    def __pow__(self, exponent: float) -> Any:
-        if exponent == 2:
-            return self * self
-        if exponent in (0.5, 0.25):
-            root = self.tape.apply("sqrt", self)
-            return root if exponent == 0.5 else root**0.5
-        raise TracingError(f"raises to the power {exponent!r}; 2, 1/2 and 1/4 can be traced")
-
-    def __lt__(self, other: Any) -> Any:
-        return self._apply("less", self, other, other)
-
-    def __gt__(self, other: Any) -> Any:
-        return self._apply("less", other, self, other)
-
-    def __le__(self, other: Any) -> Any:
-        return 1.0 - (self > other)
-
-    def __ge__(self, other: Any) -> Any:
-        return 1.0 - (self < other)
-
-    def __ne__(self, other: object) -> Any:
-        return (self < other) + (self > other)
-
-    def __eq__(self, other: object) -> Any:
-        return 1.0 - (self != other)
-
-    def __invert__(self) -> Number:
-        return 1.0 - self
-
-    def _apply(self, name: str, a: Any, b: Any, other: Any) -> Any:
-        """Return the result of an operation with another number; arrays answer for their entries."""
-        return NotImplemented if getattr(other, "shape", ()) else self.tape.apply(name, a, b)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.batch import elementary
-from coop_pin.batch.tape import Number, Tape, Traced
+from coop_pin.batch.tape import NUMPY, Number, Tape, Traced
 from coop_pin.errors import TracingError
 
 
@@ -30,19 +31,6 @@ class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
     def any(self, *args: Any, **options: Any) -> Any:
         """Return whether any entry, a mask, holds, as a mask."""
         return _any(self)
-
-
-def _scalar_ufunc(self: Traced, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:  # noqa: ARG001
-    return _ufunc(ufunc, method, inputs, options)
-
-
-def _scalar_function(self: Traced, func: Any, types: Any, args: Any, kwargs: Any) -> Any:  # noqa: ARG001
-    return _function(func, args, kwargs)
-
-
-# A traced scalar answers numpy like an array of one; the tape itself needs no numpy.
-Traced.__array_ufunc__ = _scalar_ufunc  # type: ignore[attr-defined]
-Traced.__array_function__ = _scalar_function  # type: ignore[attr-defined]
 
 
 def traced(values: ArrayLike) -> Any:
@@ -76,6 +64,14 @@ def inputs(tape: Tape, *shape: int) -> Any:
 # ---------------------------------------------------------------- numpy's ufuncs and functions
 
 _ENTRYWISE: dict[np.ufunc, Callable[..., Number]] = {
+    np.add: partial(elementary.apply, "add"),
+    np.subtract: partial(elementary.apply, "sub"),
+    np.multiply: partial(elementary.apply, "mul"),
+    np.divide: partial(elementary.apply, "div"),
+    np.negative: partial(elementary.apply, "neg"),
+    np.absolute: partial(elementary.apply, "abs"),
+    np.square: lambda x: x * x,
+    np.power: elementary.power,
     np.sqrt: elementary.sqrt,
     np.exp: elementary.exp,
     np.sin: elementary.sin,
@@ -99,29 +95,19 @@ _ENTRYWISE: dict[np.ufunc, Callable[..., Number]] = {
     np.logical_or: elementary.maximum,
 }
 
-_OF_OBJECTS = {
-    np.add,
-    np.subtract,
-    np.multiply,
-    np.divide,
-    np.negative,
-    np.positive,
-    np.absolute,
-    np.power,
-    np.square,
-    np.matmul,
-}
-"""Ufuncs that numpy has for objects, by the operators of Python."""
-
 
 def _ufunc(ufunc: np.ufunc, method: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    arrays = [plain(argument) for argument in arguments]
+    """Return the result of a ufunc; matmul and sums are numpy's own, by Python's operators on the entries."""
     if method == "__call__" and ufunc in _ENTRYWISE and not options:
+        if all(isinstance(argument, Traced | float) for argument in arguments):
+            return _ENTRYWISE[ufunc](*arguments)
+        arrays = [plain(argument) for argument in arguments]
         return traced(np.frompyfunc(_ENTRYWISE[ufunc], len(arrays), 1)(*arrays))
     if method == "reduce" and ufunc is np.logical_or:
-        return _any(arrays[0])
-    if ufunc in _OF_OBJECTS and "out" not in options:
-        return traced(getattr(ufunc, method)(*arrays, **options))
+        return _any(arguments[0])
+    is_sum = method == "reduce" and ufunc in (np.add, np.multiply)
+    if (is_sum or ufunc is np.matmul) and "out" not in options:
+        return traced(getattr(ufunc, method)(*map(plain, arguments), **options))
     raise TracingError(f"calls numpy.{ufunc.__name__} ({method}), which cannot be traced")
 
 
@@ -200,3 +186,6 @@ def _plainly(args: Any) -> Iterator[Any]:
             yield [plain(part) for part in arg]
         else:
             yield plain(arg) if isinstance(arg, (TracedArray, Traced)) else arg
+
+
+NUMPY.update(ufunc=_ufunc, function=_function)

@@ -12,22 +12,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.batch.arm_code import (
+from coop_pin.batch.arm_dynamics import (
     ArmInput,
     ArmModel,
     ArmTerms,
+    arm_terms,
+    factor,
+    solve_lower,
+    solve_transposed,
+)
+from coop_pin.batch.serial_arm import (
     Numbers,
     RigidInertia,
     SerialArm,
-    arm_terms,
     cross,
-    factor,
     force_cross,
     frames,
     join,
     motion_cross,
-    solve_lower,
-    solve_transposed,
 )
 from coop_pin.batch.tape import Number, Tape
 from coop_pin.batch.traced_array import inputs
