@@ -122,6 +122,7 @@ _PACKAGES = (
     "errors",
     "figures",
     "model",
+    "model_based",
     "reference",
     "report",
     "results",

@@ -155,12 +155,13 @@ def test_two_pandas_hold_a_biased_box_for_a_minute():
 # ------------------------------------------------------------ stability
 
 
-def grows(name, gain, *, pole=0.0, delay=0, every=1):
-    """Whether the internal force grows at this anchor gain, over wrist sensors of this timing."""
+def grows(name, gain, *, pole=0.0, delay=0, every=1, lag=0.0):
+    """Whether the internal force grows at this anchor gain, over wrist sensors and drives of this timing."""
     scenario = at_rest(name, 25.0 if name == "planar" else 10.0)
     wrist = {"delay": delay, "rate_hz": scenario.clock.rate_hz / every}
     path = {"kind": "low-pass", "pole": pole}
     changes = {"beyond_bound": True, "controller.gains.anchor_gain": gain, "controller.force_path": path}
+    changes["actuators.lag"] = lag * scenario.clock.period
     try:
         result = cp.run(scenario, changes | {"sensors.wrist": wrist})
     except DivergedError:
@@ -179,6 +180,8 @@ TIMINGS = [
     {"every": 4, "delay": 3},
     {"every": 4, "delay": 5},
     {"every": 2, "delay": 2, "pole": 0.5},
+    {"lag": 3.0, "delay": 2},
+    {"lag": 5.0, "pole": 0.8},
 ]
 
 
@@ -191,7 +194,9 @@ def test_anchor_gain_bound_is_sharp_on_the_plant(timing):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("timing", [{"delay": 2}, {"every": 4, "delay": 5, "pole": 0.5}], ids=str)
+@pytest.mark.parametrize(
+    "timing", [{"delay": 2}, {"every": 4, "delay": 5, "pole": 0.5}, {"lag": 3.0, "pole": 0.5}], ids=str
+)
 def test_anchor_gain_bound_is_sharp_in_space(timing):
     bound = anchor_gain_bound(**timing)
     assert not grows("spatial", 0.95 * bound, **timing)

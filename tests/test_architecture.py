@@ -37,6 +37,7 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - user_files reads what users name: bounded, regular files only;
 # - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - limited_process runs readers that have no limits;
+# - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -56,6 +57,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
+    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio"}),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},

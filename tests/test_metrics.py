@@ -319,6 +319,45 @@ def test_a_run_that_did_not_settle_states_its_last_errors_and_saturated_drives()
     assert "saturate" in made(STEADY, payload_pose=away, limits=limits, commanded_torque=2.0).summary()
 
 
+def test_the_band_has_its_edges():
+    data = made([0.0, 1.0]).data
+    data["pose_error"][:, 0] = data["pose_error"][:, 4] = 5e-3
+    assert metrics.in_band(data).all()
+    data["pose_error"][1, 4] = math.nextafter(5e-3, 1.0)
+    assert metrics.in_band(data).tolist() == [True, False]
+
+
+def test_a_summary_says_how_long_the_run_was_and_whether_that_was_all():
+    for end, is_whole in ((7.0, True), (7.0 - 1e-10, True), (6.5, False)):
+        result = made([*STEADY[:-1], end])
+        second = cp.RunResult(result.scenario.replace(duration=7.0), result.data).summary().splitlines()[1]
+        assert second.split(";")[0].split()[:2] == [f"{end:g}", "s"]
+        assert ("ended before its 7 s" in second) is not is_whole
+
+
+@pytest.mark.parametrize(
+    ("times", "missing"), [((), False), ((1.0,), False), ((1.0, 5.0), True), ((3.0,), True)], ids=str
+)
+def test_a_summary_says_that_a_run_ends_too_soon_after_its_events(times, missing):
+    """Four seconds after the last one to the end at 7 s; without events nothing is missing."""
+    summary = made(STEADY, events=tuple(map(event, times))).summary()
+    assert ("no steady metrics after the events" in summary) is missing
+
+
+def test_a_torque_beyond_its_limit_is_what_was_asked_with_the_compensation_of_gravity():
+    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.GravityCompensation())
+    limits = np.full((4, 2, 2), NO_LIMIT)
+    limits[list(LIMITS).index("torque_limit")] = 10.0
+    result = made(
+        [0.0, 1.0],
+        scenario=SCENARIO.replace(actuators=actuators),
+        limits=limits,
+        commanded_torque=12.0,
+        requested_torque=[[(9.0, 11.0), (9.0, 9.0)]],
+    )
+    assert result.limit_violations() == (LimitViolation("left", "two", "torque", 11.0, 10.0, 0.0),)
+
+
 def test_a_metric_that_is_no_number_is_a_word():
     assert metrics.metric_text(0.123456) == "0.1235"
     words = {metrics.metric_text(math.nan), metrics.metric_text(math.inf)}

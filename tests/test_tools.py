@@ -238,6 +238,15 @@ def other_sign(mutate):
     return mutant
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_mutant_that_python_warns_of_is_one_too(mutate):
+    text = (mutate.PACKAGE / "spatial/pose.py").read_text()
+    subscripted = [one for one in mutate.mutants("spatial/pose.py", text) if "((1.0))[" in one.source]
+    assert subscripted
+    for mutant in subscripted:
+        assert {name for name, _ in mutate.changed_names(mutant)} == {"quaternions"}
+
+
 def internal_sum(_):
     module = importlib.import_module("coop_pin.spatial.internal_wrench")
     return float(module.internal_wrenches(np.ones((2, 1)), np.full(2, 0.5)).sum())

@@ -37,7 +37,8 @@ class SteadyErrors(NamedTuple):
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
-        product: smallest product of force and sag that a law of these measurements can have, N m.
+        product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
+            all loads up to D; force times sag of a linear one is exactly this, N m.
     """
 
     needs: str
@@ -64,7 +65,9 @@ class SteadyErrors(NamedTuple):
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
             )
         if self.product:
-            lines.append(f"no law of these measurements has force times sag below {self.product:.3g} N m")
+            lines.append(
+                f"no law of these measurements has force times (sag + bias) below {self.product:.3g} N m"
+            )
         return "\n".join(lines)
 
 
@@ -158,7 +161,7 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         np.diagonal(_matrix(gain, rows.size))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
-    period = sampled_loop(law.force_path, scenario.wrists).every * scenario.clock.period
+    period = sampled_loop(law.force_path, scenario.wrists, 0.0).every * scenario.clock.period
     beta, leak = gains.anchor_gain / period, law.leak_of(next(iter(scenario.cell.arms)))
     anchored = (internal or own) and beta > 0.0
     return [
@@ -213,13 +216,12 @@ def _largest_delay(scenario: Scenario, law: Law) -> float:
 
     Found by bisection: a loop that is stable at a delay is stable at every smaller one.
     """
-    pole, stated, every = sampled_loop(law.force_path, scenario.wrists)
+    loop = sampled_loop(law.force_path, scenario.wrists, scenario.actuator_lag)._asdict()
+    stated, loop["force_gain"] = loop.pop("delay"), law.gains.force_gain
     anchor_gain = law.gains.anchor_gain if isinstance(law, PayloadSpace) else 0.0
 
     def unstable(further: int) -> bool:
-        return not force_loop_is_stable(
-            anchor_gain, pole=pole, delay=stated + further, every=every, force_gain=law.gains.force_gain
-        )
+        return not force_loop_is_stable(anchor_gain, delay=stated + further, **loop)
 
     found = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
     return math.inf if found == _LARGEST_DELAY else float(found)
