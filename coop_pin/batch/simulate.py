@@ -41,6 +41,14 @@ class BatchResult:
     """
 
     def __init__(self, prepared: Prepared, layout: Layout, record: Array, is_valid: Mask) -> None:
+        """Name the samples.
+
+        Args:
+            prepared: the batch.
+            layout: of the record's slots.
+            record: shape (samples, slots, runs).
+            is_valid: see above.
+        """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
         self._prepared = prepared
         self.samples = samples(prepared, layout, record)
