@@ -108,6 +108,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
+            "batch",
             "description",
             "figures",
             "progress_bar",

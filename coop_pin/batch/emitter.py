@@ -23,7 +23,7 @@ class Emitter(ABC):
         """Add a function of input and output arrays, unless it is there."""
         if function not in self._known:
             self._known.add(function)
-            self.parts.append(self._function(function))
+            self._function(function)
 
     def body(self, tape: Tape, outputs: Sequence[Number], read: Callable[[int, int], str]) -> Iterator[str]:
         """Return the lines that compute outputs of a tape, and add the functions that they call.
@@ -50,8 +50,8 @@ class Emitter(ABC):
         return self._operand(number.index if isinstance(number, Traced) else float(number))
 
     @abstractmethod
-    def _function(self, function: Function) -> str:
-        """Return the text of a function."""
+    def _function(self, function: Function) -> None:
+        """Add a function."""
 
     @abstractmethod
     def _operand(self, operand: Operand) -> str:

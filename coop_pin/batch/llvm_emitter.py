@@ -56,14 +56,14 @@ class LlvmEmitter(Emitter):
             return self._load(f"%v{index}", "%block", slot)
 
         head = f"@{kernel.name}(ptr %block, ptr %uniforms)"
-        self.parts.append(self._define(head, kernel.tape, kernel.writes, "%block", read))
+        self._define(head, kernel.tape, kernel.writes, "%block", read)
 
-    def _function(self, function: Function) -> str:
+    def _function(self, function: Function) -> None:
         def read(index: int, position: int) -> str:
             return self._load(f"%v{index}", "%inputs", position)
 
         head, outputs = f"@{function.name}(ptr %inputs, ptr %outputs)", list(enumerate(function.outputs))
-        return self._define(head, function.tape, outputs, "%outputs", read)
+        self._define(head, function.tape, outputs, "%outputs", read)
 
     def _define(
         self,
@@ -72,12 +72,12 @@ class LlvmEmitter(Emitter):
         stores: Sequence[tuple[int, Number]],
         target: str,
         read: Callable[[int, int], str],
-    ) -> str:
+    ) -> None:
         lines = [f"define internal void {head} noinline {{"]
         lines += self.body(tape, [number for _, number in stores], read)
         for count, (slot, number) in enumerate(stores):
             lines += self._store(f"%o{count}", self.value(number), target, slot)
-        return "\n".join([*lines, "ret void", "}"])
+        self.parts.append("\n".join([*lines, "ret void", "}"]))
 
     def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
         vector, width, (a, *rest) = self._vector, self._width, operands

@@ -15,7 +15,7 @@ from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, pay
 from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
-from coop_pin.batch.serial_arm import Numbers, frames, payload_jacobian
+from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.tape import Number
 from coop_pin.batch.traced_array import traced
 from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
@@ -44,18 +44,13 @@ class RunCode:
         has_path, made = self._shape.delay is not None, []
         parts = (self._block.split(kernel.read(name)) for name in ("q", "v", "saturated", "holding"))
         for index, (arm, q, v, saturated, holding) in enumerate(zip(constants.arms, *parts, strict=True)):
-            seen, v_drive = frames(arm.seen, q), traced(arm.drive.dot(v))
-            X_WP = np.eye(4).astype(object)
-            X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
-            J = traced(self._shape.rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(arm.to_joints))
             made.append(
-                ArmMeasurement(
+                arm.measurement(
+                    self._shape.rows,
+                    q,
+                    arm.drive.dot(q),
+                    arm.drive.dot(v),
                     time=kernel.uniform("time"),
-                    q=traced(arm.drive.dot(q)),
-                    v=v_drive,
-                    payload_pose=traced(X_WP),
-                    payload_twist=J.dot(v_drive),
-                    payload_jacobian=J,
                     internal_wrench=kernel.read("measured")[index] if has_path else None,
                     saturated=saturated,
                     internal_wrench_age=kernel.uniform("age") if has_path else np.inf,

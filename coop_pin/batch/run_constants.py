@@ -9,16 +9,19 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
-from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm
-from coop_pin.control import ArmController, DecentralisedController
+from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
+from coop_pin.batch.traced_array import traced
+from coop_pin.control import ArmController, ArmMeasurement, DecentralisedController
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.spatial.task_rows import TaskRows
 
 
 class Instant(NamedTuple):
@@ -53,6 +56,30 @@ class ArmConstants(NamedTuple):
     limit: Numbers
     share: Any
     law: ArmController
+
+    def measurement(
+        self, rows: TaskRows, angles: Numbers, q: Numbers, v: Numbers, **others: Any
+    ) -> ArmMeasurement:
+        """Return the measurement of the arm: its own kinematics at angles, and what is given.
+
+        Args:
+            rows: task rows of the cell.
+            angles: of the joints as measured, shape (n,).
+            q: measured drive coordinates, shape (n,).
+            v: measured drive velocities, shape (n,).
+            others: the remaining fields.
+        """
+        seen, X_WP = frames(self.seen, angles), np.eye(4).astype(object)
+        X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
+        J = traced(rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints))
+        return ArmMeasurement(
+            q=traced(q),
+            v=traced(v),
+            payload_pose=traced(X_WP),
+            payload_twist=J.dot(traced(v)),
+            payload_jacobian=J,
+            **others,
+        )
 
 
 class RunConstants(NamedTuple):
@@ -95,26 +122,38 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """
     controller = build_controller(scenario)
     assert isinstance(controller, DecentralisedController)
-    cell, arms = scenario.cell, []
-    for place, share in zip(run.plant.chain.model.arms, cell.shares.tolist(), strict=True):
-        arm = cell.arms[place.name]
-        seen = ArmKinematics(arm, cell.grasps[place.name].matrix, cell.task_rows)
-        joints = range(1, seen.model.njoints)
-        payload = seen.model.frames[seen.model.getFrameId("payload")]
-        arms.append(
-            ArmConstants(
-                seen=SerialArm.from_model(seen.model, list(joints), payload.placement, pin.Inertia.Zero()),
-                drive=place.drive,
-                to_joints=np.linalg.inv(place.drive),
-                friction=friction(arm, place.name),
-                limit=JointLimits(arm, place.name).torque,
-                share=share,
-                law=controller.controllers[place.name],
-            )
-        )
+    arms = tuple(
+        arm_constants(scenario, place, controller.controllers[place.name])
+        for place in run.plant.chain.model.arms
+    )
     path = scenario.controller.force_path
     pole = 0.0 if isinstance(path, NoForcePath) else path.pole
-    return RunConstants(CellModel.from_chain(run.plant.chain), tuple(arms), pole, instants(scenario, run))
+    return RunConstants(CellModel.from_chain(run.plant.chain), arms, pole, instants(scenario, run))
+
+
+def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> ArmConstants:
+    """Return the numbers of one arm.
+
+    Args:
+        scenario: for its cell.
+        place: of the arm in the cell's model.
+        law: its controller.
+
+    Raises:
+        TracingError: the arm is no serial chain.
+    """
+    cell, name = scenario.cell, place.name
+    seen = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    X_JP = seen.frames[seen.getFrameId("payload")].placement
+    return ArmConstants(
+        seen=SerialArm.from_model(seen, range(1, seen.njoints), X_JP, pin.Inertia.Zero()),
+        drive=place.drive,
+        to_joints=np.linalg.inv(place.drive),
+        friction=friction(cell.arms[name], name),
+        limit=JointLimits(cell.arms[name], name).torque,
+        share=float(cell.shares[list(cell.arms).index(name)]),
+        law=law,
+    )
 
 
 def instants(scenario: Scenario, run: Simulation) -> tuple[Instant, ...]:
