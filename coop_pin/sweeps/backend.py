@@ -29,8 +29,8 @@ BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
 _LARGEST_BATCH = 64
 _START_S, _POLL_S, _GRACE_S = 180.0, 2.0, 2.0
-"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; and time
-that a host has to end, s."""
+"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; time
+that a host has to end; s."""
 _STARTS, _DEATHS, _DELAYS = 5, 3, 2
 """Workers that may die in a row while they start; that die with a job, or are killed at its time limit,
 before it has failed."""
