@@ -63,7 +63,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
-    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
+    "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
             "reference",
