@@ -23,9 +23,11 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
     beside ``lambda_min(K_d) |s_r|``, beyond which V may grow. Middle: what Theorem 3 concludes from, ``|sum_i
     u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
     internal-force error. Below: in which part of a second's ticks sliding is not assured and signs differ
-    between arms; and the condition of each arm's Jacobian. Of the payload-space law, above: how much the integrals disagree, with what anchor,
-    integral and leak predict, and V with marks where it may grow. Below: what the shared integral has yet to
-    take over, and the internal-force error.
+    between arms; and the condition of each arm's Jacobian.
+
+    Of the payload-space law, above: how much the integrals disagree, with what anchor, integral and leak
+    predict, and V with marks where it may grow. Below: what the shared integral has yet to take over, and the
+    internal-force error.
 
     Args:
         result: the run.
