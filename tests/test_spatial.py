@@ -231,7 +231,8 @@ def test_an_arm_with_too_few_joints_is_told_of_fewer_rows_if_three_would_do(join
 def test_log3_is_the_rotation_vector_at_all_angles(angle):
     """Against scipy's, which goes through a normalised quaternion."""
     rng = np.random.default_rng(5)
-    for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3)]:
+    diagonals = 1.0 - np.eye(3)
+    for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3), *diagonals, *-diagonals]:
         vector = angle * direction / np.linalg.norm(direction)
         assert_allclose(
             log3(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=0, atol=1e-15 * (1 + angle)
