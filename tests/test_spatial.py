@@ -21,7 +21,7 @@ from coop_pin.spatial import (
     shift_wrench,
     task_rows,
 )
-from coop_pin.spatial.pose import log3, quaternions
+from coop_pin.spatial.pose import log3, quaternions, weight_wrench
 from coop_pin.spatial.task_rows import joint_shortage
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
@@ -193,6 +193,10 @@ def test_bad_values_are_refused_by_argument_name():
     with pytest.raises(OutOfRangeError, match="rpy") as finite:
         make_pose(rpy=(0.0, np.nan, 0.0))
     assert (finite.value.name, finite.value.index) == ("rpy", (1,))
+
+
+def test_a_weight_is_mass_times_gravity_without_a_moment():
+    assert weight_wrench(2.0, (1, -3, -9.5)).tolist() == [2.0, -6.0, -19.0, 0.0, 0.0, 0.0]
 
 
 def test_a_pose_without_an_orientation_is_a_translation():
