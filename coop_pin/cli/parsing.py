@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from coop_pin.cli.compare import Compare
 from coop_pin.cli.export import ExportC
 from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show, Suggest
 from coop_pin.cli.run import Run
@@ -28,6 +29,7 @@ Command = (
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[ExportC, tyro.conf.subcommand("export-c")]
 )
 _WITH_FIELDS: dict[str, Any] = {

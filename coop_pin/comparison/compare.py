@@ -1,0 +1,277 @@
+"""Comparison of controllers: runs through the sweep store, medians with bootstrap intervals, one table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from coop_pin.arrays import Array, as_count, require_path, require_type
+from coop_pin.comparison.controllers import Controllers, controllers_for, tuned_ranges
+from coop_pin.comparison.measures import MEASURES, measures, tuning_cost
+from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import NameNotFoundError
+from coop_pin.sweeps import SweepPlan, SweepResult, sweep, tune
+
+_COLUMNS = (*MEASURES, "settling_time_s")
+_RESAMPLES = 1000
+TUNED_SEED = 1000
+"""Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
+
+
+class Comparison:
+    """Table of controllers by scenarios and trials.
+
+    Attributes:
+        data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
+            ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
+            ``trustworthy`` count; dimensions scenario, controller, trial. A failed run has the measure inf.
+    """
+
+    def __init__(self, data: xr.Dataset) -> None:
+        self.data = data
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row for each scenario, controller and trial that was run."""
+        frame = self.data.to_dataframe().dropna(subset=["runs"])
+        return frame.astype(dict.fromkeys(("runs", "finished", "trustworthy"), int))
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write the table; the same runs give the same bytes."""
+        require_path("path", path)
+        self.table.to_csv(path, float_format="%.9g", lineterminator="\n")
+
+    def ranks(self, measure: str = "tracking_rms_mm", *, seed: int = 0) -> pd.DataFrame:
+        """Return the mean rank of each controller over all scenarios and trials, with its 95 % interval.
+
+        Controllers with equal values share their mean rank; trials are resampled for the interval.
+
+        Args:
+            measure: a measure.
+            seed: of the bootstrap.
+
+        Raises:
+            NameNotFoundError: there is no such measure.
+        """
+        if measure not in _COLUMNS:
+            raise NameNotFoundError("measure", measure, _COLUMNS, "the comparison")
+        cells = self.data[measure].stack(place=("scenario", "trial")).transpose("place", "controller")
+        ran = self.data["runs"].stack(place=("scenario", "trial")).transpose("place", "controller")
+        complete = np.isfinite(ran.values).all(axis=1)
+        ranks = pd.DataFrame(cells.values[complete]).rank(axis=1).to_numpy()
+        low, high = _interval(ranks, np.mean, seed)
+        columns = {"rank": ranks.mean(axis=0), "low": low, "high": high}
+        return pd.DataFrame(columns, index=cells["controller"].values).sort_values("rank", kind="stable")
+
+    def summary(self) -> str:
+        """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text."""
+        force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
+        lines = []
+        for scenario in self.data["scenario"].values:
+            own = self.data.sel(scenario=scenario)
+            texts = {
+                str(trial): [
+                    _cell_text(own, force.sel(scenario=scenario), controller, trial)
+                    for controller in self.data["controller"].values
+                ]
+                for trial in self.data["trial"].values
+            }
+            frame = pd.DataFrame(texts, index=self.data["controller"].values)
+            lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
+        return "\n".join(lines)
+
+
+def compare(
+    scenarios: str | Path | Scenario | Sequence[str | Path | Scenario],
+    controllers: Controllers,
+    trials: Sequence[str] | Mapping[str, Any] | None = None,
+    *,
+    out: str | Path,
+    seeds: int = 10,
+    duration: float | None = None,
+    tuned: bool = True,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    quiet: bool = False,
+) -> Comparison:
+    """Return the comparison of controllers in scenarios under trials; finished runs are never repeated.
+
+    Every scenario is run as ``benchmark_scenario`` makes it. The table is written to ``comparison.csv``.
+
+    Args:
+        scenarios: scenarios, or their names or paths.
+        controllers: names of ``controller_names``, or descriptions by name: "module:Class", a Controller, or
+            a table of its fields.
+        trials: names of ``standard_trials``, or changes by dotted path, or a Trial, by name; all standard
+            trials when None.
+        out: folder of the runs and the table.
+        seeds: of random trials, 0, 1, 2, ...
+        duration: of every run, s; the scenarios' own when None.
+        tuned: whether stored gains are used.
+        workers: number of processes; one for each processor when omitted, 0 for this process.
+        scheduler: address of a dask scheduler to use instead.
+        quiet: no progress bar.
+
+    Raises:
+        NameNotFoundError: there is no such scenario, controller or trial.
+        CoopPinError: whatever ``sweep`` raises.
+    """
+    require_path("out", out)
+    seeds, folder = as_count("seeds", seeds, 1), Path(out)
+    given = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
+    parts = []
+    for entry in given:
+        loaded = entry if isinstance(entry, Scenario) else Scenario.load(entry)
+        chosen = controllers_for(loaded, controllers, tuned=tuned)
+        scenario = benchmark_scenario(loaded, duration)
+        for random in (False, True):
+            wanted = {
+                name: trial for name, trial in _trials(scenario, trials).items() if trial.random == random
+            }
+            if not wanted:
+                continue
+            cases = {
+                f"{name} | {label}": changes_of(scenario, trial, controller)
+                for name, controller in chosen.items()
+                for label, trial in wanted.items()
+            }
+            plan = SweepPlan(
+                base=scenario, cases={"run": cases}, metrics=(measures,), repeats=seeds if random else 1
+            )
+            place = folder / scenario.name / ("random" if random else "fixed")
+            result = sweep(plan, out=place, workers=workers, scheduler=scheduler, quiet=quiet)
+            parts.append(_part(result, scenario.name, list(chosen), list(wanted)))
+    merged = xr.merge(parts, join="outer", compat="no_conflicts")
+    order = {
+        dim: list(dict.fromkeys(np.concatenate([part[dim].values for part in parts]))) for dim in merged.dims
+    }
+    comparison = Comparison(merged.reindex(order))
+    comparison.write_csv(folder / "comparison.csv")
+    return comparison
+
+
+def _trials(scenario: Scenario, wanted: Sequence[str] | Mapping[str, Any] | None) -> dict[str, Trial]:
+    """Return the trials of a scenario by name; a standard one that does not apply to it is left out."""
+    standard = standard_trials(scenario)
+    if wanted is None:
+        return standard
+    if isinstance(wanted, Mapping):
+        return {
+            name: trial if isinstance(trial, Trial) else Trial(dict(trial)) for name, trial in wanted.items()
+        }
+    require_type("trials", wanted, list, tuple)
+    known = {*standard, "friction x0", "friction x3"}
+    for name in wanted:
+        if name not in known:
+            raise NameNotFoundError("trial", name, standard, "the standard trials")
+    return {name: standard[name] for name in wanted if name in standard}
+
+
+def _part(result: SweepResult, scenario: str, controllers: list[str], trials: list[str]) -> xr.Dataset:
+    """Return the cells of one sweep: medians, intervals and counts."""
+    shape = len(controllers), len(trials), -1
+    table = result.table
+    finished = (table["status"] == "ok").to_numpy().reshape(shape)
+    none = pd.Series(np.nan, table.index)  # where every run failed
+    trusted = table.get("trustworthy", none).to_numpy(dtype=float).reshape(shape) == 1.0
+    counts = {"runs": np.full(shape[:2], finished.shape[2]), "finished": finished.sum(axis=2)}
+    counts["trustworthy"] = (finished & trusted).sum(axis=2)
+    values = {name: (("scenario", "controller", "trial"), count[None]) for name, count in counts.items()}
+    for name in _COLUMNS:
+        column = table.get(name, none).to_numpy(dtype=float).reshape(shape)
+        runs = np.where(finished & np.isfinite(column), column, np.inf)
+        low, high = _interval(np.moveaxis(runs, 2, 0), np.median, 0)
+        for label, value in ((name, np.median(runs, axis=2)), (f"{name}_low", low), (f"{name}_high", high)):
+            values[label] = ("scenario", "controller", "trial"), value[None]
+    return xr.Dataset(values, {"scenario": [scenario], "controller": controllers, "trial": trials})
+
+
+def _interval(samples: Array, statistic: Any, seed: int) -> tuple[Array, Array]:
+    """Return the 95 % bootstrap interval of a statistic over the first axis; resamples are seeded."""
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(len(samples), size=(_RESAMPLES, len(samples)))
+    spread = statistic(samples[drawn], axis=1)
+    # By order, not by interpolation: failed runs are infinite.
+    low, high = np.quantile(spread, (0.025, 0.975), axis=0, method="nearest")
+    return low, high
+
+
+def _cell_text(own: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
+    cell = own.sel(controller=controller, trial=trial)
+    if not np.isfinite(cell["runs"]):
+        return "-"
+    if not np.isfinite(cell["tracking_rms_mm"]):
+        return "failed"
+    mark = "" if cell["trustworthy"] == cell["runs"] else " *"
+    newtons = float(force.sel(controller=controller, trial=trial))
+    return f"{float(cell['tracking_rms_mm']):.2g} / {newtons:.2g}{mark}"
+
+
+def tune_controllers(
+    scenario: str | Path | Scenario,
+    controllers: Sequence[str],
+    *,
+    out: str | Path,
+    generations: int = 4,
+    size: int = 6,
+    duration: float | None = None,
+    workers: int | None = None,
+    quiet: bool = False,
+) -> list[dict[str, Any]]:
+    """Return the best gains of controllers for a scenario, in rows as ``gains.csv`` has them.
+
+    Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
+    of its gains, each run with and without the noise trial: with seeds that the comparison does not use.
+
+    Args:
+        scenario: the scenario, its name or path.
+        controllers: names; those without ranges are passed over.
+        out: folder of the runs; ``gains.csv`` is written there.
+        generations: number of generations after the first one.
+        size: points in a generation, at least 6.
+        duration: of every run, s.
+        workers: as for compare.
+        quiet: no progress bar.
+
+    Raises:
+        NothingFeasibleError: every run of a controller failed.
+        CoopPinError: whatever ``tune`` raises.
+    """
+    loaded = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
+    base, rows = benchmark_scenario(loaded, duration), []
+    noise = standard_trials(base)["noise"].changes | {"seed": TUNED_SEED}
+    for name, controller in controllers_for(loaded, controllers, tuned=False).items():
+        ranges = {f"controller.{path}": span for path, span in tuned_ranges(name).items()}
+        if not ranges:
+            continue
+        found = tune(
+            base.override({"controller": controller} | noise),
+            ranges,
+            minimize="cost",
+            metrics=[tuning_cost],
+            out=Path(out) / loaded.name / name,
+            generations=generations,
+            population=max(1, size // len(ranges)),
+            seed=TUNED_SEED,
+            workers=workers,
+            quiet=quiet,
+        )
+        for path, (low, high) in ranges.items():
+            value, cost = found.best.parameters[path], found.best.metrics["cost"]
+            budget = {"runs": len(found.history.plan), "seed": TUNED_SEED, "cost": f"{cost:.6g}"}
+            place = {"scenario": loaded.name, "controller": name, "field": path.removeprefix("controller.")}
+            rows.append(place | {"value": f"{value:.6g}", "low": low, "high": high} | budget)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    (Path(out) / "gains.csv").write_text(text.getvalue(), encoding="utf-8")
+    return rows
