@@ -11,7 +11,7 @@ from coop_pin.batch.kernel import RECORD, Layout, Machine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
-from coop_pin.batch.run_samples import jacobian_conditions, samples
+from coop_pin.batch.run_samples import samples
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
@@ -52,7 +52,6 @@ class BatchResult:
         prepared, scenario = self._prepared, self.scenarios[index]
         recorder = prepared.runs[index].recorder
         mine = {name: values[index] for name, values in self.samples.items()}
-        mine["jacobian_condition"] = jacobian_conditions(prepared, index, mine["joint_position"])
         names = [joints for _, joints in recorder.joints]
         return RunResult(scenario, dataset(scenario, mine, names, recorder.limit_table()))
 
