@@ -94,6 +94,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "analysis",
             "chain",
+            "control",
             "description",
             "model",
             "results",
