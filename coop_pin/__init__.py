@@ -20,6 +20,8 @@ _PUBLIC = {
     "ArmMeasurement": "coop_pin.control",
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
+    "BatchResult": "coop_pin.batch",
+    "CLaw": "coop_pin.batch",
     "Cell": "coop_pin.description",
     "CellChain": "coop_pin.chain",
     "CellCommand": "coop_pin.control",
@@ -97,6 +99,7 @@ _PUBLIC = {
     "WristSensor": "coop_pin.description",
     "cell_summary": "coop_pin.analysis",
     "compare": "coop_pin.comparison",
+    "export_c": "coop_pin.batch",
     "grasps_from_configuration": "coop_pin.description",
     "ik_branches": "coop_pin.chain",
     "linspace": "coop_pin.sweeps",
@@ -107,6 +110,7 @@ _PUBLIC = {
     "sampled_stability": "coop_pin.analysis",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
+    "simulate_batch": "coop_pin.batch",
     "solve_ik": "coop_pin.chain",
     "static_torques": "coop_pin.analysis",
     "suggest": "coop_pin.analysis",
@@ -115,6 +119,7 @@ _PUBLIC = {
 }
 _PACKAGES = (
     "analysis",
+    "batch",
     "chain",
     "comparison",
     "control",

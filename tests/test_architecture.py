@@ -36,6 +36,7 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
+# - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
@@ -62,6 +63,19 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
+    ),
+    "batch": (
+        {
+            "chain",
+            "control",
+            "description",
+            "model",
+            "results",
+            "run_scenario",
+            "schema",
+            "simulation",
+        },
+        {"llvmlite", "pinocchio"},
     ),
     "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
@@ -110,6 +124,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
+            "batch",
             "comparison",
             "description",
             "figures",
