@@ -13,6 +13,7 @@ from string import Template
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
@@ -27,6 +28,7 @@ from coop_pin.figures.run_figures import (
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.viz.highlights import telling_instant
 from coop_pin.viz.replay import replay_html
 
 
@@ -172,6 +174,8 @@ def report_html(result: RunResult) -> str:
         version=html.escape(__version__),
         broken_off=_broken_off(result),
         verdict=_verdict(result),
+        told=html.escape(telling_instant(result).text),
+        tiles=_tiles(result),
         facts=_facts(result),
         metrics=_metrics(metrics_table(result)),
         replay=html.escape(replay_html(result)),
@@ -215,6 +219,26 @@ def _verdict(result: RunResult) -> str:
         return '<p class="verdict">This run is trustworthy: it keeps the thresholds of its scenario.</p>'
     reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
     return f'<p class="warning">{html.escape(result.verdict())}</p><ol class="breaches">{reasons}</ol>'
+
+
+def _tiles(result: RunResult) -> str:
+    """Return the internal wrench and the tracking error at the telling instant, of the worst arm."""
+    now = result.data.sel(time=telling_instant(result).time)
+    parts = (("along", "axial", "N"), ("across", "shear", "N"), ("moment", "moment", "N m"))
+    tiles = []
+    for name, part, unit in parts:
+        arm = int(np.nan_to_num(np.abs(now[f"internal_{part}"].values)).argmax())
+        value, wanted = (float(now[f"{of}internal_{part}"].values[arm]) for of in ("", "desired_"))
+        tiles.append((name, value, unit, f"wanted {round(wanted, 3) + 0.0:g} {unit}"))
+    distance, angle = (
+        1e3 * np.linalg.norm(now["pose_error"].values[rows]) for rows in (slice(3), slice(3, 6))
+    )
+    tiles.append(("off path", float(distance), "mm", f"{angle:.2g} mrad turned"))
+    return "".join(
+        f"<div>{name}<b>{value:.3g} <small>{unit}</small></b>{note}</div>"
+        for name, value, unit, note in tiles
+        if not math.isnan(value)
+    )
 
 
 def _facts(result: RunResult) -> str:
