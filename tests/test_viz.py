@@ -365,7 +365,8 @@ def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay
     ends = tips.reshape(len(replay.frames), -1, 3)[k] + forces * np.minimum(1, scales["longest"] / length)
     rays = np.concatenate((tips, ends, replay.poses("payload")[:, :3])) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
-    angle = np.degrees(np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1)))
+    cosine = rays @ ahead / np.linalg.norm(rays, axis=1)
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     assert angle.max() < camera["field_of_view"] / 2
     assert np.linalg.norm(eye - target) < 6.0
 
