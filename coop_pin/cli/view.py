@@ -9,16 +9,13 @@ import sys
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from coop_pin.cli.exit_codes import OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError
-
-if TYPE_CHECKING:
-    from coop_pin.results import RunResult
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,8 +126,8 @@ class View:
             webbrowser.open(address)
 
 
-def _result(path: Path) -> RunResult:
-    """Return the result of a run's folder or file."""
+def _result(path: Path) -> Any:
+    """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
     from coop_pin.results import RunResult
     from coop_pin.run_folder import RunFolder
 

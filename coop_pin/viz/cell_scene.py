@@ -30,7 +30,7 @@ _FIELD_OF_VIEW_DEG = 32.0
 _AZIMUTH_DEG = 22.0
 _ELEVATION_DEG = 24.0
 _PLANAR_ELEVATION_DEG = 42.0
-_MARGIN = 1.1
+_MARGIN = 1.02
 
 
 def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Array) -> Scene:
@@ -67,8 +67,7 @@ def _camera(cell: Cell, points: Array, line: Array) -> Camera:
     """
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     low, high = points.min(axis=0), points.max(axis=0)
-    target, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
-    distance = _MARGIN * max(radius, 0.3) / np.sin(np.radians(_FIELD_OF_VIEW_DEG / 2.0))
+    target = (low + high) / 2.0
     across = bases[-1, :2] - bases[0, :2]
     if np.linalg.norm(across) < 1e-6:
         across = np.array((1.0, 0.0))
@@ -78,6 +77,9 @@ def _camera(cell: Cell, points: Array, line: Array) -> Camera:
     elevation = np.radians(_PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG)
     level = np.cos(elevation)
     outwards = np.array((np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)))
+    along = (points - target) @ outwards  # towards the camera
+    across_view = np.linalg.norm(points - target - along[:, None] * outwards, axis=1)
+    distance = _MARGIN * float((along + across_view / np.tan(np.radians(_FIELD_OF_VIEW_DEG / 2.0))).max())
     return Camera(target + distance * outwards, target, _FIELD_OF_VIEW_DEG)
 
 
