@@ -124,6 +124,19 @@ def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, c
     assert drawn == [([0.2], 1200, 720)]
 
 
+def test_view_compares_two_runs_and_refuses_what_is_none(result, tmp_path, monkeypatch, capsys):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        result.save(tmp_path / name / "result.nc")
+    monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
+    assert main(["view", str(tmp_path / "first"), str(tmp_path / "second"), "--no-open"]) == 0
+    page = tmp_path / "first" / "against-second.html"
+    assert capsys.readouterr().out.strip() == str(page.resolve())
+    assert page.read_text(encoding="utf-8") == replay_html(result, result)
+    assert main(["view", str(tmp_path / "first"), str(tmp_path / "third"), "--no-open"]) == 2
+    assert "third" in capsys.readouterr().err
+
+
 def test_frame_times_are_on_the_clock_of_the_run():
     assert_allclose(frame_times(1.0, 30.0), np.arange(31) / 30.0, rtol=0, atol=0)
     assert_allclose(frame_times(0.99, 10.0), np.arange(10) / 10.0, rtol=0, atol=0)

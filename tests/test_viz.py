@@ -211,6 +211,9 @@ def test_curves_are_the_recorded_quantities_and_mirrored_ones_appear_once(replay
     torque = data["torque"].values[samples].reshape(len(samples), -1)
     for number in range(torque.shape[1]):
         assert_allclose(replay.curve("torque", number=number), torque[:, number], rtol=1e-6)
+    (plot,) = (one for one in replay.data["plots"] if one["key"] == "torque")
+    limits = [curve["limit"] or np.nan for curve in plot["curves"]]
+    assert_allclose(limits, data["torque_limit"].values.ravel())
 
 
 def test_thinned_curves_keep_their_extremes_and_ends() -> None:

@@ -48,8 +48,8 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     feet |= {name: min(low for of, low in lowest if of == name) for name, _ in lowest}
     floor = min(feet.values())
     reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
-    seen = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
-    camera = _camera(cell, seen, tips[-1] - tips[0])
+    points = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
+    camera = _camera(cell, points, tips[-1] - tips[0])
     items = (
         *_floor_items(camera.target, floor),
         *_plates(cell, feet, floor),

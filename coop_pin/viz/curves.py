@@ -41,6 +41,7 @@ class Curve(NamedTuple):
         colour: "#rrggbb".
         role: "actual", "desired" or "measured".
         values: of a run's samples, shape (n,).
+        limit: largest amount allowed; None where there is none, or none is recorded.
     """
 
     plot: str
@@ -48,6 +49,7 @@ class Curve(NamedTuple):
     colour: str
     role: str
     values: Callable[[Samples], Array]
+    limit: float | None = None
 
 
 PLOTS = (
@@ -89,12 +91,14 @@ def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
         Curve("tracking", "mrad turned", palette.EXTERNAL, "actual", _error(slice(3, 6))),
     ]
     joints, torque = samples["torque"].shape[2], samples["torque"].reshape(len(samples["time"]), -1)
+    limits = samples.get("torque_limit", np.full(torque.shape[1:], np.nan)).ravel().tolist()
     for number, drive in enumerate(np.flatnonzero(np.isfinite(torque).any(axis=0)).tolist()):
-        colour, label = (
-            palette.SERIES[number % len(palette.SERIES)],
+        label, colour = (
             f"{arms[drive // joints]} {drive % joints + 1}",
+            palette.SERIES[number % len(palette.SERIES)],
         )
-        curves.append(Curve("torque", label, colour, "actual", _column("torque", drive)))
+        limit = limits[drive] if np.isfinite(limits[drive]) else None
+        curves.append(Curve("torque", label, colour, "actual", _column("torque", drive), limit))
     if "V_rate_3_sum" in samples:
         curves.append(Curve("V_rate_3", "sum", palette.INTERNAL, "actual", lambda s: s["V_rate_3_sum"]))
     return tuple(curves)
@@ -139,10 +143,8 @@ def plot_table(runs: Sequence[Sequence[Curve]]) -> list[dict[str, Any]]:
     table = [{**plot._asdict(), "curves": []} for plot in PLOTS]
     for column, curve in enumerate(runs[0], start=1):
         (plot,) = (plot for plot in table if plot["key"] == curve.plot)
-        entry = {"column": column, "label": curve.label, "colour": curve.colour, "role": curve.role}
-        if (curve.plot, curve.label) in others:
-            entry["other"] = others[curve.plot, curve.label]
-        plot["curves"].append(entry)
+        entry = {"column": column, "other": others.get((curve.plot, curve.label))} | curve._asdict()
+        plot["curves"].append({name: value for name, value in entry.items() if name != "values"})
     return [plot for plot in table if plot["curves"]]
 
 

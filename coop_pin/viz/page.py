@@ -114,12 +114,11 @@ def page_html(
         data: what the page needs besides plots, colours and scales.
     """
     forces, moments = scales
-    lengths = {"linear": LINEAR_M, "longest": LONGEST_M}
     page = {
         "plots": plot_table(curves),
         "colours": _COLOURS,
         "warning_colours": WARNING_COLOURS,
-        "scales": {"forces": forces, "moments": moments, **lengths},
+        "scales": {"forces": forces, "moments": moments, "linear": LINEAR_M, "longest": LONGEST_M},
         **{"spans": [], "breaches": [], "instants": [], "start": 0.0, "live": False, "still": ""},
         **data,
     }
@@ -166,11 +165,8 @@ def _legend_line(icon: str, colour: str, text: str, layer: str) -> str:
 def _arrow_notes(scales: ArrowScales) -> list[str]:
     """Return the notes on arrows: scales, compression, convention."""
     forces, moments = scales
-    text = f"0.1 m of arrow: {0.1 * forces:g} N"
-    if moments is not None:
-        text += f", {0.1 * moments:g} N m"
     return [
-        text,
+        f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
         f"compressed beyond {LINEAR_M * forces:g} N; the number tells",
         "arrows: by the payload on the arm, at its grasp",
     ]

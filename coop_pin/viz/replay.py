@@ -128,7 +128,9 @@ def _told(runs: list[RunResult]) -> str:
     lines = []
     for run in runs:
         name = f"{run.scenario.name}: " if len(runs) > 1 else ""
-        kind = "verdict" if run.trustworthy else "verdict broken"
-        lines.append(f'<p class="{kind}">{html.escape(name + run.verdict())}</p>')
-        lines.append(f'<p class="told">{html.escape(name + telling_instant(run).text)}</p>')
+        told = (
+            ("verdict" if run.trustworthy else "verdict broken", run.verdict()),
+            ("told", telling_instant(run).text),
+        )
+        lines += [f'<p class="{kind}">{html.escape(name + text)}</p>' for kind, text in told]
     return "\n".join(lines)

@@ -31,7 +31,7 @@
       const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
       const { other } = actual[values.indexOf(worst)];
-      const second = other === undefined ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
+      const second = other === null ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
       box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small>${second}</b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}`;
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }

@@ -51,7 +51,7 @@ function coopPinPlots(place, page, runs, seek) {
   }
 
   function ticks(y) {
-    const rough = (y.upper - y.lower) / 2.2, power = 10 ** Math.floor(Math.log10(rough));
+    const rough = (y.upper - y.lower) / 3.4, power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].find((one) => one * power >= rough) * power, found = [];
     for (let k = Math.ceil(y.lower / step - 1e-6); k * step <= y.upper + 1e-6 * step; k += 1) { found.push(k * step); }
     return [...(y.low < y.lower ? [y.low] : []), ...found, ...(y.high > y.upper ? [y.high] : [])];
@@ -73,9 +73,18 @@ function coopPinPlots(place, page, runs, seek) {
     }
     ctx.restore();
   }
-  function mark(u) {
+  function mark(u, curves) {
     const { ctx, bbox } = u, size = 5 * devicePixelRatio;
     ctx.save();
+    ctx.setLineDash([2 * size, size]);
+    for (const { limit, colour } of curves.filter(({ limit }) => limit)) {
+      for (const level of [limit, -limit]) { // limits that the range of y has
+        if (level > u.scales.y.max || level < u.scales.y.min) { continue; }
+        const y = u.valToPos(level, "y", true);
+        ctx.strokeStyle = colour;
+        ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+      }
+    }
     ctx.fillStyle = "#b42318";
     for (const { time } of page.breaches) {
       const x = u.valToPos(time, "x", true);
@@ -93,7 +102,7 @@ function coopPinPlots(place, page, runs, seek) {
       dash: of ? [6, 4] : curve.role === "desired" ? [4, 3] : curve.role === "measured" ? [1, 2] : undefined,
     });
     // Of a second run the actual curves are shown, found by plot and label.
-    const second = (others ? drawn : []).filter((curve) => curve.role === "actual" && curve.other !== undefined);
+    const second = (others ? drawn : []).filter((curve) => curve.role === "actual" && curve.other !== null);
     const tables = () => {
       const own = [runs[0].columns[0], ...drawn.map(({ column }) => runs[0].columns[column])];
       return others ? uPlot.join([own, [runs[1].columns[0], ...second.map(({ other }) => runs[1].columns[other])]]) : own;
@@ -115,7 +124,7 @@ function coopPinPlots(place, page, runs, seek) {
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map(coopPinNumber), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
-      hooks: { drawClear: [(one) => shade(one, y)], draw: [mark] },
+      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves)] },
     }, tables(), holder);
     const line = document.createElement("i");
     u.over.append(line);
@@ -138,17 +147,19 @@ function coopPinPlots(place, page, runs, seek) {
     now = time;
     for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
     for (const { present, curves } of titles) {
-      const said = curves.filter(({ role }) => role !== "measured" || curves.length < 6).slice(0, 4).map(({ column, label, colour, other }) => {
+      const said = curves.filter(({ role }) => role !== "measured" || curves.length < 6).slice(0, 4).map(({ column, label, colour, other, limit }) => {
         const own = `<b style="color:${colour}">${coopPinNumber(value(runs[0], column))}</b>`;
-        return `${label.replace(/[<&]/g, "")} ${own}${other === undefined ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`}`;
+        const share = limit ? ` (${Math.abs(100 * value(runs[0], column) / limit).toFixed(0)} %)` : "";
+        return `${label.replace(/[<&]/g, "")} ${own}${share}${other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`}`;
       });
       present.innerHTML = said.join(" · ");
     }
   }
 
-  const titles = page.plots.map(({ title, unit, note, curves }, k) => {
+  const titles = page.plots.map(({ title, unit, curves }, k) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
-    heading.textContent = `${title}, ${unit}${note ? ` (${note})` : ""}`;
+    const share = Math.max(0, ...curves.map(({ column, limit }) => (limit ? runs[0].columns[column].reduce((most, value) => Math.max(most, Math.abs(value)), 0) / limit : 0)));
+    heading.textContent = `${title}, ${unit}${share ? ` (at most ${(100 * share).toFixed(0)} % of a limit)` : ""}`;
     place.append(heading, present, holder);
     add(holder, curves, { last: k === page.plots.length - 1, unit });
     return { present, curves };
