@@ -236,7 +236,7 @@ def test_an_incomplete_video_is_an_error_and_the_old_one_stays(result, ffmpeg, t
 
 
 def test_an_incomplete_video_ends_the_command_with_an_error(result, tmp_path, monkeypatch, capsys):
-    def fail(_, path: Path) -> None:
+    def fail(_result, path: Path, _other) -> None:
         raise FileWriteError(str(path), f"the encoder wrote {3} of {31} frames (its message is above)")
 
     result.save(tmp_path / "run.nc")

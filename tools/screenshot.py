@@ -5,7 +5,7 @@
 ``coop-pin view RESULT --image FILE.png --time T`` does the same from a result. The README's image:
 
     coop-pin run adept-paper --out out
-    coop-pin view out --image docs/images/adept-paper.png --time 0.1
+    coop-pin view out --image docs/images/adept-paper.png --time 10.2
 """
 
 from __future__ import annotations
