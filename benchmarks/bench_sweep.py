@@ -9,6 +9,8 @@ workers take turns, and the ratio is the median of the rounds. The store is fill
 from __future__ import annotations
 
 import argparse
+import contextlib
+import dataclasses
 import statistics
 import tempfile
 import threading
@@ -22,8 +24,8 @@ import coop_pin as cp
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
 from coop_pin.sweeps.backend import LocalPool
 from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import point_key
 
 
 class Cost(NamedTuple):
@@ -102,7 +104,7 @@ def worker_start() -> float:
     """Return the time from nothing to a worker that has everything loaded, s."""
     start = time.perf_counter()
     job = Job("key", plan(1, 0.0125).scenario(0).model_dump_json())
-    with LocalPool(1) as pool:
+    with contextlib.closing(LocalPool(1)) as pool:
         list(pool.outcomes(iter([job])))
         return time.perf_counter() - start
 
@@ -117,13 +119,13 @@ def storage(count: int) -> None:
     record = run_job(Job("key", made.scenario(0).model_dump_json())).record
     with tempfile.TemporaryDirectory() as folder:
         store, seconds = SweepStore(folder), [times()]
-        keys = [point_key(made, number) for number in range(count)]
+        runs = [(key, point.changes) for point, key, *_ in keyed_points(made)]
         seconds.append(times())
         with store.locked():
             store.write_plan(made)
             for first in range(0, count, 64):
-                batch = range(first, min(first + 64, count))
-                store.append([Outcome(record._replace(key=keys[n], changes=made[n].changes)) for n in batch])
+                batch = runs[first : first + 64]
+                store.append([Outcome(dataclasses.replace(record, key=k, changes=c)) for k, c in batch])
         seconds.append(times())
         memory = Memory()
         memory.start()
@@ -174,7 +176,8 @@ def main(arguments: list[str] | None = None) -> None:
             f"throughput of two workers / one: {ratios[-1]:.2f}, load {psutil.getloadavg()[0]:.1f}",
             flush=True,
         )
-    print(f"throughput of two workers / one, median of {len(ratios)}: {statistics.median(ratios):.2f}")
+    if ratios:
+        print(f"throughput of two workers / one, median of {len(ratios)}: {statistics.median(ratios):.2f}")
 
 
 if __name__ == "__main__":

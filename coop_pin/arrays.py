@@ -175,6 +175,8 @@ def require_finite(name: str, values: Array) -> Array:
 def shaped(name: str, value: ArrayLike, *trailing: int) -> Array:
     """Return value as an array whose last sizes are stated; its entries are not checked.
 
+    Subclasses of ndarray, such as arrays of traced scalars, answer for their entries themselves.
+
     Raises:
         ShapeError: the last sizes differ.
     """
@@ -182,7 +184,9 @@ def shaped(name: str, value: ArrayLike, *trailing: int) -> Array:
         array = value
     else:
         array = as_array(name, value, *("..." for _ in np.shape(np.array(value, dtype=object))))
-    if array.shape[-len(trailing) :] != trailing or array.dtype.kind not in "fiu":
+    if array.shape[-len(trailing) :] != trailing or (
+        array.dtype.kind not in "fiu" and type(array) is np.ndarray
+    ):
         raise ShapeError(name, array.shape, ("...", *trailing))
     return array
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
@@ -53,7 +53,14 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
 
-    def write(self, result: RunResult, timing: Timing, *, replay: bool = True, figures: bool = True) -> None:
+    def write(
+        self,
+        result: RunResult,
+        timing: Timing,
+        *,
+        replay: bool = True,
+        figures: Sequence[Literal["png", "svg"]] = ("png",),
+    ) -> None:
         """Write a run, finished or not; what an earlier run left in the folder is replaced or removed.
 
         metrics.json starts with the verdict, its reasons and, if an error ended the run, the error's class. A
@@ -70,7 +77,7 @@ class RunFolder:
         if replay:
             self.write_replay(result)
         if figures:
-            self._write_figures(result)
+            self._write_figures(result, figures)
 
     def write_replay(self, result: RunResult) -> Path:
         """Write the 3-D replay and return its file."""
@@ -93,12 +100,12 @@ class RunFolder:
         text = json.dumps(table, indent=2, allow_nan=False) + "\n"
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
-    def _write_figures(self, result: RunResult) -> None:
+    def _write_figures(self, result: RunResult, formats: Sequence[Literal["png", "svg"]]) -> None:
         from coop_pin import figures
 
         makers = (figures.tracking_figure, figures.torque_figure, figures.error_figure)
         for name, make in zip(self.FIGURES, makers, strict=True):
-            figures.save_figure(make(result), self.path / name)
+            figures.save_figure(make(result), self.path / name, formats=formats)
 
 
 def _metrics(result: RunResult) -> dict[str, Any]:

@@ -3,11 +3,18 @@
 import coop_pin as cp
 
 quiet = {"duration": 10.0, "events": []}
+unsensed = {"controller.force_path": {"kind": "none"}}
+sgn = {
+    "controller.switching": {"kind": "sign"},
+    "controller.gains.sign_gain": 0.2,
+    "controller.gains.leak": 0.0,
+}
 # A scenario holds its law; overrides change its fields.
 laws = {
     "printed, alpha = 0.2": ("adept-paper", {}),
     "printed, alpha = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
-    "payload-space, no sensor": ("adept-anchored", {"controller.force_path": {"kind": "none"}}),
+    "payload-space, sgn": ("adept-anchored", unsensed | sgn),
+    "payload-space, no sensor": ("adept-anchored", unsensed),
     "payload-space, anchored": ("adept-anchored", {}),
 }
 

@@ -5,6 +5,8 @@
 #     text_representation:
 #       extension: .py
 #       format_name: percent
+#       format_version: '1.3'
+#       jupytext_version: 1.19.6
 #   kernelspec:
 #     display_name: Python 3
 #     language: python
@@ -90,8 +92,10 @@ notebook_view(result)
 # %% [markdown]
 # ## Try
 # - **sign gain** to 0: the internal force settles at the desired value, and the steady tracking error grows
-#   from 0.04 to 0.3 mm. To 1: a push moves the bar less, but the internal-force error is 19 N instead of 2
-#   N.
+#   from 0.04 to 0.3 mm; nothing then carries an unknown load. To 1: a push moves the bar less, but the
+#   internal-force error is 19 N instead of 2 N.
+# - `cp.Scenario.load("adept-anchored")` in the first cell: the law that keeps both small. Its **anchor gain**
+#   says how fast the measured internal wrench corrects the integral: at 0.1 the error is gone in a second.
 # - **squeeze** to 30 N: the internal force grows, and the motion stays the same.
 # - **payload** to half its mass while the bar moves: the law does not use the mass, and the motion hardly
 #   changes.

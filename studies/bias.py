@@ -1,4 +1,4 @@
-"""Growth of the internal force with time under a kinematic bias of one arm, by law and by alpha."""
+"""Growth of the internal force with time under a kinematic bias of one arm, by law."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import coop_pin as cp
 from coop_pin.figures import sweep_figure
 
 ERROR = "internal_axial_rms_error_N"
-SIGN_GAIN = "controller.gains.sign_gain"
 BIAS = "cell.arms.left.calibration_error.tip.xyz"
 RATE = "clock.rate_hz"
 
 
 def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
-    """Return the error over the length of the run, a line for each law and alpha."""
+    """Return the error over the length of the run, a line for each law."""
     return sweep_figure(results["law"], ERROR, over="duration")
 
 
@@ -24,9 +23,7 @@ def numbers(results: Mapping[str, cp.SweepResult]) -> str:
     """Return the errors that the figure shows, and those with sgn by rate and bias, as tables."""
     error = results["law"].values(ERROR)
     lines = [_header(error.duration.values)]
-    for law in error.law.values:
-        for alpha in error[SIGN_GAIN].values:
-            lines.append(_line(f"{law}, alpha {alpha:g}", error.sel({"law": law, SIGN_GAIN: alpha}).values))
+    lines += [_line(law, error.sel(law=law).values) for law in error.law.values]
     error = results["sign"].values(ERROR)
     lines.append(_header(error.duration.values))
     for shift in error[BIAS].values:

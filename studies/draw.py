@@ -13,6 +13,7 @@ from typing import NamedTuple
 import bias
 import force_gain
 import internal_force
+import one_millimetre
 import payload
 from matplotlib.figure import Figure
 
@@ -43,6 +44,7 @@ STUDIES = {
     "payload": Study("study-payload", payload.figure, payload.numbers),
     "bias": Study("study-bias", bias.figure, bias.numbers),
     "internal_force": Study("internal-force", internal_force.figure, internal_force.numbers),
+    "one_millimetre": Study("printed-and-anchored", one_millimetre.figure, one_millimetre.numbers),
 }
 
 

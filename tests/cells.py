@@ -7,7 +7,13 @@ import numpy as np
 from coop_pin.chain import ClosedChain
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import SlidingMode, SlidingModeGains
+from coop_pin.description.controller import (
+    LateForcePath,
+    PayloadSpace,
+    PayloadSpaceGains,
+    SlidingMode,
+    SlidingModeGains,
+)
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference import HoldMotion
@@ -74,6 +80,25 @@ def spatial_scenario() -> Scenario:
 SCENARIOS = {"planar": planar_scenario, "spatial": spatial_scenario}
 
 
+def planar_three_arms(name: str) -> Scenario:
+    """The paper's cell with a third arm, unequal shares and a squeeze of all three."""
+    scenario = Scenario.load(name, {"events": (), "duration": 0.1, "clock.steps_per_tick": 1})
+    cell = scenario.cell
+    base, posture = Pose(xyz=(0.5, 0.65, 0.0), rpy=(0.0, 0.0, -1.0)), (-1.2, 1.6, 0.0)
+    third = cell.arms["left"].replace(base=base, posture=posture)
+    squeeze = {
+        "left": (-10.0, 2.0, 0.0, 0.0, 0.0, 0.3),
+        "right": (6.0, -4.0, 0.0, 0.0, 0.0, -0.1),
+        "third": (4.0, 2.0, 0.0, 0.0, 0.0, -0.2),
+    }
+    cell = cell.replace(
+        arms={**cell.arms, "third": third},
+        grasps={**cell.grasps, "third": Pose(rpy=(0.0, 0.0, 0.4))},
+        load_shares={"left": 0.2, "right": 0.3, "third": 0.5},
+    )
+    return scenario.replace(cell=cell, squeeze=squeeze)
+
+
 def random_velocity(chain: object, q: np.ndarray, seed: int) -> np.ndarray:
     """A velocity on the closures."""
     v = np.random.default_rng(seed).normal(size=chain.model.nv)
@@ -103,3 +128,18 @@ def kkt_of(chain: ClosedChain) -> ClosedChain:
     return ClosedChain(
         chain.model, chain.closures.closures, stabilisation=chain.stabilisation, formulation="kkt"
     )
+
+
+ANCHORED = {
+    "planar": Scenario.load("adept-anchored").controller,
+    "spatial": PayloadSpace(
+        gains=PayloadSpaceGains(
+            pose_gain=5.0,
+            sliding_gain=(600.0, 600.0, 600.0, 20.0, 20.0, 20.0),
+            sign_gain=0.25,
+            transient_rate=5.0,
+        ),
+        force_path=LateForcePath(),
+    ),
+}
+"""The anchored law of each test cell."""

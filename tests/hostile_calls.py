@@ -330,7 +330,7 @@ class Calls:
             "SweepResult.load": {"folder": self.folder / "sweep"},
             "SweepResult.at": {"fields": {"duration": 0.02}},
             "SweepResult.best": {"metric": metric, "n": 1, "largest": False},
-            "SweepResult.marginal": {"field": "duration", "metric": metric, "average": np.nanmean},
+            "SweepResult.marginal": {"field": "duration", "metric": metric, "average": np.mean},
             "SweepResult.open": {"number": 0},
             "SweepResult.point": {"number": 0},
             "SweepResult.pareto": {"metric_a": metric, "metric_b": "torque_peak_Nm"},

@@ -45,7 +45,7 @@ import coop_pin as cp
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
-from coop_pin.sweeps.job import from_checksummed_json, to_checksummed_json
+from coop_pin.sweeps.job import checked_content, checksummed
 
 ALLOWED = {"result", "refused"}
 LIMIT_S, LIMIT_BYTES = 5, 4 << 30
@@ -146,11 +146,11 @@ def resigned(chance: random.Random, data: bytes) -> bytes:
     """Return a file of a sweep with a damaged line and the checksum that belongs to it."""
     lines = data.strip().split(b"\n")
     number = chance.randrange(len(lines))
-    content = from_checksummed_json(lines[number])
+    content = json.loads(checked_content(lines[number]))
     tables = [content] + [entry for entry in content.values() if isinstance(entry, dict) and entry]
     table = chance.choice(tables)
     table[chance.choice(sorted(table))] = chance.choice((None, -1, "nan", [], {}, [[]], {"a": {}}, "x" * 99))
-    lines[number] = to_checksummed_json(content)
+    lines[number] = checksummed(json.dumps(content).encode())
     return b"\n".join(lines) + b"\n"
 
 

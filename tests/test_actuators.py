@@ -255,6 +255,13 @@ def test_compensation_follows_the_true_configuration_and_is_cut_with_the_command
     cut = cp.simulate(scenario.override(weak), Given(lambda _time, held: [0.0 * torque for torque in held]))
     assert np.nanmax(np.abs(cut.data.torque.values)) == 1.5
     assert cut.data.saturated.values.any()
+    # The limit is exceeded by what the drives are asked for: zero commands, and the compensation.
+    asked = cut.data.requested_torque.values
+    np.testing.assert_array_equal(np.nan_to_num(np.abs(asked)) > 1.5, cut.data.saturated.values)
+    found = cut.limit_violations()
+    assert {violation.kind for violation in found} == {"torque"}
+    assert len(found) == cut.data.saturated.values.any(axis=0).sum()
+    assert_allclose(max(abs(v.worst) for v in found), np.nanmax(np.abs(asked)), rtol=0)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -405,5 +412,11 @@ def test_friction_of_an_arm_is_that_of_the_transmission(name):
     plant = cp.Simulation(scenario, build_controller(scenario)).plant
     v = np.random.default_rng(1).normal(size=(5, len(plant.v))) * 0.3
     for arm in plant.chain.model.arms:
-        own = friction(scenario.cell.arms[arm.name], arm.name).force(v[:, arm.v_slice])
+        found = friction(scenario.cell.arms[arm.name], arm.name)
+        own = found.force(v[:, arm.v_slice])
         assert_allclose(own, [plant.transmission.friction(row)[arm.v_slice] for row in v], atol=1e-13)
+        assert_allclose(own[0], -found.damping(v[0, arm.v_slice]) @ v[0, arm.v_slice], rtol=1e-12)
+        steepest = found.damping(np.zeros(len(arm.drive)))
+        assert_allclose(
+            steepest @ v[0, arm.v_slice], -found.force(1e-7 * v[0, arm.v_slice]) / 1e-7, rtol=1e-6
+        )

@@ -28,29 +28,32 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - schema is the frozen pydantic base of everything in a scenario file;
 # - schema (rotations), reference and results convert quaternions with scipy;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
+# - yourdfpy, whose XML reader is lxml, gives poses of links and bodies of payloads;
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
+# - limited_process runs readers that have no limits;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "user_files": (set(), set()),
+    "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
-    "control": ({"schema"}, {"pydantic", "scipy"}),
+    "control": ({"schema"}, {"pydantic"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference", "user_files"},
-        {"pydantic", "scipy", "tomli_w", "trimesh", "xacrodoc"},
+        {"schema", "control", "reference", "user_files", "limited_process"},
+        {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
-    "model": ({"description"}, {"pinocchio", "trimesh"}),
+    "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description", "user_files"}, {"xarray", "scipy"}),
+    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
@@ -82,7 +85,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
-        {"distributed", "filelock", "optuna", "pebble", "pydantic", "scipy", "xarray"},
+        {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
@@ -107,7 +110,14 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 
 # Distributions by the names they are imported under, and what another distribution brings along.
 IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
-COMES_WITH = {"pydantic_core": "pydantic", "tornado": "meshcat", "umsgpack": "meshcat", "zmq": "meshcat"}
+COMES_WITH = {
+    "h5py": "h5netcdf",
+    "pandas": "xarray",
+    "pydantic_core": "pydantic",
+    "tornado": "meshcat",
+    "umsgpack": "meshcat",
+    "zmq": "meshcat",
+}
 
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
@@ -227,13 +237,13 @@ def test_every_third_party_is_a_declared_dependency():
 # ---------------------------------------------------------------- what a controller can see
 
 BLIND_LAW = """
-import sys
+import dataclasses, sys
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, PayloadSpaceController, Saturation, Sign, SlidingModeController,
-    ZeroedController,
+    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController, Saturation,
+    Sign, SlidingModeController, ZeroedController,
 )
 from coop_pin.spatial import make_pose, task_rows
 
@@ -263,6 +273,18 @@ state = zeroed.init(first, reference)
 for k in range(3):
     torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
 assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
+own = dataclasses.replace(anchored, payload_weight=np.ones(3), leak=0.2)
+for measured in (first._replace(internal_wrench=None, interaction_wrench=f, interaction_wrench_age=0.0),
+                 first._replace(internal_wrench=None)):  # by the own wrist, and by nothing
+    torque, state = own.step(measured, reference, own.init(measured, reference))
+    assert np.isfinite(torque).all()
+wide = dataclasses.replace(law, sign_gain=0.2 * np.eye(4), damping_gain=60.0 * np.eye(4))
+redundant = RedundantSlidingModeController(wide, Posture(np.zeros(4), np.ones(4), np.ones(4)), 0.0)
+J4, v4 = np.column_stack((J, J[:, 0] + 0.3)), np.append(v, 0.1)
+spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload_jacobian=J4,
+                             saturated=np.zeros(4, bool))
+torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
+assert torque.shape == (4,) and np.isfinite(torque).all()
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import anchor_gain_bound, force_gain_bound
+from coop_pin.control.bounds import force_loop_is_stable
 from coop_pin.errors import FieldError, OutOfRangeError
 
 
@@ -73,10 +74,20 @@ def test_without_an_anchor_the_bound_is_that_of_the_force_gain():
         assert anchor_gain_bound(pole=p, force_gain=1.01 * force_gain_bound(p)) == 0.0
 
 
-@pytest.mark.parametrize("loop", [{"pole": 1.0}, {"pole": -0.1}, {"delay": -1}, {"every": 0}], ids=str)
-def test_loops_that_do_not_exist_are_refused(loop):
-    with pytest.raises(OutOfRangeError):
-        anchor_gain_bound(**loop)
+def test_a_loop_has_no_filter_no_delay_and_a_sensor_at_the_control_rate_unless_stated():
+    assert force_loop_is_stable(1.5)
+    assert not force_loop_is_stable(2.1)
+    assert not force_loop_is_stable(1.5, delay=1)
+    assert force_loop_is_stable(1.5, delay=1, every=2)
+
+
+@pytest.mark.parametrize(("name", "value"), [("pole", 1.0), ("pole", -0.1), ("delay", -1), ("every", 0)])
+def test_loops_that_do_not_exist_are_refused(name, value):
+    with pytest.raises(OutOfRangeError) as caught:
+        anchor_gain_bound(**{name: value})
+    assert (caught.value.name, caught.value.value) == (name, value)
+    least = {"pole": "0", "delay": "0", "every": "1"}[name]
+    assert f"at least {least}" in str(caught.value)
 
 
 def test_a_gain_beyond_the_bound_is_refused_with_both_numbers_unless_insisted_on():

@@ -110,6 +110,26 @@ def test_the_urdf_reader_knows_pinocchios_joint_order_and_link_poses(name):
         assert_allclose(robot.pose(link, named), data.oMf[index].homogeneous, rtol=0, atol=1e-12)
 
 
+def test_poses_have_unit_axes_and_mimic_joints_of_their_own():
+    """yourdfpy would slide by the length of the axis, and move the follower with its leader."""
+    joint = '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{0}"/><axis xyz="{2}"/>'
+    joint += "{3}</joint>"
+    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
+    text = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>' + joint.format(
+        "b", "a", "3 0 0", limit
+    )
+    text += joint.format("c", "b", "0 0 -2", limit + '<mimic joint="b"/>') + "</robot>"
+    robot, model = Robot(text), pin.buildModelFromXML(text)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array((0.5, 0.25)))
+    X = robot.pose("c", {"b": 0.5, "c": 0.25})
+    assert_allclose(X, data.oMf[model.getFrameId("c", pin.FrameType.BODY)].homogeneous, rtol=0, atol=1e-15)
+    assert_allclose(
+        robot.pose("c", {}), np.eye(4), rtol=0, atol=0
+    )  # of the angles given, not of the last ones
+    assert robot.mimics == {"c": ("b", 1.0, 0.0)}
+
+
 def test_a_link_that_shares_its_name_with_a_joint_is_found():
     """Pinocchio's own look-up raises, and so does appendModel."""
     arm = Arm.from_urdf("z1", tip="gripperStator", locked={"jointGripper": 0.0})

@@ -78,6 +78,10 @@ def test_internal_force_stays_what_is_desired(result, window):
     if result.scenario.name not in CATALOGUE_CELLS:
         window = (4.0, 10.0)
     error, axial, shear, moment = error_and_force(result, *window)
+    print(
+        f"{result.scenario.name}, {window[0]:g} to {window[1]:g} s: {1e3 * error:.4f} mm,"
+        f" {axial:.4f} N axial, {shear:.4f} N shear, {moment:.5f} N m"
+    )
     assert error <= 0.1e-3
     assert max(axial, shear) <= 0.05
     assert moment <= 0.02
@@ -88,7 +92,9 @@ def test_the_law_takes_over_without_a_jump(result):
     if result.scenario.name not in CATALOGUE_CELLS:
         pytest.skip("starts off its reference")
     first = result.data.sel(time=slice(0.0, 1.0))
-    assert np.linalg.norm(first.pose_error.values[:, :3], axis=1).max() <= 0.5e-3
+    error = np.linalg.norm(first.pose_error.values[:, :3], axis=1).max()
+    print(f"{result.scenario.name}, first second: {1e3 * error:.4f} mm")
+    assert error <= 0.5e-3
     assert not result.data.saturated.values.any()
     assert not result.limit_violations()
     simulation = Simulation(result.scenario, build_controller(result.scenario))
@@ -145,10 +151,15 @@ def test_a_far_motion_keeps_tracking_and_internal_force(name):
     assert tracking[time < 1.0].max() <= 0.5e-3
     for window, force, moment, position in (((1.0, 6.0), 0.3, 0.2, 0.5e-3), ((7.0, 8.0), 0.05, 0.02, 0.1e-3)):
         at = (time >= window[0]) & (time < window[1])
-        assert np.linalg.norm(error.values[at, :, :3], axis=2).max() <= force
+        largest = np.linalg.norm(error.values[at].reshape(at.sum(), -1, 2, 3), axis=3).max(axis=(0, 1))
+        print(
+            f"{name}, {window[0]:g} to {window[1]:g} s: {1e3 * tracking[at].max():.4f} mm,"
+            f" {largest[0]:.4f} N, {largest[1]:.4f} N m"
+        )
+        assert largest[0] <= force
         assert tracking[at].max() <= position
         if result.scenario.cell.rows == "full":
-            assert np.linalg.norm(error.values[at, :, 3:], axis=2).max() <= moment
+            assert largest[1] <= moment
 
 
 # ------------------------------------------------------------ squeeze at the tips

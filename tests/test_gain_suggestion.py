@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from cells import CATALOGUE_CELLS
+from cells import CATALOGUE_CELLS, FAR_CELLS
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.analysis import gain_proposal, reachability
+from coop_pin.analysis import closure_problem, gain_proposal, reachability
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model import ArmModel
@@ -222,6 +223,55 @@ def test_lags_lower_the_gains(six, lag):
     assert proposal.t_lambda_max * (1.0 + 2.0 * lag * 1000.0) == pytest.approx(0.9, rel=0.01)
 
 
+LEVEL = UR5_OF_FIVE | {"posture": (0.0, -1.2, 1.6, -0.4, -1.57)}
+"""Its tool is level: with its three parallel axes it cannot tilt about the line to another such arm."""
+
+
+def short(scenario):
+    return scenario.replace(motion=scenario.motion.replace(start_time=0.2, duration=1.5), duration=2.0)
+
+
+@pytest.mark.parametrize("name", ["adept-paper", "five-joint-pair", "two-pandas-box"])
+def test_closures_that_are_redundant_everywhere_or_nowhere_are_no_problem(name):
+    assert closure_problem(cp.Scenario.load(name)) == ""
+
+
+def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, capsys):
+    level = short(carry("level", [LEVEL] * 2, by=(0.0, 0.0, 0.1), rows="positional"))
+    assert cp.reachability(level, poses=5).ok
+    assert cp.cell_summary(level.cell, level.start.matrix).freedom == 5  # ten joints less six rows: four
+    assert refused(level) == "singularity"
+    level.save(tmp_path / "level.toml")
+    assert main(["check", str(tmp_path / "level.toml"), "--poses", "5"]) == 1
+    assert "rank 5 there and 6 nearby" in capsys.readouterr().out
+
+
+def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
+    """Both arms see one pose, at the position of the reference and turned."""
+    five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
+    found = cp.reachability(five, poses=11)
+    assert found.ok
+    models = [ArmModel.from_cell(five.cell, arm.arm) for arm in found.arms]
+    ends = [model.payload_pose(arm.q[-1]) for model, arm in zip(models, found.arms, strict=True)]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    np.testing.assert_allclose(ends[0][:3, 3], (0.0, 0.03, 0.05), atol=1e-6)
+    assert np.degrees(np.arccos((np.trace(ends[0][:3, :3]) - 1.0) / 2.0)) > 15.0
+    far = short(carry("five", [UR5_OF_FIVE] * 2, rows="positional"))  # there the chain is singular
+    assert not cp.reachability(far, poses=21).ok
+
+
+@pytest.mark.slow
+def test_a_run_on_positional_rows_turns_as_expected():
+    """Within the little that the springs of the posture do in the null space."""
+    five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
+    result = cp.run(cp.suggest(five).scenario)
+    assert result.trustworthy
+    found = cp.reachability(five)
+    expected = ArmModel.from_cell(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
+    turned = Rotation.from_quat(result.data.payload_quaternion.values[-1])
+    assert (turned * Rotation.from_matrix(expected).inv()).magnitude() < np.deg2rad(1.0)
+
+
 def refused(scenario):
     with pytest.raises(InfeasibleMotionError) as caught:
         cp.suggest(scenario, poses=11)
@@ -253,13 +303,27 @@ def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
     assert "rank" in capsys.readouterr().err
 
 
+def as_expected(name, suggestion, start=0.0, **fields):
+    """Largest errors of a suggested run: at most twice what is expected, on positional rows four times."""
+    proposal, scenario = suggestion.proposal, suggestion.scenario.replace(**fields)
+    tracking, force = run_errors(scenario, start)
+    print(
+        f"{name}: {proposal.rate_hz:g} Hz, {1e3 * tracking:.3g} mm ({1e3 * proposal.tracking:.3g}),"
+        f" {force:.3g} N ({proposal.internal_force:.3g})"
+    )
+    factor = 4.0 if scenario.cell.rows == "positional" else 2.0
+    assert tracking <= factor * proposal.tracking
+    assert force <= factor * proposal.internal_force
+    return tracking, force
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*CATALOGUE_CELLS, "adept-anchored"])
+@pytest.mark.parametrize("name", [*CATALOGUE_CELLS, *FAR_CELLS, "adept-anchored"])
 def test_the_suggested_scenario_of_a_catalogue_cell_runs_within_its_limits(name):
     """From 3 s on: before, the squeeze comes in, and the planar arms come from 0.1 m away."""
-    scenario = cp.suggest(cp.Scenario.load(name)).scenario
-    tracking, force = run_errors(scenario.replace(events=(), duration=7.0), start=3.0)
-    assert tracking < 1e-4
+    suggestion = cp.suggest(cp.Scenario.load(name))
+    tracking, force = as_expected(name, suggestion, start=3.0, events=(), duration=7.0)
+    assert tracking < (5e-4 if name in FAR_CELLS else 1e-4)
     assert force < 0.3
 
 
@@ -270,6 +334,6 @@ def test_ten_new_cells_carry_two_kilograms_with_no_number_set_by_hand_or_are_tol
         if cause is not None:
             assert refused(scenario) == cause, name
             continue
-        tracking, force = run_errors(cp.suggest(scenario).scenario)
+        tracking, force = as_expected(name, cp.suggest(scenario))
         carried[name] = tracking < 1e-3 and force < 0.5
     assert sum(carried.values()) >= 7, carried

@@ -77,6 +77,16 @@ def test_only_the_minimum_norm_depends_on_the_unit_of_length(name, m):
     assert difference < 1e-6 if name in ANY_UNIT_OF_LENGTH else difference > 1.0
 
 
+@pytest.mark.parametrize("m", [2, 3])
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_samples_may_have_any_leading_axes(name, m):
+    F, r = grasp(m)
+    f = DEFINITIONS[name](F, r)
+    table = DEFINITIONS[name](F.reshape(2, 5, m, 6), r.reshape(2, 5, m, 3))
+    np.testing.assert_allclose(table.reshape(f.shape), f, atol=1e-11)
+    np.testing.assert_allclose(DEFINITIONS[name](F[3], r[3]), f[3], atol=1e-11)
+
+
 def test_of_two_arms_the_symmetric_and_the_nonsqueezing_split_are_that_by_equal_load_shares():
     F, r = grasp(2)
     equal = internal_wrenches(F, np.array([0.5, 0.5]))
@@ -130,6 +140,26 @@ def test_a_result_has_every_definition_of_its_internal_wrench(name):
     result = cp.run(scenario)
     found, F = result.internal_wrench_definitions(), result.data["interaction_wrench"]
     np.testing.assert_allclose(found["load_shares"], result.data["internal_wrench"], atol=1e-12)
+    determined = np.isfinite(F.values)
+    tips = (
+        (result.data["tip_position"] - result.data["payload_position"]).transpose("time", "arm", ...).values
+    )
+    r, values = np.where(determined[..., :3], tips, 0.0), np.where(determined, F.values, 0.0)
+    payload, c = scenario.cell.payload, np.array(scenario.cell.shares)
+    expected = {
+        "minimum_norm": minimum_norm_internal_wrenches(values, r),
+        "nonsqueezing": nonsqueezing_internal_wrenches(values, r),
+        "virtual_linkage": virtual_linkage_internal_wrenches(values, r),
+        "constraint_consistent": constraint_consistent_internal_wrenches(
+            values, r, c * payload.mass, c * np.trace(payload.inertia_matrix) / 3.0
+        ),
+        "symmetric": symmetric_internal_wrenches(values),
+    }
+    assert set(found) == {"load_shares", *expected}
+    for definition, wrenches in expected.items():
+        np.testing.assert_allclose(
+            found[definition].values[determined], wrenches[determined], atol=1e-12, rtol=1e-12
+        )
     for values in found.values():
         assert values.dims == F.dims
         np.testing.assert_array_equal(np.isnan(values), np.isnan(F))
@@ -139,5 +169,7 @@ def test_a_result_has_every_definition_of_its_internal_wrench(name):
 
 
 def test_tips_that_do_not_fit_the_wrenches_are_refused():
+    with pytest.raises(ShapeError):
+        minimum_norm_internal_wrenches(np.zeros(6), np.zeros(3))
     with pytest.raises(ShapeError):
         minimum_norm_internal_wrenches(np.zeros((2, 6)), np.zeros((3, 3)))

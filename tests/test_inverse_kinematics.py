@@ -171,3 +171,17 @@ def test_bad_input_is_named():
         solve_ik(arm, start, posture=posture[:-1])
     with pytest.raises(OutOfRangeError, match="X_WP"):
         solve_ik(arm, np.full((4, 4), np.nan), posture=posture)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_remembered_solutions_are_copies_and_belong_to_one_grasp(name):
+    arm, start, posture = arm_of(name, "right")
+    first = solve_ik(arm, start, posture=posture)
+    kept = first.copy()
+    first += 1.0
+    assert_allclose(solve_ik(arm, start, posture=posture), kept, rtol=0, atol=0)
+    cell, _ = cell_and_start(name)
+    grasp = np.array(cell.grasps["right"].matrix)
+    grasp[:2, 3] *= 0.99
+    other = ArmModel(cell.arms["right"], grasp, cell.gravity)
+    assert np.abs(solve_ik(other, start, posture=posture) - kept).max() > 1e-6

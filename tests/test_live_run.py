@@ -289,6 +289,16 @@ def test_sliders_are_the_gains_that_have_an_effect():
         quiet_paper().override({slider.field: slider.field_value(slider.high)})
 
 
+def test_sliders_of_the_payload_space_law_are_the_gains_that_have_an_effect():
+    """An omitted leak has a slider with the value that the law takes."""
+    leaky = {"controller.force_path": {"kind": "none"}}
+    for changes, leak, anchors in (({}, 10.0, True), (leaky, 0.2, False)):
+        scenario = cp.Scenario.load("adept-anchored", changes)
+        sliders = {slider.field.rpartition(".")[2]: slider for slider in gain_sliders(scenario)}
+        assert (sliders["leak"].value, "anchor_gain" in sliders) == (leak, anchors)
+        build_controller(scenario.override({sliders["leak"].field: sliders["leak"].high}))
+
+
 def test_a_panel_without_ipywidgets_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ipywidgets", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'coop-pin\[notebook\]'"):

@@ -319,6 +319,18 @@ def test_a_run_that_did_not_settle_states_its_last_errors_and_saturated_drives()
     assert "saturate" in made(STEADY, payload_pose=away, limits=limits, commanded_torque=2.0).summary()
 
 
+def test_a_metric_that_is_no_number_is_a_word():
+    assert metrics.metric_text(0.123456) == "0.1235"
+    words = {metrics.metric_text(math.nan), metrics.metric_text(math.inf)}
+    assert len(words) == 2
+    assert all(word.replace(" ", "").isalpha() for word in words)
+
+
+@pytest.mark.parametrize(("summary", "title"), [("", SCENARIO.name), ("Two arms.", "Two arms.")])
+def test_the_title_of_a_dataset_is_the_summary_or_the_name(summary, title):
+    assert made([0.0, 1.0], scenario=SCENARIO.replace(summary=summary)).data.title == title
+
+
 def test_a_tip_in_the_middle_of_the_others_has_no_axial_direction():
     tips = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], dtype=float)
     data = made([0.0, 1.0], scenario=PLATE, tip_position=tips).data

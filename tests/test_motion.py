@@ -324,6 +324,16 @@ def test_a_ramp_goes_from_its_start_to_its_goal_and_sums_to_zero_all_the_way():
         assert_close(squeeze_at(ramp, time).sum(axis=0), np.zeros(6), atol=1e-14)
 
 
+def test_motions_and_ramps_start_at_zero_unless_told_otherwise():
+    """Half of the way at half of the duration: quintic(1/2) = 1/2."""
+    ramp = RampSqueeze(goal={"left": LEFT, "right": RIGHT}, duration=2.0)
+    assert_close(squeeze_at(ramp, 1.0), np.array([LEFT, RIGHT]) / 2.0, atol=1e-14)
+    line = LineMotion(start=START, goal=GOAL, duration=2.0)
+    first, half, last = (line.at(time).X_WP_d[:3, 3] for time in (0.0, 1.0, 2.0))
+    assert_close(half, (first + last) / 2.0, atol=1e-14)
+    assert np.linalg.norm(last - first) > 0.01
+
+
 @pytest.mark.parametrize("function", [users_squeeze, users_squeeze_rows])
 def test_a_users_squeeze_may_be_a_table_or_rows_in_the_order_of_the_arms(function):
     squeeze = FunctionSqueeze(target=function, options={"force": 3.0})

@@ -19,6 +19,7 @@ SHORT = {
     "01_paper": "seconds = 5.0",
     "03_your_own_arm": "seconds = 0.5",
     "04_sweeps": "gains, poles, force_gains, workers = 2, 2, 4, 0",
+    "06_internal_force": "seconds = 4.5",
 }
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 

@@ -241,6 +241,33 @@ def test_integral_stands_still_while_saturated():
     assert np.array_equal(controller.step(cut, r, state).state.integral, state.integral)
 
 
+def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
+    rows = task_rows("planar")
+    controller = law(rows, anchor_gain=0.1, payload_weight=np.ones(3), sign_gain=np.zeros((3, 3)))
+    m, r = inputs(rows, 3)
+    m = m._replace(internal_wrench=None)
+    assert_allclose(controller.step(m, r, controller.init(m, r)).state.integral, 0.0, atol=1e-15)
+
+
+def test_neither_anchor_nor_leak_unless_stated():
+    controller = law(task_rows("planar"), sign_gain=np.zeros((3, 3)))
+    m, r = inputs(controller.rows, 3)
+    state = controller.init(m, r)._replace(integral=np.ones(3))
+    for age in (0.0, 9.0):
+        after = controller.step(m._replace(internal_wrench_age=age), r, state).state
+        assert_allclose(after.integral, 1.0, atol=1e-15)
+
+
+def test_only_time_since_the_start_counts():
+    controller = law(task_rows("planar"), anchor_gain=0.2)
+
+    def torque(start):
+        (m, r), (m1, r1) = inputs(controller.rows, 3, time=start), inputs(controller.rows, 3, 1, start + 0.1)
+        return controller.step(m1, r1, controller.init(m, r)).torque
+
+    assert_allclose(torque(7.0), torque(0.0), atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ROWS)
 def test_zero_at_grasp_undoes_a_bias_that_is_fixed_in_the_tip(name):
     """The arm sees X G with a constant G; twist, Jacobian and wrench are those of the true payload again."""
@@ -284,6 +311,14 @@ def test_zero_at_grasp_undoes_a_bias_that_is_fixed_in_the_tip(name):
             commands.append(command.torque)
     assert np.abs(commands[1]).max() > 0.1
     assert_allclose(commands[2:], commands[:2], atol=1e-12)
+
+
+def test_a_posture_pulls_by_a_spring_and_a_damper():
+    posture = Posture(
+        angles=np.array([0.1, 0.2]), stiffness=np.array([3.0, 5.0]), damping=np.array([0.5, 2.0])
+    )
+    pull = posture.pull(np.array([0.4, 0.1]), np.array([1.0, -0.3]))
+    assert_close(pull, [-3.0 * 0.3 - 0.5, 5.0 * 0.1 + 2.0 * 0.3], atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ROWS)

@@ -5,7 +5,7 @@ import pytest
 from close import assert_close
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin.errors import OutOfRangeError, ShapeError
@@ -21,6 +21,7 @@ from coop_pin.spatial import (
     shift_wrench,
     task_rows,
 )
+from coop_pin.spatial.pose import log3, quaternions
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -216,3 +217,28 @@ def test_twists_and_wrenches_move_to_another_point_of_the_body(name):
     assert_allclose(A @ back, np.eye(rows.size), atol=1e-14)
     assert_allclose(back.T @ rows.select(F), rows.select(shift_wrench(F, -r)), atol=1e-14)
     assert_allclose((back.T @ rows.select(F)) @ (A @ rows.select(V)), F @ V, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-12])
+def test_log3_is_the_rotation_vector_at_all_angles(angle):
+    """Against scipy's, which goes through a normalised quaternion."""
+    rng = np.random.default_rng(5)
+    for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3)]:
+        vector = angle * direction / np.linalg.norm(direction)
+        assert_allclose(
+            log3(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=0, atol=1e-15 * (1 + angle)
+        )
+
+
+def test_rotations_have_the_bits_of_scipys_and_many_logs_those_of_each():
+    rng = np.random.default_rng(6)
+    angles = np.concatenate((rng.uniform(-4.0, 4.0, (200, 3)), 0.5 * np.pi * rng.integers(-2, 3, (50, 3))))
+    R = np.stack([rotation_from_rpy(each) for each in angles])
+    assert_array_equal(R, Rotation.from_euler("xyz", angles).as_matrix())
+    assert_array_equal(quaternions(R[:200]), Rotation.from_matrix(R[:200]).as_quat())
+    assert_allclose(log3(R), [log3(each) for each in R], rtol=0, atol=2e-15)
+
+
+def test_log3_at_half_a_turn_is_one_of_the_two_rotation_vectors():
+    for R in (np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])):
+        assert_allclose(np.abs(log3(R)), np.pi * (np.diag(R) > 0.0), rtol=0, atol=1e-15)

@@ -2,12 +2,16 @@
 
 import math
 
+import numpy as np
 import pytest
+from cells import SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import steady_errors
 from coop_pin.cli import main
+from coop_pin.description.controller import RedundantSlidingMode, SlidingModeGains
+from coop_pin.description.events import WrenchPulse
 from coop_pin.errors import ArgumentError, OutOfRangeError
 
 GAMMA, K, K_I, RATE = 2.0, 800.0, 5.0, 80.0
@@ -55,13 +59,49 @@ def test_the_worst_arm_counts_in_a_cell_of_three():
     assert found.wrenches == 3
 
 
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_the_printed_law_without_its_integral_is_a_spring(cell):
+    """Force and sag are the largest singular values of what runs at rest show, axis by axis."""
+    scenario, duration = SCENARIOS[cell](), 3.0
+    still = {
+        "cell.gravity": [0.0, 0.0, 0.0],
+        "controller.gains.sign_gain": 0.0,
+        "controller.gains.pose_gain": 4.0,
+        "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
+        "squeeze": {},
+        "events": [],
+        "duration": duration,
+    }
+    scenario = scenario.override(still)
+    X_WE = scenario.start.matrix @ scenario.cell.grasps["right"].matrix
+    linear = [row for row in scenario.cell.task_rows.indices if row < 3]
+    forces, sags = [], []
+    for axis in np.eye(3)[linear]:
+        tip = {"cell.arms.right.calibration_error.tip.xyz": (X_WE[:3, :3].T @ axis * 1e-3).tolist()}
+        forces.append(cp.run(scenario.override(tip)).data.internal_wrench.values[-1, 0, linear])
+        load = WrenchPulse(time=0.0, duration=duration, wrench=(*(5.0 * axis), 0.0, 0.0, 0.0))
+        sags.append(cp.run(scenario.replace(events=(load,))).data.pose_error.values[-1, linear])
+    found = steady_errors(scenario, bias=1e-3, load=5.0)
+    assert_allclose(np.linalg.norm(sags, 2), found.sag, rtol=0.02)
+    assert_allclose(np.linalg.norm(forces, 2), found.force, rtol=0.02)
+    halved = {"controller.force_path": {"kind": "low-pass"}, "controller.gains.force_gain": 1.0}
+    assert_allclose(steady_errors(scenario.override(halved), bias=1e-3).force, found.force / 2.0)
+
+
+def test_the_printed_law_with_its_integral_ramps_and_does_not_sag():
+    found = errors(scenario="adept-paper", bias=1e-4, load=100.0)
+    assert (found.force, found.sag) == (math.inf, 0.0)
+    redundant = SlidingModeGains(pose_gain=5.0, sign_gain=0.2, damping_gain=20.0, transient_rate=5.0)
+    found = errors({"controller": RedundantSlidingMode(gains=redundant)}, scenario="two-pandas-box")
+    assert math.isnan(found.force)
+
+
 def test_laws_in_joint_space_say_what_they_need_and_the_product_bound():
     found = errors(scenario="adept-paper", bias=1e-4, load=100.0)
-    assert math.isnan(found.force)
     assert_allclose(found.product, 0.25 * 1e-4 * 100.0)
     fed_back = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 0.5}
     found = errors(fed_back, scenario="adept-paper")
-    assert (found.wrenches, found.delay, found.product) == (2, 200, 0.0)
+    assert (found.wrenches, found.delay, found.product) == (2, math.inf, 0.0)
     filtered = {"controller.force_path": {"kind": "low-pass"}, "controller.gains.force_gain": 9.0}
     assert 0 <= errors(filtered, scenario="adept-paper").delay < 10
 

@@ -12,12 +12,14 @@ import coop_pin as cp
 from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[1] / "studies"
+WHICH_LAW = (FOLDER.parent / "docs" / "concepts" / "laws.md").read_text(encoding="utf-8")
 ERROR, ALPHA = "internal_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
     "force_gain": {"force_gain": 114},
     "payload": {"with_sign": 36, "without_sign": 36},
     "bias": {"law": 30, "sign": 8},
     "internal_force": {"bias": 2, "force_gain": 6, "sign_gain": 18},
+    "one_millimetre": {"one_millimetre": 3},
 }
 
 
@@ -110,6 +112,73 @@ def test_finished_runs_of_a_study_are_kept_by_sweep(draw, tmp_path, monkeypatch)
     )
     monkeypatch.setattr(cp, "sweep", lambda plan, out: (len(plan), out))
     assert draw.run("name", tmp_path) == {"a": (1, tmp_path / "a")}
+
+
+# ---------------------------------------------------------------- the front
+
+
+@pytest.fixture(scope="module")
+def front(draw):
+    """studies/front.py, from the folder that the fixture draw has put on the path."""
+    assert draw.HERE == FOLDER
+    import front
+
+    return front
+
+
+def test_the_front_judges_every_law_in_every_trial_after_tuning_with_one_budget(front):
+    tables = {name: front.front_figures.read(front.DATA, name) for name in ("gains", "tuning", "judged")}
+    for cell_name, cell in front.CELLS.items():
+        gains, tuning, judged = (table[table["cell"] == cell_name] for table in tables.values())
+        assert set(tuning.groupby("law").size()) == {front.SIZE * (front.GENERATIONS + 1)}
+        trials = front.trials(cell, Path("heavy.urdf"))
+        expected = {
+            (law, trial)
+            for law in set(judged["law"])
+            for trial in trials
+            if front.LAWS[law].senses or not trials[trial].wrist
+        }
+        assert sorted(zip(judged["law"], judged["trial"], strict=True)) == sorted(expected)
+        random = [trials[trial].random for trial in judged["trial"]]
+        assert_allclose(judged["runs"] > 1, random)
+        assert sorted(zip(gains["law"], gains["field"], strict=True)) == sorted(
+            (name, field) for name in set(judged["law"]) for field, *_ in front.LAWS[name].tuned
+        )
+        assert ((gains["low"] <= gains["value"]) & (gains["value"] <= gains["high"])).all()
+        assert front.front_figures.table(judged, cell_name) in WHICH_LAW
+
+
+def test_every_trial_of_the_front_changes_the_scenario_of_every_law(front, tmp_path):
+    for cell in front.CELLS.values():
+        trials = front.trials(cell, front.doubled(cell.urdf, tmp_path))
+        for law in front.LAWS.values():
+            plain = cp.Scenario.load(cell.base, cell.changes | {"controller": law.controller(cell)})
+            for name, trial in trials.items():
+                assert (plain.override(trial.changes) == plain) == (name == "nominal")
+
+
+def test_the_front_is_drawn_from_its_tables(front, tmp_path):
+    names = ("study-front", "study-front-adept", "study-front-panda")
+    assert {path.name for path in front.front_figures.draw(front.DATA, tmp_path)} == {
+        f"{name}.{kind}" for name in names for kind in ("png", "svg")
+    }
+    assert_allclose(
+        front.front_figures.pareto(np.array([[2.0, 1.0], [1.0, 3.0], [3.0, 2.0], [4.0, 0.5]])),
+        [[1.0, 3.0], [2.0, 1.0], [4.0, 0.5]],
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["printed, alpha 0", "anchored"])
+def test_a_row_of_the_front_is_what_its_command_finds(front, tmp_path, law):
+    gains, judged = (front.front_figures.read(front.DATA, name) for name in ("gains", "judged"))
+    mine = gains[(gains["cell"] == "adept") & (gains["law"] == law)]
+    trial = front.trials(front.CELLS["adept"], tmp_path)["bias 1 mm"]
+    tuned = dict(zip(mine["field"], mine["value"], strict=True))
+    row = front.medians(front.CELLS["adept"], front.LAWS[law], tuned, trial, 1, tmp_path)
+    kept = judged[(judged["cell"] == "adept") & (judged["law"] == law) & (judged["trial"] == "bias 1 mm")]
+    for measure in front.MEASURES:
+        assert_allclose(row[measure], kept[measure].item(), rtol=1e-3)
 
 
 # ---------------------------------------------------------------- what they say

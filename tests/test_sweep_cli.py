@@ -1,5 +1,8 @@
 """Commands ``coop-pin sweep`` and ``coop-pin sweep-show``: exit codes and output."""
 
+import csv
+from pathlib import Path
+
 import pytest
 
 from coop_pin.cli import main
@@ -39,9 +42,15 @@ def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
 def test_sweep_show_shows_a_part_of_a_sweep(capsys):
     assert main(["sweep", "gains.toml", "--workers", "0", "--quiet"]) == 0
     shown = []
-    for words in (["--at", "controller.gains.sign_gain=0.2"], ["--at", "controller.gains.sign_gain=-1.0"]):
+    for value in ("0.2", "-1"):
+        words = ["--at", f"controller.gains.sign_gain={value}", "--table", "part.csv"]
         assert main(["sweep-show", "out/gains", *words]) == 0
         shown.append(capsys.readouterr().out)
+        with Path("part.csv").open() as file:
+            (line,) = csv.DictReader(file)
+        assert float(line["controller.gains.sign_gain"]) == float(value)
+        assert line["status"] == ("ok" if value == "0.2" else "failed")
+        assert bool(line["torque_peak_Nm"]) == (value == "0.2")
     assert "1 ok, 0 failed, 0 missing" in shown[0]
     assert "0 ok, 1 failed, 0 missing" in shown[1]
     for words, said in (("controller.gains.sign_gain=7", "0.1, -1.0, 0.2"), ("clock=1", "sign_gain")):

@@ -8,11 +8,11 @@ import pytest
 from faulty import PUSH
 
 import coop_pin as cp
-import coop_pin.sweeps.engine as engine
 from coop_pin.errors import CodeChangedError
 from coop_pin.sweeps import SweepPlan, sweep
+from coop_pin.sweeps import run_key as keys
 from coop_pin.sweeps.job import Job, run_job
-from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, source_files
+from coop_pin.sweeps.run_key import code_digests, run_key, source_files
 from coop_pin.sweeps.store import SweepStore
 
 SHORT = {"duration": 0.1, "events": []}
@@ -122,9 +122,21 @@ def test_a_module_run_with_python_m_brings_its_package(place):
     assert done.stdout.split() == ["__init__.py", "gains.py", "study.py", "tools.py"]
 
 
-def test_a_module_that_python_cannot_read_is_one_file(place):
-    write(place, {"own_f.py": "def (:\n"})
-    assert names(place, "own_f") == ["own_f.py"]
+def test_a_module_that_python_cannot_read_is_no_file_and_its_key_changes_when_it_is_mended(place):
+    write(place, {"own_f.py": "def (:\n", "own_g.py": "import own_f\n"})
+    assert names(place, "own_f") == []
+    assert names(place, "own_g") == ["own_g.py"]
+    write(place, {"own_f.py": ""})
+    assert names(place, "own_g") == ["own_f.py", "own_g.py"]
+
+
+def test_folders_without_init_are_packages_and_modules_hide_them(place):
+    write(place, {"own_lab/laws.py": "from own_lab.gains import K\nfrom . import tools\n"})
+    write(place, {"own_lab/gains.py": "K = 1\n", "own_lab/tools.py": "import own_h\n"})
+    write(place, {"own_h.py": "", "own_h/notes.txt": ""})
+    assert names(place, "own_lab.laws:K") == [
+        "own_h.py", "own_lab/gains.py", "own_lab/laws.py", "own_lab/tools.py",
+    ]  # fmt: skip
 
 
 # ---------------------------------------------------------------- keys
@@ -206,7 +218,7 @@ def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(pl
         write(place, {"own_racing.py": "TORQUE = 2.0\n"})
         return code
 
-    monkeypatch.setattr(engine, "code_digests", edited_meanwhile)
+    monkeypatch.setattr(keys, "code_digests", edited_meanwhile)
     assert sweep(plan, out=place / "kept", workers=0, quiet=True).counts() == {
         "ok": 0,
         "failed": 0,
@@ -219,7 +231,7 @@ def test_a_worker_with_another_version_refuses_the_job(place):
     write(place, {"own_version.py": LAW.format(gains="own_gain"), "own_gain.py": "TORQUE = 1.0\n"})
     scenario = cp.Scenario.load("adept-paper", SHORT | user("own_version:Push"))
     with pytest.raises(CodeChangedError) as caught:
-        run_job(Job("key", scenario.model_dump_json(), code=(CodeDigest("own_version:Push", ("other",)),)))
+        run_job(Job("key", scenario.model_dump_json(), code=(("own_version:Push", ("other",)),)))
     assert caught.value.name == "own_version:Push"
 
 

@@ -14,8 +14,8 @@ import coop_pin as cp
 from coop_pin.errors import FieldError, FileReadError, SweepInterruptedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
+from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import Table, point_key
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"
 SHORT = {"duration": 0.1, "events": []}
@@ -93,7 +93,8 @@ def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
     assert SweepResult.load(tmp_path).counts()["missing"] == 1
     assert small(tmp_path).data.identical(before)
     assert len(computed) == 4
-    assert (tmp_path / "quarantine" / "damaged.jsonl").read_bytes() in segment.read_bytes()
+    (aside,) = (tmp_path / "quarantine").iterdir()
+    assert aside.read_bytes() in segment.read_bytes()
 
 
 def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
@@ -225,7 +226,7 @@ def test_a_damaged_kept_run_is_computed_again(tmp_path, computed):
     path.write_bytes(content)
     result = small(tmp_path, keep="all")
     assert len(computed) == 4
-    assert result.store.has_result(result.store.read(path.stem))
+    assert result.store.read_result(path.stem) is not None
 
 
 def test_asking_for_full_results_later_computes_them(tmp_path, computed):
@@ -300,16 +301,15 @@ def test_without_dask_sweeps_work_and_a_scheduler_says_what_to_install(tmp_path)
 
 def test_a_run_that_is_missing_has_an_empty_line_in_the_tables(tmp_path):
     plan, store = small(tmp_path).plan, SweepStore(tmp_path)
-    key = point_key(plan, 1)
+    key = [each.key for each in keyed_points(plan)][1]
     (segment,) = (tmp_path / "runs").iterdir()
     lines = [line for line in segment.read_bytes().splitlines() if key.encode() not in line]
     segment.write_bytes(b"\n".join(lines))
-    table = Table.read(plan, store)
-    table.write_csv(tmp_path / "again.csv")
-    with (tmp_path / "again.csv").open(newline="") as file:
+    result = SweepResult(plan, store)
+    result.write_tables()
+    with (tmp_path / "table.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [line["status"] for line in lines] == ["ok", "missing", "ok"]
-    empty = dict.fromkeys(("failure", "message", *table.metrics), "")
-    assert lines[1] == {"point": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
-    data = table.dataset()
-    assert np.isnan(data["torque_peak_Nm"]).values.tolist() == [False, True, False]
+    empty = dict.fromkeys(("failure", "message", "failed_at_s", *result.metric_names), "")
+    assert lines[1] == {"number": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
+    assert np.isnan(result.data["torque_peak_Nm"]).values.tolist() == [False, True, False]

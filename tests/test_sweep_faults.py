@@ -22,6 +22,9 @@ def test_a_short_drill_loses_nothing(drill, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_hundred_faults_lose_nothing(drill, tmp_path):
-    done = drill.run_drill(tmp_path, 110, runs=200, seed=2)
-    assert done.total() >= 100
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_hundred_and_ten_faults_lose_nothing(drill, tmp_path, seed):
+    """About an hour for each seed on two idle processors; a disk of its own needs the right to mount."""
+    done = drill.run_drill(tmp_path, 110, runs=60, seed=seed)
+    assert done.total() == 110
+    assert min(done.values()) >= 7

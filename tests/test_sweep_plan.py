@@ -11,7 +11,14 @@ from scipy.stats import qmc
 
 import coop_pin as cp
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, UnknownFieldError
+from coop_pin.errors import (
+    ArgumentError,
+    FieldError,
+    FileReadError,
+    NameNotFoundError,
+    UnknownFieldError,
+    WrongTypeError,
+)
 from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
 from coop_pin.sweeps.run_key import run_key, unresolved_key
 
@@ -153,6 +160,8 @@ def test_spacings_are_those_of_numpy():
         {"sample": {"fields": {GAIN: {"low": 1, "high": 0}}, "count": 4}},
         {"sample": {"fields": {GAIN: {"low": 0, "high": 1, "scale": "log"}}, "count": 4}},
         {"sample": {"fields": {GAIN: {"low": 0, "high": 1}}, "count": 5}},
+        {"cases": {"status": {"a": {}}}},
+        {"repeats": 1 << 62, "axes": {GAIN: [0.0, 0.1]}},
     ],
     ids=str,
 )
@@ -178,9 +187,11 @@ def test_spacings_are_plain_numbers_and_refuse_what_has_none():
     assert linspace(0, 1, 3) == [0.0, 0.5, 1.0]
     assert logspace(1, 100, 3) == pytest.approx([1.0, 10.0, 100.0])
     assert {type(value) for value in (*linspace(0, 1, 3), *logspace(1, 8, 4))} == {float}
-    for mistake in (lambda: linspace(0, 1, 0), lambda: linspace(0, 1, 2.0), lambda: logspace(0, 1, 3)):
-        with pytest.raises(FieldError):
+    for mistake in (lambda: linspace(0, 1, 0), lambda: linspace(0, 1, 1 << 70), lambda: logspace(0, 1, 3)):
+        with pytest.raises(ArgumentError):
             mistake()
+    with pytest.raises(WrongTypeError):
+        linspace(0, 1, 2.0)
 
 
 def test_a_misspelt_field_is_refused_before_anything_runs_and_a_bad_value_is_not():
@@ -202,25 +213,27 @@ def test_files_that_are_no_plans_are_refused(tmp_path):
 # ---------------------------------------------------------------- samples
 
 
-def test_sobol_points_by_blocks_are_those_of_one_sequence():
-    sample = Sample(fields={"a": {"low": 0, "high": 1}, "b": {"low": 0, "high": 1}}, count=4096, seed=5)
-    found = np.array([sample.fractions(i) for i in (0, 1, 1023, 1024, 3000, 4095)])
-    whole = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(5)).random(4096)
-    assert_array_equal(found, whole[[0, 1, 1023, 1024, 3000, 4095]])
+def test_sobol_points_are_those_of_scipy_in_ranges_given_as_spans_or_pairs():
+    sample = Sample(fields={"a": {"low": 0, "high": 1}, "b": (2, 4)}, count=64, seed=5)
+    whole = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(5)).random(64)
+    found = [sample.dimension().changes(i) for i in range(64)]
+    assert_array_equal([point["a"] for point in found], whole[:, 0])
+    assert_array_equal([point["b"] for point in found], 2.0 + 2.0 * whole[:, 1])
 
 
 def test_a_latin_hypercube_has_one_point_in_every_slice():
     sample = Sample(
         fields={"a": {"low": 0, "high": 1}, "b": {"low": 0, "high": 1}}, count=50, method="latin-hypercube"
     )
-    slices = np.floor(50 * np.array([sample.fractions(i) for i in range(50)]))
+    slices = np.floor(50 * sample.fractions())
     for column in slices.T:
         assert_array_equal(np.sort(column), np.arange(50))
 
 
 def test_saltelli_points_differ_from_those_of_a_in_one_column_taken_from_b():
     sample = Sample(fields={name: {"low": 0, "high": 1} for name in "abc"}, count=8, method="saltelli")
-    blocks = np.array([sample.fractions(i) for i in range(sample.size)]).reshape(5, 8, 3)
+    blocks = sample.fractions().reshape(5, 8, 3)
+    assert sample.dimension().size == 40
     a, b = blocks[0], blocks[1]
     for column in range(3):
         wanted = a.copy()
@@ -231,7 +244,7 @@ def test_saltelli_points_differ_from_those_of_a_in_one_column_taken_from_b():
 def test_same_seed_same_points_and_log_spans_keep_their_ends():
     spans = {"a": {"low": 1e-3, "high": 1e3, "scale": "log"}}
     points = [
-        [Sample(fields=spans, count=64, method="random", seed=seed).changes(i)["a"] for i in range(64)]
+        Sample(fields=spans, count=64, method="random", seed=seed).dimension().fields["a"]
         for seed in (1, 1, 2)
     ]
     assert points[0] == points[1] != points[2]

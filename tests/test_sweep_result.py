@@ -5,11 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
-from coop_pin.sweeps import SweepPlan, SweepResult, linspace
+from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
 from coop_pin.sweeps.job import Failure, Outcome, Record
-from coop_pin.sweeps.sensitivity import pareto_front
+from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import point_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SPAN = {"low": -np.pi, "high": np.pi}
@@ -20,8 +19,7 @@ def filled(folder, plan, metrics, fails=lambda _: False):
     store = SweepStore(folder)
     store.write_plan(plan)
     runs = []
-    for point in plan.points():
-        key = point_key(plan, point.number)
+    for point, key, *_ in keyed_points(plan):
         failure = Failure("DivergedError", "gone", {"time": 0.5}) if fails(point.parameters) else None
         runs.append(Outcome(Record(key, {}, {} if failure else metrics(point.parameters), failure)))
     store.append(runs)
@@ -63,7 +61,7 @@ def test_marginals_average_what_finished(grid, tmp_path):
     assert_allclose(found.values[0], 0.09 + np.mean([50.0, 100.0, 200.0, 400.0]), rtol=1e-12)
     assert_allclose(found.values[3], 0.09 + 50.0, rtol=1e-12)
     assert np.isnan(filled(tmp_path / "none", grid.plan, lambda _: {"f": np.inf}).marginal(GAIN, "f")).all()
-    assert_allclose(grid.marginal(RATE, "g", average=np.nanmax).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
+    assert_allclose(grid.marginal(RATE, "g", average=np.max).values, [0.6, 0.4, 0.2, 0.0], rtol=0, atol=0)
 
 
 def test_the_stability_boundary_lies_between_the_last_stable_and_the_first_unstable_value(grid):
@@ -88,7 +86,9 @@ def test_the_pareto_front_is_what_nothing_beats(tmp_path):
     random = np.random.default_rng(0)
     a, b = random.random((2, 200))
     a[5], b[6], a[7:9] = np.nan, np.inf, 0.5
-    front = pareto_front(a, b)
+    plan = SweepPlan(base="adept-paper", axes={"seed": range(200)})
+    made = filled(tmp_path / "random", plan, lambda p: {"a": a[p["seed"]], "b": b[p["seed"]]})
+    front = [run.number for run in made.pareto("a", "b")]
     usable = [i for i in range(200) if np.isfinite(a[i]) and np.isfinite(b[i])]
     wanted = {
         i
@@ -112,13 +112,11 @@ def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(tmp_path):
         return {"f": np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)}
 
     found = filled(tmp_path, plan, ishigami).sobol_indices("f", resamples=100)
-    assert found.fields == tuple(fields)
-    assert_allclose(found.first, [0.3139, 0.4424, 0.0], rtol=0, atol=0.03)
-    assert_allclose(found.total, [0.5576, 0.4424, 0.2437], rtol=0, atol=0.03)
-    for low, value, high in (
-        (found.first_low, found.first, found.first_high),
-        (found.total_low, found.total, found.total_high),
-    ):
+    assert list(found.index) == list(fields)
+    assert_allclose(found["first"], [0.3139, 0.4424, 0.0], rtol=0, atol=0.03)
+    assert_allclose(found["total"], [0.5576, 0.4424, 0.2437], rtol=0, atol=0.03)
+    for name in ("first", "total"):
+        low, value, high = found[f"{name}_low"], found[name], found[f"{name}_high"]
         assert (low <= value).all()
         assert (value <= high).all()
         assert (high - low < 0.25).all()
@@ -169,13 +167,13 @@ def test_a_summary_says_how_many_and_why(grid):
 
 def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_lines_together(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4]})
-    store = SweepStore(tmp_path)
+    store, keys = SweepStore(tmp_path), [each.key for each in keyed_points(plan)]
     for number, kind, message in (
         (0, "WorkerDiedError", "dead"),
         (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
         (2, "ScenarioError", "no"),
     ):
-        store.append([Outcome(Record(point_key(plan, number), {}, {}, Failure(kind, message, {})))])
+        store.append([Outcome(Record(keys[number], {}, {}, Failure(kind, message)))])
     lines = SweepResult(plan, store).summary().splitlines()
     assert lines[-4:] == [
         "  2 ScenarioError; run 1: 2 mistakes:",
@@ -246,15 +244,30 @@ def test_fields_without_effect_are_named(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("scenario", "idle"), [("three-ur5-plate", True), ("two-pandas-box", False)])
+def test_the_posture_of_six_joint_arms_is_told_to_have_no_effect_and_that_of_seven_is_not(
+    tmp_path, scenario, idle
+):
+    spring = "controller.posture.stiffness"
+    axes = {spring: [0.0, 30.0], "controller.gains.pose_gain": [0.5, 1.0]}
+    short = {"duration": 0.02, "events": []}
+    result = sweep(scenario, axes, out=tmp_path, workers=0, quiet=True, changes=short)
+    assert result.counts()["ok"] == 4
+    assert result.fields_without_effect() == [spring] * idle
+    assert (f"no effect on any metric here: {spring}" in result.summary()) == idle
+
+
 def test_the_order_of_metrics_does_not_depend_on_which_run_ended_first(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.1, 0.2]})
     runs = [
-        Outcome(Record(point_key(plan, number), {}, metrics))
-        for number, metrics in enumerate(({"b": 1.0, "a": 2.0}, {"c": 1.0, "a": 3.0}))
+        Outcome(Record(each.key, {}, metrics))
+        for each, metrics in zip(
+            keyed_points(plan), ({"b": 1.0, "a": 2.0}, {"c": 1.0, "a": 3.0}), strict=True
+        )
     ]
     for folder, order in (("one", runs), ("other", runs[::-1])):
         SweepStore(tmp_path / folder).append(order)
         result = SweepResult(plan, SweepStore(tmp_path / folder))
-        assert result.metric_names == ["b", "a", "c"]
+        assert result.metric_names == ["a", "b", "c"]
         result.write_tables()
     assert len({(tmp_path / folder / "table.csv").read_bytes() for folder in ("one", "other")}) == 1

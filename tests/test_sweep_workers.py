@@ -12,7 +12,7 @@ import pytest
 from faulty import law
 
 import coop_pin as cp
-from coop_pin.errors import WorkersLostError
+from coop_pin.errors import CodeChangedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, linspace, sweep
 from coop_pin.sweeps.backend import LocalPool
 from coop_pin.sweeps.job import Job
@@ -97,10 +97,8 @@ def test_workers_give_the_bits_of_a_single_process_and_listen_nowhere(tmp_path, 
     peaks = result.data["torque_peak_Nm"].values[:, 0]
     assert (peaks[:, 0] != peaks[:, 1]).all()
     for number in (0, 1, 4):
-        kept = found.store.read_result(found.store.read(found._table.keys[number]))
-        assert kept.data.identical(
-            result.store.read_result(result.store.read(result._table.keys[number])).data
-        )
+        key = found.table["key"][number]
+        assert found.store.read_result(key).data.identical(result.store.read_result(key).data)
     assert len(watcher.seen) > 1 + workers
     assert watcher.listening == set()
     assert descendants("coop_pin") == []
@@ -134,7 +132,8 @@ def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_
     seen = {failure.number: failure.kind for failure in result.failures}
     assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
     assert result.counts()["missing"] == 0
-    died = result.store.read(result._table.keys[modes.index("exit")]).failure
+    (died,) = [record.failure for record in result.store.records()
+               if record.key == result.table["key"][modes.index("exit")]]  # fmt: skip
     assert died.numbers == {"deaths": 3, "code": 3}
 
 
@@ -158,11 +157,14 @@ def meanwhile(action):
 
 def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_killed_are_replaced():
     """Also while they start, and between two runs; no run is lost or recorded as failed."""
-    with LocalPool(1) as pool:
+    with contextlib.closing(LocalPool(1)) as pool:
         with meanwhile(lambda: wait_until(workers_of)[0].kill()):  # starting
             assert computed(pool, job("none")) == {"none": None}
         (worker,) = workers_of()
         assert loaded(worker) == {"pinocchio"}
+        with pytest.raises(CodeChangedError):
+            computed(pool, job("none", code=(("faulty:Faulty", ("other",)),)))
+        pool.under_way.clear()
         assert {worker.environ()[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")} == {"1"}
         worker.kill()  # idle
         assert computed(pool, job("none")) == {"none": None}
@@ -182,15 +184,15 @@ def loaded(worker):
 
 def test_a_host_that_cannot_start_is_a_typed_error(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with LocalPool(1) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
+    with contextlib.closing(LocalPool(1)) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
         computed(pool, job("none"))
 
 
 UP = """
-import sys
+import contextlib, sys
 sys.path.insert(0, "TESTS")
 from test_sweep_workers import LocalPool, computed, job
-with LocalPool(1) as pool:
+with contextlib.closing(LocalPool(1)) as pool:
     print("up", flush=True)
     computed(pool, job("hang"))
 """
@@ -216,4 +218,5 @@ def test_a_worker_stopped_for_ever_is_killed_at_its_time_limit_and_its_run_repea
     )
     result = sweep(plan, out=tmp_path / "out", workers=1, quiet=True)
     assert (tmp_path / "stopped").exists()
+    assert result.failures == []
     assert result.counts() == {"ok": 2, "failed": 0, "missing": 0}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import ANCHORED, SCENARIOS, planar_three_arms, spatial_scenario
 
 import coop_pin as cp
 from coop_pin.analysis import theorem_monitor
@@ -67,8 +67,130 @@ def test_the_monitor_marks_where_the_proof_breaks():
     assert marked[0.2] > 0.9
 
 
+# ------------------------------------------------------------ payload-space law
+
+AWAY = {"motion": {"kind": "hold", "pose": {"xyz": [0.45, 0.07, 0.42], "rpy": [0.3, -0.1, 0.5]}}}
+BIAS = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
+MEASURED = {
+    "late, pushed": {
+        "events": [
+            {"kind": "wrench-pulse", "time": 0.05, "duration": 0.06, "wrench": [9.0, 4.0, 0, 0, 0, 1.0]},
+            {"kind": "payload-change", "time": 0.1, "mass": 2.0},
+        ]
+    },
+    "biased, noisy and lost": BIAS
+    | {"sensors.wrist": {"noise": {"force": 1.0, "moment": 0.1}, "delay": 1, "lost": [[0.03, 0.11]]}}
+    | {"controller.gains.force_gain": 0.2, "controller.force_path": {"kind": "low-pass", "pole": 0.5}},
+    "own wrist": {
+        "controller.force_path": {"kind": "none"},
+        "controller.payload_mass": 2.5,
+        "sensors.wrist": {},
+    },
+    "nothing": {"controller.force_path": {"kind": "none"}},
+}
+
+
+def anchored(name, changes, duration=0.12):
+    scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], duration=duration, events=())
+    return cp.run(scenario, changes | (AWAY if name == "spatial" else {}))
+
+
+def largest(values):
+    return float(np.nanmax(np.abs(values)))
+
+
+@pytest.mark.parametrize("measured", MEASURED)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_integrals_disagree_as_predicted_and_v_has_its_rates(name, measured):
+    """Eqs. (1), (2) and (4) of the payload-space law along a run, to 1e-6."""
+    result = anchored(name, MEASURED[measured])
+    monitor = theorem_monitor(result)
+    f_d = result.data["desired_internal_wrench"].values[-1, 0, :3]
+    assert largest(monitor["balance_2"]) < 1e-6 * np.linalg.norm(f_d)
+    scale = largest(monitor["disagreement_rate"]) if measured != "nothing" else 1.0
+    assert scale >= 1.0
+    assert largest(monitor["rate_defect"]) < 1e-6 * scale
+    assert largest(monitor["V_rate"]) > 0.01
+    assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
+    assert bool(monitor["anchor_acts"].any()) == (measured != "nothing")
+    # One sample for all arms, split after its noise: the anchors cancel, if the arms see one pose.
+    if measured == "late, pushed":
+        assert largest(monitor["anchor_sum"]) < 1e-9
+    assert float(monitor["anchor_sum"].max() > 0.1) == (measured == "own wrist")
+
+
+MORE_ARMS = {
+    "planar, three": lambda: planar_three_arms("adept-anchored"),
+    "spatial, three": lambda: cp.Scenario.load("three-ur5-plate", {"duration": 0.04}),
+    "spatial, unequal": lambda: cp.Scenario.load("panda-ur5-bar", {"duration": 0.04}),
+}
+
+
+@pytest.mark.parametrize(
+    ("cell", "measured"),
+    [
+        ("planar, three", "internal wrench"),
+        ("spatial, three", "internal wrench"),
+        ("spatial, three", "own wrist"),
+        ("spatial, unequal", "internal wrench"),
+        ("spatial, unequal", "nothing"),
+    ],
+)
+def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
+    """Anchored, by the own wrist and leaky, with a bias of one arm."""
+    scenario = MORE_ARMS[cell]().override(MEASURED.get(measured, {}))
+    first, *others = scenario.cell.arms
+    arms = {arm: {} for arm in others} | {first: {"tip": {"xyz": [1e-3, 0.0, 0.0]}}}
+    result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms})
+    monitor = theorem_monitor(result)
+    assert result.trustworthy
+    assert largest(monitor["balance_2"]) < 1e-6
+    assert largest(monitor["rate_defect"]) < 1e-6
+    assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
+    assert largest(monitor["disagreement_rate"].isel(time=slice(1, None))) > 1e-3
+
+
+@pytest.mark.parametrize("cell", ["planar", "spatial"])
+def test_the_printed_laws_identities_close_for_three_arms(cell):
+    scenario = planar_three_arms("adept-paper")
+    if cell == "spatial":
+        law = spatial_scenario().controller
+        scenario = cp.Scenario.load("three-ur5-plate", {"duration": 0.04}).replace(controller=law)
+    monitor = theorem_monitor(cp.run(scenario))
+    assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
+    assert largest(monitor["balance_25"]) < 1e-6 * largest(monitor["u_prime"])
+    assert largest(monitor["residual_21"]) < 1e-12
+
+
+def test_v_falls_where_the_load_comes_to_rest_and_the_disagreement_with_it():
+    """To a hold 20 mm away: while friction and squeeze change V may grow, then it falls to nothing."""
+    start = cp.Scenario.load("adept-anchored").start.replace(xyz=(0.62, 0.15, 0.0))
+    hold = {"motion": {"kind": "hold", "pose": start.model_dump()}, "clock.steps_per_tick": 1}
+    monitor = theorem_monitor(anchored("planar", hold, duration=2.0)).isel(time=slice(0, -2))
+    assert bool(monitor["V_may_grow"].sel(time=slice(0.0, 0.4)).any())
+    assert not bool(monitor["V_may_grow"].sel(time=slice(1.0, None)).any())
+    rate = np.linalg.norm(monitor["disagreement_rate"].values[:, 0], axis=1)
+    assert monitor["V"].values[-1] < 1e-4 * monitor["V"].values.max()
+    assert rate[-1] < 0.02 * rate.max()
+
+
+def test_the_figure_of_the_payload_space_law_has_its_four_panels():
+    result = anchored("planar", {})
+    figure = theorem_figure(result, theorem_monitor(result))
+    assert len(figure.axes) == 4
+    assert all(axes.lines for axes in figure.axes)
+
+
 def test_other_laws_and_thinned_runs_are_refused():
     with pytest.raises(ArgumentError):
-        theorem_monitor(cp.run("two-pandas-box", {"duration": 0.02}))
+        theorem_monitor(cp.run("adept-anchored", {"duration": 0.1, "actuators.lag": 0.01, "events": ()}))
+    with pytest.raises(ArgumentError):
+        theorem_monitor(
+            cp.run("adept-anchored", {"duration": 0.1, "controller.zero_at_grasp": True, "events": ()})
+        )
+    gains = cp.Scenario.load("adept-paper").controller.gains
+    redundant = {"controller": cp.RedundantSlidingMode(gains=gains), "duration": 0.1, "events": ()}
+    with pytest.raises(ArgumentError):
+        theorem_monitor(cp.run("adept-paper", redundant))
     with pytest.raises(ArgumentError):
         theorem_monitor(cp.run("adept-paper", {"duration": 0.1, "clock.record_every": 2, "events": ()}))

@@ -113,7 +113,7 @@ def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_pa
             r"^\| (`[\w.]+`(?:, `[\w.]+`)*)", (REPOSITORY / "README.md").read_text(), re.MULTILINE
         )
         for name in re.findall(r"[\w.]+", names)
-    } | {"figure2.svg", "figure3.svg", "errors.svg"}
+    }
 
 
 # ---------------------------------------------------------------- tools/measure.py

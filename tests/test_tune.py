@@ -31,7 +31,7 @@ from coop_pin.errors import (
     SweepInterruptedError,
     UnknownFieldError,
 )
-from coop_pin.sweeps import SweepResult, backend, engine
+from coop_pin.sweeps import Sample, SweepResult, backend, engine
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.tuner import Bound, Objective
 from coop_pin.sweeps.tuner import search as find
@@ -94,12 +94,14 @@ def test_later_generations_come_closer_to_a_known_minimum(bound):
     seen = []
 
     def evaluate(points):
+        points = np.array(points)
         costs = bowl(points)
         excess = np.zeros(len(points)) if bound is None else np.maximum(bound - points[:, 0], 0.0)
         seen.append(np.where(excess > 0.0, np.inf, costs))
         return costs, excess
 
-    find(evaluate, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}, generations=8, size=12, seed=1)
+    ranges = {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}
+    find(evaluate, Sample(fields=ranges, count=12, method="latin-hypercube", seed=1), generations=8)
     least = 0.0 if bound is None else (bound - 0.3) ** 2
     assert [len(costs) for costs in seen] == [12] * 9
     assert np.median(seen[-1]) - least < 0.25 * np.median(seen[0][np.isfinite(seen[0])])

@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -217,6 +218,41 @@ def test_what_is_legal_and_common_is_no_finding_and_pinocchio_builds_it(parts):
     text = arm(**parts)
     assert check_urdf(text).findings == ()
     pin.buildModelFromXML(text)
+
+
+def test_prefixes_are_part_of_names_whether_declared_or_not_as_for_pinocchio():
+    for head in ('<robot name="arm" xmlns="u:r" xmlns:o="u:o">', '<robot name="arm">'):
+        text = arm(robot=head, more='<o:link name="c"/><link name="d" o:at="1"><o:inertial/></link>')
+        codes = [finding.code for finding in check_urdf(text).findings]
+        assert codes == ["two_roots"]
+        assert pin.buildModelFromXML(
+            text.replace('<link name="d"', '<o:link name="d"', 1)
+            .replace("</o:inertial>", "")
+            .replace("<o:inertial/></link>", "</o:link>")
+        )
+    cut = arm(more="<o:x/>" * 200)[:-4]
+    assert [finding.code for finding in check_urdf(cut).errors()] == ["not_xml"]
+
+
+def test_the_line_of_an_element_is_that_of_its_start_also_below_tags_of_several_lines():
+    text = arm(
+        axis_1='<axis\n\n xyz="0 0 0"\n/>', limit_1='<limit\nlower="1" upper="-1" effort="1" velocity="1"/>'
+    )
+    findings = check_urdf(text).findings
+    assert [(finding.code, finding.line) for finding in findings] == [
+        ("axis_zero", 15),
+        ("limit_inverted", 19),
+    ]
+
+
+@pytest.mark.parametrize(
+    "piece", ['<link name="{0}"/>', "<material/>", '<link name="l{0}"><visual/><visual/></link>']
+)
+def test_the_time_of_a_check_grows_with_the_elements_not_their_square(piece):
+    text = '<robot name="r">' + "".join(piece.format(number) for number in range(10_000)) + "</robot>"
+    started = time.process_time()
+    assert check_urdf(text).errors()
+    assert time.process_time() - started < 5.0
 
 
 def test_a_tree_of_the_greatest_depth_passes_and_pinocchio_builds_it():

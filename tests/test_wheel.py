@@ -231,7 +231,7 @@ def test_the_installed_package_works_without_the_repository(installed, tmp_path)
     assert metrics
     assert [name for name in metrics if name not in out and name != "reasons"] == []
     written = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
-    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.svg"} <= {
+    assert {"replay.html", "report.html", "result.nc", "scenario.toml", "figure2.png", "errors.png"} <= {
         *written
     }
     assert min(written["replay.html"], written["report.html"]) > 500_000  # the viewer is inside

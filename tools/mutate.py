@@ -47,9 +47,10 @@ EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
 PACKAGES = ("chain", "control", "results", "spatial")
 TESTS = (
-    "branches cell_chain closed_chain closures integrators interface invariants inverse_kinematics live_run "
-    "mechanisms metrics motion payload_space projection reachability redundant_sliding_mode results "
-    "simulation sizes sliding_mode spatial sweep_store trust user_files"
+    "anchored bounds branches cell_chain closed_chain closures integrators interface internal_force "
+    "internal_wrench_definitions invariants inverse_kinematics live_run mechanisms metrics motion "
+    "payload_space projection reachability redundant_sliding_mode refusals results sensing shapes simulation "
+    "sizes sliding_mode spatial sweep_store theorem_monitor trust user_files"
 )
 """Test files that are run; those of figures, live view, command line and sweeps hardly judge the packages."""
 LONGEST = 8.0

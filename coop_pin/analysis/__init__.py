@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.gain_suggestion import Suggestion, suggest
 from coop_pin.analysis.gain_tuning import GainProposal, gain_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
@@ -22,7 +23,7 @@ from coop_pin.analysis.statics import (
     statics_along,
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
-from coop_pin.analysis.task_inertia import TaskInertia, task_inertia
+from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
 from coop_pin.analysis.theorem_monitor import theorem_monitor
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "FastestJoint",
     "GainProposal",
     "JointLimitMargin",
+    "MotionWrenches",
     "NearlySingular",
     "Reachability",
     "SampledStability",
@@ -43,8 +45,10 @@ __all__ = [
     "TaskInertia",
     "Unreachable",
     "cell_summary",
+    "closure_problem",
     "gain_proposal",
     "maximum_reach",
+    "motion_wrenches",
     "reachability",
     "sampled_stability",
     "start_stability",

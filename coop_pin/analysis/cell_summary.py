@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
@@ -32,6 +31,8 @@ def maximum_reach(arm: Arm) -> float:
     Raises:
         UrdfError, NameNotFoundError: the arm cannot be built.
     """
+    from scipy.optimize import minimize  # slow to load
+
     model, limits = load_arm_model(arm), JointLimits(arm)
     data, tip = model.createData(), frame_id(model, arm.tip)
     origin = np.array(model.jointPlacements[1].translation)

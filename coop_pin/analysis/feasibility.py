@@ -6,14 +6,18 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.statics import StaticTorques
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.spatial.task_rows import joint_shortage
 
+_NEARBY = 0.1
+"""Distance of the joints to a configuration nearby, rad or m."""
 _TORQUE_PART = 0.9
 """Part of the torque limit that holding may need: the rest is for the motion and its control."""
 
@@ -28,6 +32,33 @@ def require_rank(scenario: Scenario) -> None:
         joints, rows = ArmModel.from_cell(scenario.cell, name).nv, scenario.cell.task_rows.size
         if joints < rows:
             raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(joints, rows)}")
+
+
+def closure_problem(scenario: Scenario) -> str:
+    """Return why the closed chain is singular at the start, or "": closures that lose rank there.
+
+    Between arms that all lack a direction there (level tools of five-joint arms, for example) the closures
+    have a smaller rank than at configurations nearby. Then neither the motions of the chain nor its internal
+    wrenches are determined: a push opens new motions, and the energy of a run is not explained by work.
+    Closures that are redundant everywhere, as between planar arms, are no problem.
+
+    Args:
+        scenario: whose start every arm reaches.
+    """
+    chain, X_WP = CellChain(scenario.cell, scenario.plant), scenario.start.matrix
+    stated = scenario.start_angles
+    q = chain.posed_configuration(stated, X_WP) if stated else chain.configuration(X_WP)
+    model = chain.mechanism.model
+    rest, away = np.zeros(model.nv), _NEARBY * np.random.default_rng(0).normal(size=model.nv)
+    here, nearby = (
+        chain.mechanism.forward_dynamics(at, rest, rest).rank for at in (q, pin.integrate(model, q, away))
+    )
+    if here >= nearby:
+        return ""
+    return (
+        f"the closed chain is singular at the start: its closures have rank {here} there and {nearby} nearby,"
+        " because the arms lack the same direction. Turn a grasp, tilt a tool, or use arms with six joints"
+    )
 
 
 def require_feasible(scenario: Scenario, found: Reachability, statics: StaticTorques) -> None:
@@ -46,6 +77,8 @@ def require_feasible(scenario: Scenario, found: Reachability, statics: StaticTor
             raise InfeasibleMotionError("singularity", f"arm {reach.arm!r} passes a pose of {worst}")
         if not reach.ok:
             raise InfeasibleMotionError("limits", detail)
+    if singular := closure_problem(scenario):
+        raise InfeasibleMotionError("singularity", singular)
     for arm in statics.arms:
         used = np.abs(arm.weight + arm.load) / arm.limit
         if float(used.max()) > _TORQUE_PART:

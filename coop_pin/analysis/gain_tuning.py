@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.task_inertia import TaskInertia, task_inertia
+from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
 from coop_pin.arrays import Array
 from coop_pin.control.bounds import anchor_gain_bound
 from coop_pin.description.controller import (
@@ -97,7 +97,7 @@ def gain_proposal(scenario: Scenario, found: Reachability) -> GainProposal:
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     for rate in _rates(scenario):
-        proposal = _at_rate(scenario, found, inertia, scale, spread, rate)
+        proposal = _at_rate(scenario, found, scale, spread, rate)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
     return _anchored_faster(proposal)
@@ -117,13 +117,14 @@ def _anchored_faster(proposal: GainProposal) -> GainProposal:
 def _at_rate(
     scenario: Scenario,
     found: Reachability,
-    inertia: TaskInertia,
     scale: Array,
     spread: tuple[float, float],
     rate: float,
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
+    posture = _posture_gains(scenario, found, T)
+    asked = motion_wrenches(scenario, found, posture)
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
@@ -132,22 +133,22 @@ def _at_rate(
     alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
     k_I, bound = alpha / width, None
     if isinstance(path, NoForcePath):
-        force, rest = None, inertia.load_range / (K * gamma * (1.0 + k_I / _LEAK))
-        tracking = np.maximum(inertia.load_rate / (K * gamma * k_I), rest)
+        force, rest = None, asked.load_range / (K * gamma * (1.0 + k_I / _LEAK))
+        tracking = np.maximum(asked.load_rate / (K * gamma * k_I), rest)
     else:
         bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists)._asdict())
-        tracking = inertia.load_rate / (K * gamma * k_I)
+        tracking = asked.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3
     if bound is not None:
-        force = float(np.linalg.norm(inertia.internal_rate[linear])) * T / g
+        force = float(np.linalg.norm(asked.internal_rate[linear])) * T / g
     gains = PayloadSpaceGains(
         pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=gamma
     )
     return GainProposal(
         rate_hz=rate,
         gains=gains,
-        posture=_posture_gains(scenario, found, T),
+        posture=posture,
         t_lambda_max=T * float(np.max(K / scale)) * spread[0],
         lambda_min=lambda_min,
         integral_rate=k_I,

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, frozen
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
@@ -16,6 +17,10 @@ from coop_pin.model.arm_model import ArmModel
 
 _APPROACH_POSES = 20
 _BISECTIONS = 20
+_TURN_STEPS, _CLOSED = 30, 1e-9
+"""Largest number of Newton steps from pose to pose, and the error that they leave, m or rad."""
+_ROUND_OFF = 1e-6
+"""Singular values below this part of the largest are redundant rows."""
 
 
 class Unreachable(NamedTuple):
@@ -124,6 +129,34 @@ def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
         frozen(np.stack((*approach, *(target.X_WP_d for target in targets)))),
         frozen(np.concatenate((np.zeros((len(approach), 6)), [target.V_WP_d for target in targets]))),
     )
+
+
+def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
+    """Return a path of a cell on positional rows with the orientations that its closed chain takes.
+
+    Nothing controls them: from pose to pose the joints of all arms move as little as position and closures
+    allow. Springs and dampers of a posture are not considered. From a position on that the chain cannot take,
+    the orientations are those of the reference, and at the start those of the start.
+    """
+    chain = CellChain(scenario.cell)
+    model, closures = chain.mechanism.model, chain.mechanism.closures
+    try:
+        q = chain.configuration(path.poses[0])
+    except UnreachablePoseError:
+        return path
+    poses = path.poses.copy()
+    for X_WP in poses[1:]:
+        for _ in range(_TURN_STEPS):
+            state = closures.state(q, np.zeros(model.nv))
+            error = np.concatenate((state.position, chain.payload_pose(q)[:3, 3] - X_WP[:3, 3]))
+            if np.abs(error).max() < _CLOSED:
+                break
+            J = np.concatenate((state.jacobian, chain.payload_jacobian(q)[:3]))
+            q = pin.integrate(model, q, -np.linalg.pinv(J, rcond=_ROUND_OFF) @ error)
+        else:
+            break
+        X_WP[:3, :3] = chain.payload_pose(q)[:3, :3]
+    return path._replace(poses=frozen(poses))
 
 
 class PathFollowing:

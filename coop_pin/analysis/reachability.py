@@ -15,6 +15,7 @@ from coop_pin.analysis.path_following import (
     PayloadPath,
     Unreachable,
     payload_path,
+    with_free_turn,
 )
 from coop_pin.arrays import Array, as_count, frozen, require_memory, require_type
 from coop_pin.chain.inverse_kinematics import solve_ik
@@ -146,7 +147,8 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
     """Return the reachability of a scenario's reference, on the branches that a run would start on.
 
     The path leads from the scenario's start straight to the beginning of the reference, and then along the
-    reference. Gains, friction, torques and collisions are not considered.
+    reference; on positional rows the payload turns as the closed chain lets it. Gains, friction, torques and
+    collisions are not considered.
 
     Args:
         scenario: what would be run.
@@ -162,6 +164,8 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
     poses = as_count("poses", poses, 2)
     require_memory(f"{poses:.3g} poses", 4096.0 * poses, "lower poses")
     path = payload_path(scenario, poses)
+    if scenario.cell.rows == "positional":
+        path = with_free_turn(scenario, path)
     arms = tuple(_arm_reach(scenario, name, path) for name in scenario.cell.arms)
     return Reachability(scenario.name, scenario.duration, poses, arms)
 

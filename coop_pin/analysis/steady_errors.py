@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
-from coop_pin.arrays import as_positive, require_type
+from coop_pin.arrays import Array, as_positive, require_type
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control import Switching
 from coop_pin.control.bounds import force_loop_is_stable
-from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, UserController
+from coop_pin.control.terms import jacobian_inverse
+from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, SlidingMode, UserController
 from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
+from coop_pin.model.arm_model import ArmModel
 
 _LARGEST_DELAY = 200
-"""Delays beyond it are not searched, ticks."""
+"""A loop that is stable at this delay, ticks, counts as stable at any."""
 _LARGEST_SAG = 1.0
 """A load that is not carried within it counts as dropped, m."""
 
@@ -29,11 +31,11 @@ class SteadyErrors(NamedTuple):
     Attributes:
         needs: what the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
-        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf if no
-            wrench is fed back, -1 if it is unstable as it is.
+        delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
+            any, or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
-        force: internal force that the bias leaves, N; inf if it grows; NaN for the laws in joint space.
+        force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: smallest product of force and sag that a law of these measurements can have, N m.
     """
@@ -50,8 +52,9 @@ class SteadyErrors(NamedTuple):
     def summary(self) -> str:
         """Return the errors as text."""
         crossing = f"{self.wrenches} wrenches cross" if self.wrenches else "nothing crosses"
-        stable = f"; stable with {self.delay:g} more ticks of delay" if math.isfinite(self.delay) else ""
-        lines = [f"the law needs {self.needs}; {crossing} between the arms at each tick{stable}"]
+        further = f"with {self.delay:g} more ticks of" if math.isfinite(self.delay) else "at any"
+        stable = f"; stable {further} delay" if "wrench" in self.needs else ""
+        lines = [f"the law needs {self.needs}, no model; {crossing} between the arms at each tick{stable}"]
         if not math.isnan(self.force):
             force = (
                 f"{self.force:.3g} N of internal force" if math.isfinite(self.force) else "a growing force"
@@ -66,9 +69,9 @@ class SteadyErrors(NamedTuple):
 
 
 def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0) -> SteadyErrors:
-    """Return the steady errors of a scenario's law at rest.
+    """Return the steady errors of a scenario's law at rest; those of law (23) at the start pose.
 
-    The formulas are derived on the page "The payload-space law" of the documentation.
+    The formulas are derived on the pages "The payload-space law" and "Which law" of the documentation.
 
     Args:
         scenario: with a law of coop_pin.
@@ -78,6 +81,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
 
     Raises:
         ArgumentError: the controller is a user's own.
+        SingularJacobianError, UnreachablePoseError: of law (23), where an arm cannot hold the start.
     """
     require_type("scenario", scenario, Scenario)
     bias, load, law = as_positive("bias", bias), as_positive("load", load), scenario.controller
@@ -94,6 +98,8 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         directions = _directions(scenario, law, internal=internal, own=own)
         force = max(direction.force(share, bias) for direction in directions for share in shares)
         sag = max(direction.sag(load) for direction in directions)
+    elif isinstance(law, SlidingMode):
+        force, sag = _joint_space(scenario, law, bias, load)
     return SteadyErrors(
         needs=needs,
         wrenches=len(shares) if exchanges else 0,
@@ -136,6 +142,8 @@ class _Direction(NamedTuple):
 
     def sag(self, load: float) -> float:
         """Return the error at which the load is held, m."""
+        from scipy.optimize import brentq  # slow to load
+
         if not self.load_rate and self.integral:
             return 0.0
         if self.held(_LARGEST_SAG, self.load_rate) < load:
@@ -147,7 +155,7 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
     """Return the law in each linear task row."""
     rows, gains = scenario.cell.task_rows, law.gains
     gamma, K, alpha = (
-        np.diagonal(np.array(gain) * np.eye(rows.size) if np.ndim(gain) < 2 else np.array(gain))
+        np.diagonal(_matrix(gain, rows.size))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
     period = sampled_loop(law.force_path, scenario.wrists).every * scenario.clock.period
@@ -167,6 +175,39 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
     ]
 
 
+def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float) -> tuple[float, float]:
+    """Return force and sag of law (23) at the start, for square Jacobians.
+
+    Without its integrals arm i is a spring B_i = J_i^-T K_d J_i^-1 gamma against the pose that it sees:
+    sum_i B_i (x + b_i) = 0 and (1 + K_f) ftilde_i = B_i (x + b_i).
+    """
+    rows, chain = scenario.cell.task_rows, CellChain(scenario.cell, scenario.plant)
+    q = chain.configuration(scenario.start.matrix)
+    springs = []
+    for place in chain.model.arms:
+        gains, k = law.gains_of(place.name), place.drive.shape[0]
+        if np.any(gains.sign_gain):
+            return math.inf, 0.0
+        J = ArmModel.from_cell(scenario.cell, place.name).payload_jacobian(q[place.q_slice])
+        J_inverse = jacobian_inverse(rows.select(J) @ np.linalg.inv(place.drive), 0.0)
+        K_d, gamma = (_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
+        springs.append(J_inverse.T @ K_d @ J_inverse @ gamma)
+    linear = np.ix_(*[[row for row, index in enumerate(rows.indices) if index < 3]] * 2)
+    compliance, eye = np.linalg.inv(sum(springs)), np.eye(rows.size)
+    force = max(
+        float(np.linalg.norm((B_i @ ((i == j) * eye - compliance @ B_j))[linear], 2))
+        for i, B_i in enumerate(springs)
+        for j, B_j in enumerate(springs)
+    )
+    sag = float(np.linalg.norm(compliance[linear], 2)) * load
+    return force * bias / (1.0 + law.gains.force_gain), sag
+
+
+def _matrix(gain: Any, size: int) -> Array:
+    """Return a gain as a matrix, shape (size, size): a number or a diagonal stands for one."""
+    return np.array(gain) * np.eye(size) if np.ndim(gain) < 2 else np.array(gain)
+
+
 def _largest_delay(scenario: Scenario, law: Law) -> float:
     """Return the largest delay beyond the stated ones at which force feedback is stable, ticks; -1 for none.
 
@@ -180,4 +221,5 @@ def _largest_delay(scenario: Scenario, law: Law) -> float:
             anchor_gain, pole=pole, delay=stated + further, every=every, force_gain=law.gains.force_gain
         )
 
-    return float(bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1)
+    found = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
+    return math.inf if found == _LARGEST_DELAY else float(found)

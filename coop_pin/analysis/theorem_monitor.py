@@ -1,8 +1,8 @@
-"""Theorem monitor: the quantities of the paper's convergence proof along a recorded run of law (23).
+"""Theorem monitor: the quantities of the convergence proof along a recorded run, by its law.
 
-Gueaieb et al. (2007), Theorems 2 and 3, with eqs. (13)-(15) as they must read. Everything is computed from
-the recorded motion, torques and wrenches of the plant, in drive coordinates; only the gains are the
-controller's.
+For law (23), Gueaieb et al. (2007), Theorems 2 and 3, with eqs. (13)-(15) as they must read; for the
+payload-space law see coop_pin.analysis.payload_space_monitor. Everything is computed from the recorded
+motion, torques and wrenches of the plant, in drive coordinates; only the gains are the controller's.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from coop_pin.analysis.payload_space_monitor import payload_space_monitor
 from coop_pin.analysis.proof_terms import ArmSample, ProofArm, ProofTerms, proof_terms
 from coop_pin.arrays import Array, require_type
 from coop_pin.chain import CellChain
-from coop_pin.description.controller import SlidingMode
+from coop_pin.description.controller import PayloadSpace, SlidingMode
 from coop_pin.description.events import PayloadChange
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
@@ -57,32 +58,37 @@ MONITORED = {
 
 
 def theorem_monitor(result: RunResult) -> xr.Dataset:
-    """Return the quantities of the convergence proof at every tick of a run of law (23).
+    """Return the quantities of the convergence proof of a run's law at every tick.
 
-    Rates are central differences along the true motion with the torques of the tick. ``V_rate`` must be the
-    sum of ``V_rate_1`` to ``V_rate_3`` and ``V_rate_held``; the theorem needs sum_i ``V_rate_3`` <= 0, and
-    ``V_rate_3_is_positive`` marks where it exceeds 1e-6 W. ``V_may_grow`` marks where ``|rho|`` exceeds
-    ``lambda_min(K_d) |s_r|``, ``sliding_is_not_assured`` where ``|sdot_r|`` exceeds the smallest alpha,
-    ``signs_differ`` where sgn(s_q) differs between arms in some joint. Theorem 3 concludes from
-    ``u_prime_sum`` -> 0 that each ``u_prime`` vanishes.
+    Of law (23): rates are central differences along the true motion with the torques of the tick. ``V_rate``
+    must be the sum of ``V_rate_1`` to ``V_rate_3`` and ``V_rate_held``; the theorem needs sum_i ``V_rate_3``
+    <= 0, and ``V_rate_3_is_positive`` marks where it exceeds 1e-6 W. ``V_may_grow`` marks where ``|rho|``
+    exceeds ``lambda_min(K_d) |s_r|``, ``sliding_is_not_assured`` where ``|sdot_r|`` exceeds the smallest
+    alpha, ``signs_differ`` where sgn(s_q) differs between arms in some joint. Theorem 3 concludes from
+    ``u_prime_sum`` -> 0 that each ``u_prime`` vanishes. Of the payload-space law: what
+    ``payload_space_monitor`` returns.
 
     Args:
-        result: of the printed law ("sliding-mode") with planar or full task rows, every tick kept.
+        result: every tick kept, of the payload-space law, or of the printed law ("sliding-mode") with planar
+            or full task rows.
 
     Raises:
         ArgumentError: of another law, or without samples at every tick.
     """
     require_type("result", result, RunResult)
     scenario = result.scenario
+    if scenario.clock.record_every != 1:
+        raise ArgumentError(
+            f"clock.record_every is {scenario.clock.record_every}; the integrals need every tick: run again"
+            " with 1"
+        )
+    if isinstance(scenario.controller, PayloadSpace):
+        return payload_space_monitor(result)
     if not isinstance(scenario.controller, SlidingMode) or scenario.cell.task_rows.name == "positional":
         kind, rows = scenario.controller.kind, scenario.cell.task_rows.name
         raise ArgumentError(
-            f"controller.kind is {kind!r} with rows {rows!r}; the proof is about 'sliding-mode' with rows"
-            " 'planar' or 'full'"
-        )
-    if scenario.clock.record_every != 1:
-        raise ArgumentError(
-            f"clock.record_every is {scenario.clock.record_every}; sigma needs every tick: run again with 1"
+            f"controller.kind is {kind!r} with rows {rows!r}; the proofs are about 'payload-space', and about"
+            " 'sliding-mode' with rows 'planar' or 'full'"
         )
     controller: Any = build_controller(scenario)
     arms = [

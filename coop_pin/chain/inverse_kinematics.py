@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +30,7 @@ def solve_ik(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None
 
     Shape (nq,). Levenberg-Marquardt from the posture, from around it, and from seeds spread over the joint
     ranges. A redundant arm then moves in its null space to the configuration nearest to the posture.
-    Deterministic.
+    Deterministic; the last solutions are remembered within the process.
 
     Args:
         arm: the model, with its grasp.
@@ -70,9 +72,26 @@ def _branches(
     Of a redundant arm, only the given number of families nearest to the posture is kept (all if None).
     """
     require_type("arm", arm, ArmModel)
+    X, near = as_pose("X_WP", X_WP), arm.posture(posture)
+    question = _Question((arm.key, X.tobytes(), near.tobytes()), arm, X, near)
+    return [q.copy() for q in _answer(question, seeds, families)]
+
+
+@dataclass(frozen=True)
+class _Question:
+    """Payload pose and posture, compared by the values in ``key``."""
+
+    key: tuple[object, ...]
+    arm: ArmModel = field(compare=False)
+    X_WP: Array = field(compare=False)
+    near: Array = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _answer(question: _Question, seeds: int, families: int | None) -> list[Array]:
+    arm, near = question.arm, question.near
     solver = IKSolver(arm)
-    target = solver.tip_target(as_pose("X_WP", X_WP))
-    near = arm.posture(posture)
+    target = solver.tip_target(question.X_WP)
     starts = [near, *solver.limits.perturb(near, _NEIGHBOURS), *solver.limits.random_configurations(seeds)]
     with np.errstate(over="ignore", invalid="ignore"):  # a pose of 1e300 m is out of reach, and no warning
         found = sorted(_solutions(solver, target, starts, near), key=lambda q: solver.distance(q, near))

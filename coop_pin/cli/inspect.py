@@ -116,7 +116,8 @@ class Show:
 class Check:
     """Check reachability, distance to singularities, limits and static torques along the desired motion.
 
-    Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest.
+    Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
+    closed chain whose closures lose rank at the start is told.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
     control rate, and the joint friction in the plant's steps; say what the law measures and what a kinematic
     bias and an unknown load leave; the proposal of 'coop-pin suggest' for these postures follows. Every field
@@ -139,6 +140,7 @@ class Check:
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            closure_problem,
             gain_proposal,
             reachability,
             start_stability,
@@ -154,7 +156,10 @@ class Check:
         print(found.summary())
         torques = statics_along(scenario, found)
         print(textwrap.indent(torques.summary(), "  "))
-        ok = found.ok and torques.ok
+        singular = closure_problem(scenario) if found.ok else ""
+        if singular:
+            print(f"  ! {singular}")
+        ok = found.ok and torques.ok and not singular
         if not found.ok or scenario.controller.kind == "user":
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))

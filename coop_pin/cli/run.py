@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -33,7 +33,8 @@ class Run:
         verbose: list every breach of the trust thresholds.
         stop_at_breach: end the run at its first breach of the trust thresholds.
         replay: write replay.html, the motion in 3-D.
-        figures: write the figures.
+        figures: write the figures, as PNG.
+        svg: write the figures as SVG as well.
         report: write report.html, the whole run on one page.
         fields: fields of the scenario, as typed.
     """
@@ -45,6 +46,7 @@ class Run:
     stop_at_breach: bool = False
     replay: bool = True
     figures: bool = True
+    svg: bool = False
     report: bool = False
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
@@ -75,12 +77,13 @@ class Run:
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
-            folder.write(error.result, watch.timing(error.result), replay=False, figures=False)
+            folder.write(error.result, watch.timing(error.result), replay=False, figures=())
             print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
             self._warn(error.result.verdict(), error.result.breaches())
             return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
         timing = watch.timing(result)
-        folder.write(result, timing, replay=self.replay, figures=self.figures)
+        formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if self.svg else ("png",)
+        folder.write(result, timing, replay=self.replay, figures=formats if self.figures else ())
         if self.report:
             from coop_pin.report import save_report  # slow to load
 

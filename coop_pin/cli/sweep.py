@@ -71,7 +71,9 @@ class SweepShow:
         metric: the metric that the figure shows.
         over: draw lines along this field instead of a map or lines along the longest dimension.
         against: a second metric: draw all runs by the two metrics, with the Pareto front.
-        at: show only runs in which a varied field has this value, FIELD=VALUE; once for each field.
+        table: write these runs as CSV: varied fields, status, error, metrics, durations.
+        at: show, list, draw and write only runs in which a varied field has this value, FIELD=VALUE; once for
+            each field.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
@@ -82,6 +84,7 @@ class SweepShow:
     metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = "internal_axial_rms_error_N"
     over: Annotated[str | None, tyro.conf.arg(metavar="FIELD")] = None
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     at: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FIELD=VALUE")] = ()
 
     def execute(self) -> int:
@@ -115,6 +118,9 @@ class SweepShow:
                 figure = sweep_figure(result, self.metric, self.over)
             stem = self.figure.with_suffix("") if self.figure.suffix in (".png", ".svg") else self.figure
             print("written to " + " and ".join(map(str, save_figure(figure, stem))))
+        if self.table is not None:
+            result.store.write_with(self.table, result.table.to_csv)
+            print(f"written to {self.table}")
         return OK
 
 

@@ -6,10 +6,11 @@ for each arm into a CellController. State is a value: ``init`` and ``step`` retu
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.errors import SingularJacobianError
@@ -48,9 +49,9 @@ class ArmMeasurement(NamedTuple):
     payload_jacobian: Array
     internal_wrench: Array | None
     saturated: Mask
-    internal_wrench_age: float = math.inf
+    internal_wrench_age: float = np.inf
     interaction_wrench: Array | None = None
-    interaction_wrench_age: float = math.inf
+    interaction_wrench_age: float = np.inf
     holding_torque: Array | None = None
 
 

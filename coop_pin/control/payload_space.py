@@ -46,7 +46,7 @@ class PayloadSpaceState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PayloadSpaceController(ArmController):
-    """A repair of law (23) whose motion terms leave no internal wrench; decentralised, without a model.
+    """Law (23) on the payload: motion terms leave no internal wrench; decentralised, without a model.
 
     For any number of joints k >= k_0. Wrenches and twists are about P in world axes, on the task rows.
 

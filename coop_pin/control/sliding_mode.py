@@ -7,7 +7,6 @@ posture term for the spare joints (k > k_0); its docstring states what the proof
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
+from coop_pin.spatial.scalars import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 
@@ -106,7 +106,7 @@ class SlidingModeController(ArmController):
         t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
         gamma_xtilde = self.pose_gain.dot(self.rows.pose_error(measurement.payload_pose, reference.pose))
         s = J_plus.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
-        s_d = state.start_surface * math.exp(-self.transient_rate * (t - state.start_time))
+        s_d = state.start_surface * exp(-self.transient_rate * (t - state.start_time))
         s_q = s - s_d
         qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - self.sign_gain.dot(state.sign_integral)
         s_r = v - qdot_r

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, SingularJacobianError
+from coop_pin.spatial.scalars import inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
@@ -19,10 +19,6 @@ CONDITION_LIMIT = 1e6
 
 def jacobian_inverse(J: Array, time: float) -> Array:
     """Return J^-1 of a square payload Jacobian.
-
-    The condition number is measured in the Frobenius norm, ``|J| |J^-1|``: an upper bound of the usual one,
-    at a tenth of its cost. LAPACK is called directly: numpy's wrapper around it costs three times the
-    solution.
 
     Args:
         J: shape (k_0, k_0).
@@ -37,19 +33,9 @@ def jacobian_inverse(J: Array, time: float) -> Array:
             f"the payload Jacobian has {J.shape[1]} columns (joints) and {J.shape[0]} rows; it must be"
             " square: choose other rows, or a law for redundant arms"
         )
-    J_inverse: Array
-    _, _, J_inverse, zero_pivot = dgesv(J, _identity(len(J)))
-    if zero_pivot:
-        raise SingularJacobianError(float("inf"), time, CONDITION_LIMIT)
-    condition = float(np.vdot(J, J) * np.vdot(J_inverse, J_inverse)) ** 0.5
-    if not condition < CONDITION_LIMIT:
-        raise SingularJacobianError(condition, time, CONDITION_LIMIT)
+    J_inverse, condition = inverse(J)
+    require_less(condition, CONDITION_LIMIT, partial(_singular, J, time))
     return J_inverse
-
-
-@cache
-def _identity(size: int) -> Array:
-    return frozen(np.eye(size))
 
 
 def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
@@ -64,19 +50,16 @@ def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
         ArgumentError: J has fewer columns (joints) than rows.
         SingularJacobianError: J J^T + damping^2 I has a condition number beyond 1e12 (of J: 1e6).
     """
-    gram = J.dot(J.T)
-    gram_inverse: Array
-    _, _, gram_inverse, zero_pivot = dgesv(gram + damping**2 * _identity(len(J)), _identity(len(J)))
-    condition = (
-        float(np.vdot(gram, gram) * np.vdot(gram_inverse, gram_inverse)) ** 0.25
-        if not zero_pivot
-        else float("inf")
-    )
-    if not condition < CONDITION_LIMIT:
-        if J.shape[1] < J.shape[0]:
-            raise ArgumentError(f"the payload Jacobian has {joint_shortage(J.shape[1], J.shape[0])}")
-        raise SingularJacobianError(condition, time, CONDITION_LIMIT)
+    gram_inverse, condition = inverse(J.dot(J.T) + damping**2 * np.eye(len(J)))
+    require_less(condition**0.5, CONDITION_LIMIT, partial(_singular, J, time))
     return J.T.dot(gram_inverse)
+
+
+def _singular(J: Array, time: float, condition: float) -> Exception:
+    """Return the error of a payload Jacobian that has no right inverse."""
+    if J.shape[1] < J.shape[0]:
+        return ArgumentError(f"the payload Jacobian has {joint_shortage(J.shape[1], J.shape[0])}")
+    return SingularJacobianError(condition, time, CONDITION_LIMIT)
 
 
 def force_term(

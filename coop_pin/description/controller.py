@@ -202,7 +202,7 @@ class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
 
 
 class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
-    """The payload-space law, a repair of law (23) for any number of joints: PayloadSpaceController.
+    """The payload-space law, for any number of joints: PayloadSpaceController.
 
     What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
     arm's own wrist wrench does, with a stated payload mass; else it leaks.
@@ -221,11 +221,15 @@ class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
 
+    @property
+    def measures(self) -> bool:
+        """Whether the law measures a wrench."""
+        return self.payload_mass is not None or not isinstance(self.force_path, NoForcePath)
+
     def leak_of(self, arm: str) -> float:
         """Return lambda of one arm, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
-        measures = self.payload_mass is not None or not isinstance(self.force_path, NoForcePath)
         leak = self.gains_of(arm).leak
-        return leak if leak is not None else (10.0 if measures else 0.2)
+        return leak if leak is not None else (10.0 if self.measures else 0.2)
 
 
 Law = SlidingMode | RedundantSlidingMode | PayloadSpace

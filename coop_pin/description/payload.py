@@ -6,7 +6,7 @@ import functools
 import inspect
 import io
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
 
@@ -15,8 +15,9 @@ from pydantic import ValidationInfo, create_model, field_validator, model_valida
 
 from coop_pin.arrays import Array, as_positive
 from coop_pin.description.urdf import find_urdf, load_checked
-from coop_pin.description.urdf.robot import link_body
-from coop_pin.errors import FieldError
+from coop_pin.description.urdf.report import listed
+from coop_pin.description.urdf.robot import links_of
+from coop_pin.errors import FieldError, UrdfError
 from coop_pin.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import read_user_file
@@ -224,14 +225,17 @@ class Payload(Description):
         Raises:
             UrdfError: no such file; the file has defects, physical ones included, or more than one link.
         """
-        body = link_body(load_checked(find_urdf(path), strict=True), str(path))
-        return cls(
-            mass=body.mass,
-            inertia=body.inertia,
-            size=body.size,
-            shape=body.shape,
-            shape_pose=Pose.from_matrix(body.X_PS),
-        )
+        links = links_of(load_checked(find_urdf(path), strict=True))
+        if len(links) != 1:
+            names = listed(link.name for link in links)
+            raise UrdfError(f"{path} has {len(links)} links, {names}; a payload must be a single link")
+        inertial = links[0].inertial
+        if inertial is None or not inertial.mass:
+            raise UrdfError(f"link {links[0].name!r} of {path} has no mass; a payload must have one")
+        X_LI = np.eye(4) if inertial.origin is None else inertial.origin
+        M = X_LI[:3, :3] @ inertial.inertia @ X_LI[:3, :3].T
+        inertia = (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2])
+        return cls(mass=inertial.mass, inertia=inertia, **_drawn(links[0].visuals, X_LI[:3, 3]))
 
     def with_mass(self, mass: float) -> Self:
         """Return the same shape with another mass: the inertia is proportional to the mass."""
@@ -242,6 +246,19 @@ class Payload(Description):
 def _matrix(inertia: tuple[float, ...]) -> Array:
     ixx, iyy, izz, ixy, ixz, iyz = inertia
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
+def _drawn(visuals: Sequence[Any], centre: Array) -> dict[str, Any]:
+    """Return size, shape and its pose in P of the first visual of a link, if it is a box or a cylinder."""
+    for visual in visuals[:1]:
+        X_PS = np.eye(4) if visual.origin is None else visual.origin
+        X_PS[:3, 3] -= centre
+        if (box := visual.geometry.box) is not None:
+            return {"size": box.size, "shape_pose": Pose.from_matrix(X_PS)}
+        if (cylinder := visual.geometry.cylinder) is not None:
+            size = (2.0 * cylinder.radius, 2.0 * cylinder.radius, cylinder.length)
+            return {"size": size, "shape": "cylinder", "shape_pose": Pose.from_matrix(X_PS)}
+    return {}
 
 
 def read_mesh(path: Path) -> Any:

@@ -1,4 +1,4 @@
-"""Figure of the theorem monitor: where the paper's convergence proof holds along a run, and where not."""
+"""Figure of the theorem monitor: where a law's convergence proof holds along a run, and where not."""
 
 from __future__ import annotations
 
@@ -17,17 +17,55 @@ _AVERAGED = 1.0
 
 
 def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
-    """Return the terms of Theorems 2 and 3 over time, with the marks where the proof breaks.
+    """Return the terms of a law's convergence proof over time, with the marks where it breaks.
 
-    Above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and ``|rho|`` of each arm beside
-    ``lambda_min(K_d) |s_r|``, beyond which V may grow. Below: what Theorem 3 concludes from,
-    ``|sum_i u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
-    internal-force error.
+    Of law (23), above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and ``|rho|`` of each arm
+    beside ``lambda_min(K_d) |s_r|``, beyond which V may grow. Below: what Theorem 3 concludes from, ``|sum_i
+    u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
+    internal-force error. Of the payload-space law, above: how much the integrals disagree, with what anchor,
+    integral and leak predict, and V with marks where it may grow. Below: what the shared integral has yet to
+    take over, and the internal-force error.
 
     Args:
-        result: the run of law (23).
+        result: the run.
         monitor: of it, by coop_pin.analysis.theorem_monitor.
     """
+    return _payload_space(result, monitor) if "disagreement" in monitor else _sliding_mode(result, monitor)
+
+
+def _payload_space(result: RunResult, monitor: xr.Dataset) -> Figure:
+    time, T = monitor["time"].values, result.scenario.clock.period
+    with run_figure(2, 2, result, "terms of the convergence proof") as (figure, axes):
+        (apart, falling), (taken, forces) = axes
+        predicted = monitor["disagreement"].values[0] + T * np.cumsum(
+            monitor["predicted_rate"].values, axis=0
+        )
+        for index, arm in enumerate(monitor["arm"].values):
+            colour = palette.SERIES[index % len(palette.SERIES)]
+            found = np.linalg.norm(monitor["disagreement"].values[:, index, :], axis=1)
+            apart.plot(time, found, color=colour, label=f"|Z − c Z̄|, {arm}")
+            foretold = np.linalg.norm(predicted[:-1, index], axis=1)
+            apart.plot(
+                time[1:], foretold, ":", color=palette.ACTUAL, label="predicted" if not index else None
+            )
+        label(apart, "disagreement of the integrals", "N, N m")
+        V = monitor["V"].values
+        falling.plot(time, V, color=palette.ACTUAL, label="V")
+        grows = np.where(monitor["V_may_grow"].values, V, np.nan)
+        falling.plot(time, grows, color=palette.INTERNAL, label="V may grow")
+        label(falling, "V falls where the load is constant", "J")
+        left = np.linalg.norm((monitor["Zbar"] - monitor["d"]).values, axis=1)
+        taken.plot(time, left, color=palette.ACTUAL)
+        label(taken, "|Z̄ − d|: load that the integral has not taken over", "N, N m")
+        for panel in (falling, taken):
+            panel.set_yscale("log")
+        _draw_force(forces, result, monitor)
+        for panel in (apart, falling):
+            panel.legend(loc="best", ncols=2, fontsize=7.0)
+    return figure
+
+
+def _sliding_mode(result: RunResult, monitor: xr.Dataset) -> Figure:
     time = monitor["time"].values
     ticks = max(round(_AVERAGED * result.scenario.clock.rate_hz), 1)
     with run_figure(2, 2, result, "terms of the convergence proof") as (figure, axes):
@@ -45,9 +83,7 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
         sums.plot(time, np.linalg.norm(u, axis=2).max(axis=1), color=palette.INTERNAL, label="max |u′|")
         label(sums, "Theorem 3: the sum vanishes, its terms do not", "N, N m")
         sums.set_yscale("log")
-        error = [result.data[f"internal_{part}_error"].values[:, 0] for part in ("axial", "shear")]
-        forces.plot(time, np.hypot(*error), color=palette.INTERNAL)
-        label(forces, f"internal-force error, arm {monitor['arm'].values[0]}", "N")
+        _draw_force(forces, result, monitor)
         for panel in (bounds, sums):
             panel.legend(loc="best", ncols=2, fontsize=7.0)
     return figure
@@ -59,6 +95,12 @@ def _draw_rate(panel: Axes, time: Array, rate: Array) -> None:
     panel.axhline(0.0, color=palette.LIMIT, linewidth=0.6)
     panel.set_yscale("symlog", linthresh=max(1e-3 * float(np.abs(rate).max()), 1e-9))
     label(panel, "Σ dV₃/dt: the proof needs it ≤ 0", "W")
+
+
+def _draw_force(panel: Axes, result: RunResult, monitor: xr.Dataset) -> None:
+    error = [result.data[f"internal_{part}_error"].values[:, 0] for part in ("axial", "shear")]
+    panel.plot(monitor["time"].values, np.hypot(*error), color=palette.INTERNAL)
+    label(panel, f"internal-force error, arm {monitor['arm'].values[0]}", "N")
 
 
 def _averaged(values: Array, ticks: int) -> Array:

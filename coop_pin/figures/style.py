@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -188,26 +190,44 @@ def is_log_spaced(values: Array) -> bool:
 
 
 _DPI = 150
-_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Date": None}}
 
 
-def save_figure(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
-    """Write a figure as PNG and as SVG; if writing fails, older files at these paths stay.
+def save_figure(
+    figure: Figure, stem: str | Path, *, formats: Sequence[Literal["png", "svg"]] = ("png", "svg")
+) -> tuple[Path, ...]:
+    """Write a figure as PNG, as SVG or as both; if writing fails, older files at these paths stay.
+
+    It is laid out once, and drawn once for each format: Figure.savefig does both twice.
 
     Args:
         figure: the figure.
         stem: path of the files without their suffix.
+        formats: those that are written.
 
     Returns:
-        The two paths.
+        The paths.
     """
-    png, svg = Path(f"{stem}.png"), Path(f"{stem}.svg")
-    for path in (png, svg):
-        write_atomically(path, lambda part: _write(figure, part))
-    return png, svg
+    paths = tuple(Path(f"{stem}.{kind}") for kind in formats)
+    engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
+    # Without a fixed salt, matplotlib makes the ids inside an SVG random.
+    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):
+        try:
+            figure.dpi = _DPI
+            if engine is not None:
+                engine.execute(figure)
+            figure.set_layout_engine("none")
+            for path in paths:
+                write_atomically(path, lambda part: _write(figure, part))
+        finally:
+            figure.dpi = dpi
+            figure.set_layout_engine(engine)
+            figure.set_canvas(canvas)
+    return paths
 
 
 def _write(figure: Figure, part: Path) -> None:
-    # Without a fixed salt, matplotlib makes the ids inside an SVG random.
-    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):
-        figure.savefig(part, dpi=_DPI, metadata=_METADATA[part.suffix])
+    canvas: Any = (FigureCanvasAgg if part.suffix == ".png" else FigureCanvasSVG)(figure)
+    if part.suffix == ".png":
+        canvas.print_png(part, metadata={"Software": None})
+    else:
+        canvas.print_svg(part, metadata={"Date": None})

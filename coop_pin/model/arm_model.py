@@ -22,6 +22,7 @@ from coop_pin.model.pinocchio_model import (
     frame_id,
     jacobian_matrix,
     load_arm_model,
+    model_key,
     symmetric,
     without_inertia,
 )
@@ -38,6 +39,7 @@ class ArmModel:
         name: of the arm, for error messages.
         model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with
             "arm/".
+        key: what its kinematics depend on, by value.
         nq: size of q.
         nv: size of v.
         drive: drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
@@ -69,7 +71,9 @@ class ArmModel:
         alone = load_arm_model(arm)
         tip = alone.frames[frame_id(alone, arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")]
         self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
-        X_EP = pin.SE3(inverse_pose(np.eye(4) if X_PE is None else as_pose("X_PE", X_PE)))
+        grasp = np.eye(4) if X_PE is None else as_pose("X_PE", X_PE)
+        X_EP = pin.SE3(inverse_pose(grasp))
+        self.key = (*model_key(arm), arm.tip, arm.base, grasp.tobytes())
         self._tip = add_frame(self.model, "tip", tip.parentJoint, tip.placement)
         self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
         self._data = self.model.createData()

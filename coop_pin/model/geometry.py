@@ -1,22 +1,19 @@
 """Visual geometry of a URDF, and a process that tries whether Pinocchio can read it.
 
-    python -P geometry.py
-
 Pinocchio's reader of meshes (Assimp) has no limits: some damaged files end its process, others take forever.
-stdin of the process is a table in JSON: ``text`` and ``folders`` as of visual_geometry, ``cpu_s``.
+The process runs this file through ``limited_process``.
 """
 
 from __future__ import annotations
 
-import contextlib
-import json
-import subprocess
-import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pinocchio as pin
+
+from coop_pin import limited_process
 
 _MEMORY = 4 * 2**30
 _CPU_S, _BYTES_PER_S = 3, 5_000_000
@@ -55,19 +52,12 @@ def can_be_read(text: str, folders: Sequence[str], size: int) -> bool:
         folders: searched for the packages of package://.
         size: of all its meshes, bytes.
     """
-    order = {"text": text, "folders": list(folders), "cpu_s": _CPU_S + size // _BYTES_PER_S}
-    try:
-        done = subprocess.run(
-            [sys.executable, "-P", __file__],
-            input=json.dumps(order).encode(),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=_PATIENCE_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode in (0, 1)  # 1 is an exception of Python, which is none of a mesh
+    cpu_s = _CPU_S + size // _BYTES_PER_S
+    order = {"text": text, "folders": list(folders)}
+    code, _ = limited_process.ask(
+        Path(__file__), order, cpu_s=cpu_s, memory=_MEMORY, patience_s=_PATIENCE_S, quiet=True
+    )
+    return code in (0, limited_process.REFUSED)  # an exception of Python is none of a mesh
 
 
 def without_meshes(text: str) -> str:
@@ -99,16 +89,10 @@ def _build(model: pin.Model, text: str, folders: Sequence[str]) -> list[Any]:
     return list(geometry.geometryObjects)
 
 
-def _main(order: dict[str, Any]) -> None:
-    with contextlib.suppress(ImportError):  # on Windows the parent's patience is the only limit
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (order["cpu_s"], order["cpu_s"]))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if sys.platform != "darwin":  # which refuses it
-            resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    visual_geometry(pin.buildModelFromXML(order["text"]), order["text"], order["folders"])
+def _try(text: str, folders: Sequence[str]) -> bytes:
+    visual_geometry(pin.buildModelFromXML(text), text, folders)
+    return b""
 
 
 if __name__ == "__main__":
-    _main(json.load(sys.stdin))
+    limited_process.answer(_try)

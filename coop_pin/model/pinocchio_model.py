@@ -137,6 +137,16 @@ class UnreducedArm(NamedTuple):
     configuration: Array
 
 
+ModelKey = tuple[UrdfFile, tuple[int, int], tuple[tuple[str, float], ...], bool]
+
+
+def model_key(arm: Arm) -> ModelKey:
+    """Return what the model of an arm depends on: its file and the version of it, locked and mimic joints."""
+    version = arm.file.path.stat()
+    key = (version.st_mtime_ns, version.st_size)
+    return arm.file, key, tuple(arm.locked.items()), arm.mimic == "ignore"
+
+
 def load_arm_model(arm: Arm) -> pin.Model:
     """Return the Pinocchio model of an arm with its base at the origin: a copy, which the caller may change.
 
@@ -148,10 +158,7 @@ def load_arm_model(arm: Arm) -> pin.Model:
         MimicJointError: it has mimic joints, and ``mimic`` refuses them.
         NameNotFoundError: a locked joint does not exist.
     """
-    file = arm.file
-    version = file.path.stat()
-    key = (version.st_mtime_ns, version.st_size)
-    return _reduced(file, key, tuple(arm.locked.items()), arm.mimic == "ignore").copy()
+    return _reduced(*model_key(arm)).copy()
 
 
 def load_unreduced_arm(arm: Arm) -> UnreducedArm:

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.errors import (
@@ -44,6 +43,8 @@ class CsvMotion(PoseReference):
         columns, lines, table = _read(self.path)
         column = dict(zip(columns, table.T, strict=True))
         if _RPY[0] in column:
+            from scipy.spatial.transform import Rotation  # slow to load
+
             turns = Rotation.from_euler("xyz", np.stack([column[name] for name in _RPY], axis=1))
             quaternions = np.reshape(turns.as_quat(), (-1, 4))
         else:

@@ -8,7 +8,6 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.errors import AmbiguousTurnError, FieldError
@@ -19,7 +18,7 @@ from coop_pin.reference.quintic import quintic, quintic_integral
 from coop_pin.reference.splines import WaypointsMotion
 from coop_pin.schema.base import Positive, Vector3
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import make_pose, rotation_from_rpy
+from coop_pin.spatial import log3, make_pose, rotation_from_rpy
 
 
 def _rotation_terms(axis: Array, R: Array) -> Array:
@@ -150,7 +149,7 @@ class LineMotion(PoseReference):
         """p_0, p_1 - p_0, phi, the angle |phi|, and the terms of the rotation about phi."""
         X_0, X_1 = self.start.matrix, self.goal.matrix
         R_0, p_0 = X_0[:3, :3], X_0[:3, 3]
-        turn = Rotation.from_matrix(X_1[:3, :3] @ R_0.T).as_rotvec()
+        turn = log3(X_1[:3, :3] @ R_0.T)
         angle = float(np.linalg.norm(turn))
         terms = _rotation_terms(turn / angle if angle else turn, R_0)
         return p_0, X_1[:3, 3] - p_0, turn, angle, terms
@@ -240,17 +239,22 @@ class TurnMotion(PoseReference):
     def _start(self) -> tuple[Array, Array, Array]:
         return _about_axis(self.axis, self.pose)
 
+    @cached_property
+    def _centre(self) -> tuple[Array, Array]:
+        """C in world axes, and p_0 - c in payload axes."""
+        X = self.pose.matrix
+        c = X[:3, 3] if self.centre is None else np.array(self.centre)
+        return c, X[:3, :3].T @ (X[:3, 3] - c)
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
-        axis, p, terms = self._start
+        (axis, _, terms), (c, offset) = self._start, self._centre
         s, turn = quintic(time, self.start_time, self.duration), self.angle * axis
         R = _rotation_about_axis(terms, self.angle * s.value)
         omega, alpha = s.rate * turn, s.acceleration * turn
-        if self.centre is None:
-            return make_target(R, p, omega=omega, alpha=alpha)
-        r = Rotation.from_rotvec(s.value * turn).apply(p - self.centre)
+        r = R @ offset
         v = np.cross(omega, r)
-        return make_target(R, r + self.centre, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
+        return make_target(R, c + r, v, omega, np.cross(alpha, r) + np.cross(omega, v), alpha)
 
 
 class SwingMotion(PoseReference):

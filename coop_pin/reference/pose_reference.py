@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array, as_pose, frozen
 from coop_pin.errors import InconsistentReferenceError
@@ -84,6 +83,8 @@ def pose_rates(pose: Callable[[float], Array], time: float, step: float) -> tupl
         time: t_0, s.
         step: s.
     """
+    from scipy.spatial.transform import Rotation  # slow to load
+
     X = pose(time)
     around = np.stack([pose(time + offset * step) for offset in _OFFSETS])
     turns = Rotation.from_matrix(around[:, :3, :3] @ X[:3, :3].T).as_rotvec()

@@ -9,8 +9,6 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.errors import (
@@ -21,6 +19,7 @@ from coop_pin.errors import (
 )
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.schema.pose import Pose
+from coop_pin.spatial import quaternions
 
 _LARGEST_TURN = math.radians(175.0)
 """Largest turn between neighbours; beyond, its direction is not certain."""
@@ -136,6 +135,8 @@ def _quintic_coefficients(times: Array, points: Array) -> Array:
     still = np.zeros(points.shape[1])
     at_rest = [(1, still), (2, still)]
     try:
+        from scipy.interpolate import make_interp_spline  # slow to load
+
         spline = make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ArgumentError(f"no spline leads through the poses: {error}; {_SPACE}") from None
@@ -199,9 +200,8 @@ class WaypointsMotion(PoseReference):
     @cached_property
     def _spline(self) -> PoseSpline:
         poses = np.stack([point.matrix for point in self.points])
-        quaternions = np.reshape(Rotation.from_matrix(poses[:, :3, :3]).as_quat(), (-1, 4))
         times = np.array([point.time for point in self.points])
-        return PoseSpline.through(times, poses[:, :3, 3], quaternions)
+        return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]))
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

@@ -178,7 +178,8 @@ class LimitViolation(NamedTuple):
     Attributes:
         arm: the arm.
         joint: the joint; for a torque the drive of that number.
-        kind: "position", "velocity" or "torque" (commanded; what is applied never exceeds the limit).
+        kind: "position", "velocity" or "torque" (asked of the drive by controller and gravity compensation;
+            what is applied never exceeds the limit).
         worst: the value furthest beyond, rad or m, rad/s or m/s, N m.
         limit: the limit that was exceeded.
         first_time: when it was exceeded first, s.
@@ -218,10 +219,11 @@ def _limited(
         float(data[name].values[a, j])
         for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit")
     )
+    asked = "requested_torque" if "requested_torque" in data else "commanded_torque"
     return [
         ("position", data["joint_position"].values[:, a, j], lower, upper),
         ("velocity", data["joint_velocity"].values[:, a, j], -speed, speed),
-        ("torque", data["commanded_torque"].values[:, a, j], -torque, torque),
+        ("torque", data[asked].values[:, a, j], -torque, torque),
     ]
 
 

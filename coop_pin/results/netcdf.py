@@ -9,8 +9,11 @@ from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
+import h5py
 import numpy as np
 import xarray as xr
+from xarray.conventions import cf_encoder
 
 from coop_pin.errors import FileReadError
 from coop_pin.user_files import read_user_file
@@ -30,9 +33,27 @@ def to_netcdf(data: xr.Dataset, scenario: str) -> bytes:
     """
     data = data.assign_attrs(coop_pin_scenario=scenario)
     data.attrs["coop_pin_sha256"] = content_digest(data)
-    # In memory first: HDF5 that meets a full disk takes the process down.
-    content = bytes(data.to_netcdf(engine="h5netcdf"))
+    content = _written(data)
     return content + _seal(content)
+
+
+def _written(data: xr.Dataset) -> bytes:
+    """Return a dataset as Dataset.to_netcdf writes it, without its import of dask.distributed."""
+    order = (*data.data_vars, *data.coords)
+    variables, attributes = cf_encoder({name: data.variables[name] for name in order}, data.attrs)
+    buffer = io.BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down
+    with h5netcdf.File(buffer, "w") as file:
+        file.dimensions = dict(data.sizes)
+        file.attrs.update(attributes)
+        for name, variable in variables.items():
+            values, attrs = np.asarray(variable.values), dict(variable.attrs)
+            if values.dtype.kind in "OU":
+                values = values.astype(object)
+            kind = h5py.string_dtype() if values.dtype == object else values.dtype
+            fill = attrs.pop("_FillValue", None)
+            new = file.create_variable(name, variable.dims, kind, data=values, fillvalue=fill)
+            new.attrs.update(attrs)
+    return buffer.getvalue()
 
 
 def _seal(content: bytes) -> bytes:

@@ -13,14 +13,13 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
-from coop_pin.spatial import internal_wrenches, rotate_vector6
+from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
 
 Samples: TypeAlias = dict[str, NDArray[Any]]
 """Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
@@ -51,12 +50,12 @@ class Quantity(NamedTuple):
 
 
 def _quaternions(poses: Array) -> Array:
-    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    return quaternions(poses[:, :3, :3])
 
 
 def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
-    rotation = Rotation.from_matrix(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2)).as_rotvec()
+    rotation = log3(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2))
     return np.concatenate((X[:, :3, 3] - X_d[:, :3, 3], rotation), axis=1)
 
 
@@ -158,6 +157,8 @@ QUANTITIES = (
     Quantity("work_friction", "", "J", "done by joint friction since the start"),
     Quantity("work_external", "", "J", "done by external wrenches since the start"),
     Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
+    Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
+             " arrived, and gravity compensation", group="compensation"),
     Quantity("drive_position", "arm joint", "rad", "positions of the drives", group="encoder"),
     Quantity("measured_drive_position", "arm joint", "rad", "positions that the encoders read",
              group="encoder"),
@@ -182,6 +183,9 @@ QUANTITIES = (
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
+    "compensation": lambda scenario: any(
+        scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
+    ),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))

@@ -36,12 +36,14 @@ class Applied(NamedTuple):
 
     Attributes:
         commanded: by the controller.
+        requested: of the drives: the last command that arrived and the robot's gravity compensation.
         torques: that act at the tick.
         saturated: which of them the torque limits cut, or their rate limits over the whole tick; read-only.
         force: the generalised force of the torques, N m, shape (nv,).
     """
 
     commanded: list[Array]
+    requested: list[Array]
     torques: list[Array]
     saturated: list[Mask]
     force: Array
@@ -75,15 +77,15 @@ class ArmActuation:
         torque = self.holding_torque(q)
         return torque - self._carried_weight(q) if self._carried else torque
 
-    def torque(self, command: Array, q: Array) -> tuple[Array, Mask]:
-        """Return the torque at the limits or within, and where it was cut, read-only, shape (k,) each."""
+    def torque(self, command: Array, q: Array) -> tuple[Array, Array, Mask]:
+        """Return the torque asked for, that within the limits, and where it was cut, (k,); read-only."""
         if self._random is not None:
             if self._random.random() < self._missed:
                 command = self._last
             self._last = command = command.copy()
         asked = command + self._carried_weight(q) if self._carried else command
         torque: Array = np.minimum(np.maximum(asked, -self.limit), self.limit)
-        return torque, frozen(torque != asked)
+        return asked, torque, frozen(torque != asked)
 
     def _carried_weight(self, q: Array) -> Array:
         """Return (1 + mass_error) T^-T g(q): the arm's weight by the robot's model of itself, (k,)."""
@@ -215,13 +217,14 @@ class Actuation:
             ShapeError: not one torque for each drive of each arm.
             DivergedError: a torque is not finite, or beyond 1e7 N m.
         """
-        commanded = self.commanded(command)
+        commanded, requested = self.commanded(command), []
         torques, saturated = [], []
         for (name, arm), asked in zip(self._arms.items(), commanded, strict=True):
             largest = float(np.abs(asked).max())
             if not largest < _TORQUE_LIMIT:  # also catches NaN
                 raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, _TORQUE_LIMIT)
-            torque, cut = arm.torque(asked, q)
+            wanted, torque, cut = arm.torque(asked, q)
+            requested.append(wanted)
             torques.append(torque)
             saturated.append(cut)
         self._held = torques
@@ -232,7 +235,7 @@ class Actuation:
         if self.varies:
             self._lose_torque(time)
             torques = self._acting(time)
-        return Applied(commanded, torques, saturated, self._transmission.torque(torques))
+        return Applied(commanded, requested, torques, saturated, self._transmission.torque(torques))
 
     def force(self, time: float) -> Array:
         """Return the generalised force just before a time, after the last tick, N m, shape (nv,)."""

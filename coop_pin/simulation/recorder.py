@@ -97,6 +97,8 @@ class Recorder:
             kept["torque"][sample, index, :drives] = applied.torques[index]
             kept["commanded_torque"][sample, index, :drives] = applied.commanded[index]
             kept["saturated"][sample, index, :drives] = applied.saturated[index]
+            if "requested_torque" in kept:
+                kept["requested_torque"][sample, index, :drives] = applied.requested[index]
             self._jacobians[index][sample] = measurement.payload_jacobian
             place = plant.chain.model.arms[index]
             kept["drive_velocity"][sample, index, :drives] = place.drive.dot(plant.v[place.v_slice])

@@ -14,6 +14,9 @@ from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.model.pinocchio_model import load_arm_model
 
+_LINEAR = 1e-6
+"""Below it tanh(x) / x is 1."""
+
 
 class Friction(NamedTuple):
     """Coefficients of ``tau = -A^T (viscous w + level tanh(w / coulomb_velocity))`` with ``w = A v``.
@@ -42,6 +45,14 @@ class Friction(NamedTuple):
         w = v @ self.axes.T
         level = self.coulomb + self.excess * np.exp(-((w / self.stribeck_velocity) ** 2))
         return -(self.viscous * w + level * np.tanh(w / self.coulomb_velocity)) @ self.axes
+
+    def damping(self, v: Array) -> Array:
+        """Return D with ``force(v) = -D v`` at a joint velocity, N m s/rad, shape (k, k)."""
+        w = self.axes @ v
+        level = self.coulomb + self.excess * np.exp(-((w / self.stribeck_velocity) ** 2))
+        x = w / self.coulomb_velocity
+        steep = np.divide(np.tanh(x), x, out=np.ones_like(x), where=np.abs(x) > _LINEAR)
+        return self.axes.T @ ((self.viscous + level / self.coulomb_velocity * steep)[:, None] * self.axes)
 
 
 def friction(arm: Arm, name: str = "arm") -> Friction:

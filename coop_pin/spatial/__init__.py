@@ -29,8 +29,10 @@ al. (2007), eqs. (7)-(12)).
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
 from coop_pin.spatial.pose import (
     inverse_pose,
+    log3,
     make_pose,
     pose_error,
+    quaternions,
     rotate_vector6,
     rotation_from_rpy,
     rpy_from_rotation,
@@ -47,8 +49,10 @@ __all__ = [
     "internal_wrenches",
     "inverse_pose",
     "load_wrenches",
+    "log3",
     "make_pose",
     "pose_error",
+    "quaternions",
     "rotate_vector6",
     "rotation_from_rpy",
     "rpy_from_rotation",

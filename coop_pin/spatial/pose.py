@@ -2,20 +2,60 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from coop_pin.arrays import Array, as_array, shaped
+from coop_pin.spatial.scalars import atan2, sqrt, where
+
+_SMALL = 1e-9
+"""Length of a quaternion's vector, of a factor of 2 to 4, below which atan2(length, w) is length / w."""
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
     """Return R = Rz(yaw) Ry(pitch) Rx(roll), the URDF convention.
 
+    By the quaternion (x, y, z, w), in the order of scipy's operations: the same bits without its import.
+
     Args:
         rpy: roll, pitch, yaw about fixed axes, rad, shape (3,).
     """
-    return Rotation.from_euler("xyz", as_array("rpy", rpy, 3)).as_matrix()
+    halves = [0.5 * angle for angle in as_array("rpy", rpy, 3).tolist()]
+    (sr, sp, sy), (cr, cp, cy) = map(math.sin, halves), map(math.cos, halves)
+    x, y, z, w = cp * sr, cr * sp, -(sp * sr), cp * cr  # pitch after roll
+    x, y, z, w = cy * x - sy * y, cy * y + sy * x, cy * z + w * sy, cy * w - sy * z
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
+    return np.array(
+        (
+            (xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)),
+            (2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)),
+            (2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww),
+        )
+    )
+
+
+def quaternions(R: Array) -> Array:
+    """Return the unit quaternions x, y, z, w of rotation matrices, shape (..., 4).
+
+    A matrix gives four multiples of its quaternion; that of the largest entry is accurate.
+
+    Args:
+        R: shape (..., 3, 3).
+    """
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    multiples = np.empty((*R.shape[:-2], 4, 4))
+    multiples[..., :3, :3] = R + np.swapaxes(R, -1, -2)
+    multiples[..., range(3), range(3)] = (1.0 - trace)[..., None] + 2.0 * R[..., range(3), range(3)]
+    multiples[..., 3, :3] = multiples[..., :3, 3] = (
+        R[..., (2, 0, 1), (1, 2, 0)] - R[..., (1, 2, 0), (2, 0, 1)]
+    )
+    multiples[..., 3, 3] = 1.0 + trace
+    sizes = np.concatenate((R[..., range(3), range(3)], trace[..., None]), axis=-1)
+    q = np.take_along_axis(multiples, sizes.argmax(axis=-1)[..., None, None], axis=-2)[..., 0, :]
+    return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
 def rpy_from_rotation(rotation: ArrayLike) -> Array:
@@ -44,9 +84,10 @@ def inverse_pose(X_AB: Array) -> Array:
     """Return X_BA = X_AB^-1, shape (4, 4)."""
     X_AB = shaped("X_AB", X_AB, 4, 4)
     R_BA = X_AB[:3, :3].T
-    X_BA = np.eye(4)
+    X_BA = np.zeros_like(X_AB)
     X_BA[:3, :3] = R_BA
     X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
+    X_BA[3, 3] = 1.0
     return X_BA
 
 
@@ -60,8 +101,35 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
         X_WP_d: the desired pose, shape (4, 4).
     """
     X_WP, X_WP_d = shaped("X_WP", X_WP, 4, 4), shaped("X_WP_d", X_WP_d, 4, 4)
-    rotation = Rotation.from_matrix(X_WP[:3, :3] @ X_WP_d[:3, :3].T).as_rotvec()
-    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], rotation))
+    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], log3(X_WP[:3, :3] @ X_WP_d[:3, :3].T)))
+
+
+def log3(R: Array) -> Array:
+    """Return the rotation vectors of rotation matrices, of length 0 to pi, rad, shape (..., 3).
+
+    From the quaternion (w, x, y, z) of the largest of its four entries, which is accurate at all angles:
+    ``2 atan2(|(x, y, z)|, w)`` along (x, y, z), with w >= 0.
+
+    Args:
+        R: shape (..., 3, 3).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist() if R.ndim == 2 else np.moveaxis(R, (-2, -1), (0, 1))
+    # Four multiples of the quaternion; the factor of each is its own diagonal entry.
+    by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
+    by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
+    by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
+    by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
+    largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
+    largest = where(zz > largest[0], (zz, *by_z), largest)
+    w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
+    sign = where(w < 0.0, -1.0, 1.0)
+    w = sign * w
+    length = sqrt(x * x + y * y + z * z)
+    is_small = length < _SMALL
+    # Both quotients are formed, and neither may divide by zero.
+    by_w_only, by_angle = 2.0 / where(is_small, w, 1.0), 2.0 * atan2(length, w) / where(is_small, 1.0, length)
+    factor = sign * where(is_small, by_w_only, by_angle)
+    return np.moveaxis(np.array((factor * x, factor * y, factor * z)), 0, -1)
 
 
 def shift_wrench(F_EA: Array, p_BA: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from typing import Literal
 
@@ -11,8 +10,11 @@ import numpy as np
 from coop_pin.arrays import Array, require_type
 from coop_pin.errors import NameNotFoundError
 from coop_pin.spatial.pose import pose_error, rotate_vector6
+from coop_pin.spatial.scalars import atan2
 
 RowsName = Literal["planar", "positional", "full"]
+
+_ANGULAR_ROWS = np.eye(6)[3:].tolist()
 
 
 class TaskRows(ABC):
@@ -84,9 +86,8 @@ class FullRows(TaskRows):
     def twist_shift(self, displacement: Array) -> Array:
         """Return the matrix of ``[v + w x r, w]``, shape (6, 6)."""
         x, y, z = displacement.tolist()
-        A = np.eye(6)
-        A[:3, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
-        return A
+        linear = ((1.0, 0.0, 0.0, 0.0, z, -y), (0.0, 1.0, 0.0, -z, 0.0, x), (0.0, 0.0, 1.0, y, -x, 0.0))
+        return np.array((*linear, *_ANGULAR_ROWS))
 
 
 class PlanarRows(TaskRows):
@@ -108,7 +109,7 @@ class PlanarRows(TaskRows):
         """
         cosine, sine = X_WP.item(0), X_WP.item(4)
         cosine_d, sine_d = X_WP_d.item(0), X_WP_d.item(4)
-        angle = math.atan2(sine * cosine_d - cosine * sine_d, cosine * cosine_d + sine * sine_d)
+        angle = atan2(sine * cosine_d - cosine * sine_d, cosine * cosine_d + sine * sine_d)
         return np.array((X_WP.item(3) - X_WP_d.item(3), X_WP.item(7) - X_WP_d.item(7), angle))
 
     def turn(self, X_WP: Array, rows_P: Array) -> Array:

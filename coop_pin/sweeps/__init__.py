@@ -7,11 +7,9 @@ from coop_pin import lazy_names
 
 _PUBLIC = {
     "Estimate": "coop_pin.sweeps.engine",
-    "PointFailure": "coop_pin.sweeps.table",
     "PointResult": "coop_pin.sweeps.table",
-    "Sample": "coop_pin.sweeps.sampling",
-    "SobolIndices": "coop_pin.sweeps.sensitivity",
-    "Span": "coop_pin.sweeps.sampling",
+    "Sample": "coop_pin.sweeps.dimensions",
+    "Span": "coop_pin.sweeps.dimensions",
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
     "estimate": "coop_pin.sweeps.engine",

@@ -1,23 +1,24 @@
-"""Execution backends of a sweep: this process, or local workers of a host process that is fed over pipes."""
+"""Execution backends of a sweep: this process, or local workers of a host process that is fed over a pipe."""
 
 from __future__ import annotations
 
 import abc
 import contextlib
 import itertools
+import multiprocessing
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Generator, Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NoReturn
 
 from coop_pin.errors import CoopPinError, RunTimeoutError, WorkerDiedError, WorkersLostError
-from coop_pin.sweeps.job import Failure, Job, Outcome, Record, distinct_ctrl_c, run_job
+from coop_pin.sweeps.job import CtrlC, Failure, Job, Outcome, Record, run_job
 
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
@@ -26,24 +27,17 @@ _LIVES, _SHORT_LIFE_S, _GRACE_S = 3, 10.0, 2.0
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-class SerialBackend:
-    """Execution backend that computes jobs one after the other in this process."""
+def _raise_ctrl_c(*_: object) -> NoReturn:
+    raise CtrlC
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
-        """Yield the outcomes of all jobs, those of a quarter of a second together."""
-        batch: list[Outcome] = []
-        start = time.monotonic()
-        with distinct_ctrl_c():
-            try:
-                for job in jobs:
-                    batch.append(run_job(job))
-                    if time.monotonic() - start > BATCH_S:
-                        yield batch
-                        batch, start = [], time.monotonic()
-            except (Exception, KeyboardInterrupt):  # not of the consumer, which closes
-                yield batch
-                raise
-        yield batch
+
+def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+    """Yield the outcomes of jobs that this process computes, one after the other."""
+    with contextlib.ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
+            stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
+        for job in jobs:
+            yield [run_job(job)]
 
 
 class BatchingBackend(abc.ABC):
@@ -91,7 +85,7 @@ class BatchingBackend(abc.ABC):
 
 
 class LocalPool(BatchingBackend):
-    """Execution backend on local workers, while the ``with`` block runs.
+    """Execution backend on local workers, until it is closed.
 
     Args:
         workers: how many processes compute at once.
@@ -100,36 +94,30 @@ class LocalPool(BatchingBackend):
     def __init__(self, workers: int) -> None:
         super().__init__()
         self._workers, self._short_lives = workers, 0
-
-    def __enter__(self) -> Self:
         self._start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._end()
 
     def _start(self) -> None:
         """Start the host in a session of its own, so that Ctrl-C reaches this process only."""
         path = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # for user modules
         quiet = "ignore::UserWarning:multiprocessing.resource_tracker"
-        self._host = subprocess.Popen(
-            [sys.executable, "-m", "coop_pin.sweeps.worker_host", str(self._workers)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": path, "PYTHONWARNINGS": quiet},
-        )
-        pipes: Any = self._host.stdin, self._host.stdout
-        fds = [os.dup(pipe.fileno()) for pipe in pipes]
-        for pipe in pipes:
-            pipe.close()
-        self._tasks, self._replies = Connection(fds[0], readable=False), Connection(fds[1], writable=False)
+        self._connection, theirs = multiprocessing.Pipe()
+        with theirs:
+            self._host = subprocess.Popen(
+                [
+                    *(sys.executable, "-m", "coop_pin.sweeps.worker_host"),
+                    *(str(self._workers), str(theirs.fileno())),
+                ],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=2,  # what user code prints
+                start_new_session=True,
+                env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": path, "PYTHONWARNINGS": quiet},
+            )
         self._started = time.monotonic()
 
-    def _end(self) -> int:
+    def close(self) -> int:
         """Let the host and its workers end, kill what is left of them, and return the host's exit code."""
-        self._tasks.close()
-        self._replies.close()
+        self._connection.close()
         end = time.monotonic() + _GRACE_S
         with contextlib.suppress(ProcessLookupError):
             while time.monotonic() < end:
@@ -145,15 +133,15 @@ class LocalPool(BatchingBackend):
 
     def submit(self, number: int, batch: list[Job]) -> None:
         """Send a batch to the host."""
-        limits = batch[0].hard_limit_s, batch[0].memory_limit
+        limit_s = batch[0].time_limit_s + max(2.0, 0.5 * batch[0].time_limit_s)  # then the worker is killed
         with contextlib.suppress(OSError):  # of a host that died, which wait notices
-            self._tasks.send((number, [pickle.dumps(job) for job in batch], *limits))
+            self._connection.send((number, [*map(pickle.dumps, batch)], limit_s, batch[0].memory_limit))
 
     def wait(self) -> tuple[int, list[Outcome]]:
         """Wait for the next reply; a host that died is replaced, and all batches are sent again."""
         while True:
             try:
-                number, parts = self._replies.recv()
+                number, parts = self._connection.recv()
                 break
             except (EOFError, OSError):
                 self._restart()
@@ -165,7 +153,7 @@ class LocalPool(BatchingBackend):
         return number, [outcome for part in parts for outcome in _outcomes(part, batch)]
 
     def _restart(self) -> None:
-        code, is_short = self._end(), time.monotonic() - self._started < _SHORT_LIFE_S
+        code, is_short = self.close(), time.monotonic() - self._started < _SHORT_LIFE_S
         self._short_lives = self._short_lives + 1 if is_short else 0
         if self._short_lives == _LIVES:
             reason = f"the host of local workers ended {_LIVES} times at once, at last with exit code {code}"
@@ -178,9 +166,9 @@ class LocalPool(BatchingBackend):
 def _outcomes(part: Any, batch: list[Job]) -> list[Outcome]:
     """Return the outcomes that the host sent, or that of a job that no worker finished."""
     if isinstance(part, bytes):
-        found: list[Outcome] = pickle.loads(part)
-        return found
+        return pickle.loads(part)
     number, end, tries, code = part
     job = batch[number]
     error = RunTimeoutError(job.time_limit_s) if end == "late" else WorkerDiedError(tries, code)
-    return [Outcome(Record(job.key, job.changes, {}, Failure.of(error), {"wall_s": 0.0, "cpu_s": 0.0}))]
+    times = {"wall_s": 0.0, "cpu_s": 0.0}
+    return [Outcome(Record(job.key, dict(job.changes), failure=Failure.of(error), times=times))]

@@ -21,7 +21,7 @@ from coop_pin.sweeps.job import Job, Outcome
 
 _CLIENT: Any = distributed.Client  # without types
 _POLL_S, _PATIENCE_S = 2.0, 30.0
-"""Interval at which workers are counted, and time for which a scheduler may be unreachable, s."""
+"""Interval of looks, and time for which a scheduler may be unreachable, s."""
 _RESUME = "start the same command again: finished runs are kept"
 _LOG = logging.getLogger("coop_pin.sweeps")
 
@@ -35,18 +35,13 @@ class DaskBackend(BatchingBackend):
 
     def __init__(self, client: Any) -> None:
         super().__init__()
-        self._client = client
-        self._name = uuid.uuid4().hex
+        self._client, self._name = client, uuid.uuid4().hex
         self._finished: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-        self._threads, self._counted = 1, -_POLL_S
 
     def slots(self) -> int:
         """Return the number of threads of all workers, which come and go; at least one."""
-        if time.monotonic() - self._counted > _POLL_S:  # asking takes milliseconds
-            with self._answering():
-                self._threads = max(1, sum(self._client.nthreads().values()))
-            self._counted = time.monotonic()
-        return self._threads
+        with self._answering():
+            return max(1, sum(self._client.nthreads().values()))
 
     def submit(self, number: int, batch: list[Job]) -> None:
         """Send a batch to the scheduler."""
@@ -56,13 +51,14 @@ class DaskBackend(BatchingBackend):
 
     def wait(self) -> tuple[int, list[Outcome]]:
         """Wait for the next finished batch."""
-        lost_s = 0.0
-        while lost_s <= _PATIENCE_S:
+        end = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < end:
             with contextlib.suppress(queue.Empty):
                 number, future = self._finished.get(timeout=_POLL_S)
                 with self._answering():
                     return number, pickle.loads(future.result())
-            lost_s = 0.0 if self._client.status == "running" else lost_s + _POLL_S
+            if self._client.status == "running":
+                end = time.monotonic() + _PATIENCE_S
         raise WorkersLostError(f"the scheduler does not answer; {_RESUME}")
 
     @contextlib.contextmanager
@@ -73,12 +69,13 @@ class DaskBackend(BatchingBackend):
         except CoopPinError:
             raise
         except Exception as error:
-            if self._client.status == "running" and not isinstance(
-                error, OSError | distributed.CancelledError
-            ):
-                reason = f"a worker cannot run jobs ({type(error).__name__}: {error})"
-                raise WorkersLostError(f"{reason}; it needs this version of coop_pin") from error
-            raise WorkersLostError(f"the scheduler does not answer ({error}); {_RESUME}") from error
+            is_lost = isinstance(error, OSError | distributed.CancelledError)
+            reason = (
+                f"a worker cannot run jobs ({type(error).__name__}: {error}): another version of coop_pin?"
+            )
+            if is_lost or self._client.status != "running":
+                reason = f"the scheduler does not answer ({error}); {_RESUME}"
+            raise WorkersLostError(reason) from error
 
     def close(self) -> None:
         """Let the dask workers end the processes of this sweep."""
@@ -93,9 +90,9 @@ _pools: dict[int, tuple[str, LocalPool]] = {}
 def compute(name: str, jobs: bytes) -> bytes:
     """Return the outcomes of jobs, both pickled; called in a thread of a dask worker, for a sweep."""
     thread = threading.get_ident()
-    if _pools.get(thread, ("",))[0] != name:
-        close_pools(_pools.get(thread, ("",))[0])
-        _pools[thread] = name, LocalPool(1).__enter__()
+    if (known := _pools.get(thread, ("",))[0]) != name:
+        close_pools(known)
+        _pools[thread] = name, LocalPool(1)
     batches = _pools[thread][1].outcomes(iter(pickle.loads(jobs)))
     return pickle.dumps([outcome for batch in batches for outcome in batch])
 
@@ -103,7 +100,7 @@ def compute(name: str, jobs: bytes) -> bytes:
 def close_pools(name: str) -> None:
     """End the local workers of a sweep."""
     for thread in [thread for thread, (sweep, _) in _pools.items() if sweep == name]:
-        _pools.pop(thread)[1].__exit__()
+        _pools.pop(thread)[1].close()
 
 
 @contextlib.contextmanager
@@ -117,13 +114,12 @@ def connected(address: str) -> Iterator[DaskBackend]:
         WorkersLostError: there is no scheduler at that address.
     """
     with contextlib.ExitStack() as stack:
-        for name in ("distributed", "distributed.client"):  # what is lost arrives as errors and records
-            logger = logging.getLogger(name)
+        for logger in map(logging.getLogger, ("distributed", "distributed.client")):
             stack.callback(logger.setLevel, logger.level)
-            logger.setLevel(logging.CRITICAL)
+            logger.setLevel(logging.CRITICAL)  # what is lost arrives as errors and records
         try:
             resolve_address(address)  # a client with a malformed address would take ten seconds to close
-            client = _CLIENT(address, set_as_default=False, timeout="5s")
+            client = stack.enter_context(_CLIENT(address, set_as_default=False, timeout="5s"))
         except (ValueError, TypeError) as error:
             wanted = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
             raise FieldError(f"is {address!r} ({error}); it must be {wanted}", "scheduler") from None
@@ -132,5 +128,4 @@ def connected(address: str) -> Iterator[DaskBackend]:
             raise WorkersLostError(f"{said}; start one with: dask scheduler") from None
         if not address.startswith("tls://"):
             _LOG.warning("%s has no TLS: whoever reaches it can read the runs and run code as you", address)
-        with client, contextlib.closing(DaskBackend(client)) as backend:
-            yield backend
+        yield stack.enter_context(contextlib.closing(DaskBackend(client)))

@@ -1,28 +1,31 @@
-"""Dimensions of a sweep plan: the fields that vary along each, and their values."""
+"""Dimensions of a sweep plan: the fields that vary along each and their values, and samples over several."""
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field, model_validator
+from scipy.stats import qmc
 
-from coop_pin.arrays import as_number, require_memory
-from coop_pin.errors import FieldError
-from coop_pin.sweeps.sampling import Sample
+from coop_pin.arrays import Array, as_count, as_number, require_memory
+from coop_pin.errors import FieldError, OutOfRangeError
+from coop_pin.schema.base import Description
 
 
 def linspace(first: float, last: float, count: int) -> list[float]:
     """Return count evenly spaced values from first to last, both included.
 
     Raises:
-        FieldError: the count is not a whole number of at least 1.
+        WrongTypeError: the count is not a whole number.
+        ArgumentError: the count is below 1 or beyond the memory, or an end is not finite.
     """
     ends = as_number("first", first), as_number("last", last)
-    return [float(value) for value in np.linspace(*ends, _require_count(count))]
+    return np.linspace(*ends, _fitting(count)).tolist()
 
 
 def logspace(first: float, last: float, count: int) -> list[float]:
@@ -31,27 +34,24 @@ def logspace(first: float, last: float, count: int) -> list[float]:
     first and last are values, not exponents.
 
     Raises:
-        FieldError: the count is not a whole number of at least 1, or an end is not positive.
+        WrongTypeError: the count is not a whole number.
+        ArgumentError: as for linspace, or an end is not positive.
     """
-    first, last = as_number("first", first), as_number("last", last)
-    if first <= 0.0 or last <= 0.0:
-        raise FieldError(f"goes from {first:g} to {last:g}; a logarithmic scale needs positive ends")
-    return [float(value) for value in np.geomspace(first, last, _require_count(count))]
+    ends = as_number("first", first), as_number("last", last)
+    if min(ends) <= 0.0:
+        raise OutOfRangeError("an end of a logarithmic scale", min(ends))
+    return np.geomspace(*ends, _fitting(count)).tolist()
 
 
 def _range(start: float, stop: float, step: float) -> list[float]:
     """Return start, start + step, ... up to stop, which is excluded."""
-    count = math.ceil((stop - start) / step - 1e-9) if step else 0
-    if count < 1:
-        wanted = "the step must lead from start to stop"
-        raise FieldError(f"from {start:g} to {stop:g} in steps of {step:g} is empty; {wanted}")
-    return [start + i * step for i in range(count)]
+    return [start + i * step for i in range(_fitting(math.ceil((stop - start) / step - 1e-9)))]
 
 
-def _require_count(count: Any) -> int:
-    if not isinstance(count, int) or count < 1:
-        raise FieldError(f"counts {count!r}; the count must be a whole number of at least 1")
-    require_memory(f"{count} values", 64.0 * count if count < 1 << 60 else math.inf, "lower the count")
+def _fitting(count: int) -> int:
+    """Return a number of values that fits into the memory."""
+    count = as_count("count", count, 1)
+    require_memory(f"{count} values", 64.0 * min(count, sys.maxsize), "lower the count")
     return count
 
 
@@ -61,63 +61,37 @@ _SPACINGS = {"linspace": linspace, "logspace": logspace, "range": _range}
 def _values(given: Any) -> tuple[Any, ...]:
     """Return the values of a list, or those of ``{linspace = [first, last, count]}`` and the like."""
     if isinstance(given, Mapping):
-        return _spaced(given)
-    if isinstance(given, np.ndarray | range):
-        given = given.tolist() if isinstance(given, np.ndarray) else list(given)
+        try:
+            ((kind, numbers),) = given.items()
+            return tuple(_SPACINGS[kind](*numbers))
+        except (TypeError, ValueError, KeyError, ArithmeticError) as error:
+            wanted = "{linspace = [first, last, count]}, {logspace = [...]} or {range = [start, stop, step]}"
+            raise FieldError(f"is {dict(given)!r}; it must be {wanted} ({error})") from None
+    if isinstance(given, np.ndarray):
+        given = given.tolist()
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
         wanted = f"a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
         raise FieldError(f"is {given!r}; it must be {wanted}")
     return tuple(given)
 
 
-def _spaced(given: Mapping[str, Any]) -> tuple[Any, ...]:
-    kind, numbers = next(iter(given.items())) if len(given) == 1 else ("", ())
-    if kind not in _SPACINGS:
-        wanted = " = [...]}, {".join(_SPACINGS)
-        raise FieldError(f"is {dict(given)!r}; it must be one of {{{wanted} = [...]}}")
-    if (
-        not isinstance(numbers, Sequence)
-        or len(numbers) != 3
-        or not all(isinstance(n, int | float) for n in numbers)
-    ):
-        wanted = "[start, stop, step]" if kind == "range" else "[first, last, count]"
-        raise FieldError(f"is {numbers!r}; it must be three numbers {wanted}", kind)
-    try:
-        return tuple(_SPACINGS[kind](*numbers))
-    except FieldError as error:
-        raise error.below(kind) from None
-
-
 Values = Annotated[tuple[Any, ...], BeforeValidator(_values)]
 """The values that a field takes, in order."""
 
 
-def _label(value: Any) -> Any:
-    """Return the coordinate of a value: a number, text or truth value itself, anything else as JSON text."""
-    if isinstance(value, str | int | float | bool):
-        return value
-    return json.dumps(
-        value,
-        default=lambda entry: entry.model_dump(mode="json") if hasattr(entry, "model_dump") else str(entry),
-    )
-
-
-class FieldsDimension(NamedTuple):
-    """Dimension of a plan: one field, or several that vary together, or named cases.
+class Dimension(NamedTuple):
+    """Dimension of a plan: one field, several that vary together, named cases, or a sample.
 
     Attributes:
-        fields: the values of each field, all of one length; the first one names the dimension.
+        fields: the values of each field, all of one length; the first name is the dimension's.
+        kind: what the values are, for the summary.
         cases: named groups of changes, such as controllers or payloads that take several fields to describe;
             the values of the only field are then their names.
     """
 
-    fields: Mapping[str, tuple[Any, ...]]
+    fields: Mapping[str, Sequence[Any]]
+    kind: str = "values"
     cases: Mapping[str, Mapping[str, Any]] | None = None
-
-    @classmethod
-    def of_cases(cls, name: str, cases: Mapping[str, Mapping[str, Any]]) -> FieldsDimension:
-        """Return the dimension of named cases."""
-        return cls({name: tuple(cases)}, cases)
 
     @property
     def name(self) -> str:
@@ -131,7 +105,7 @@ class FieldsDimension(NamedTuple):
 
     def changes(self, place: int) -> Mapping[str, Any]:
         """Return the changed fields at one place."""
-        values = {field: values[place] for field, values in self.fields.items()}
+        values = {field: values[place] for field, values in self.fields.items() if field != "sample"}
         return values if self.cases is None else self.cases[values[self.name]]
 
     def labels(self, place: int) -> dict[str, Any]:
@@ -144,7 +118,96 @@ class FieldsDimension(NamedTuple):
         shown = ", ".join(f"{each:.10g}" if isinstance(each, float) else str(each) for each in labels)
         more = ", ..." if self.size > len(labels) else ""
         together = f" together with {', '.join(list(self.fields)[1:])}" if len(self.fields) > 1 else ""
-        return f"{self.size} {'values' if self.cases is None else 'cases'}: {shown}{more}{together}"
+        return f"{self.size} {self.kind}: {shown}{more}{together}"
 
 
-Dimension = FieldsDimension | Sample
+def _label(value: Any) -> Any:
+    """Return the coordinate of a value: a number, text or truth value itself, anything else as JSON text."""
+    is_plain = isinstance(value, str | int | float)
+    return value if is_plain else json.dumps(value, default=lambda x: getattr(x, "model_dump", x.__str__)())
+
+
+class Span(Description):
+    """The range of one field; (low, high) is one, too.
+
+    Attributes:
+        low: lower end.
+        high: upper end.
+        scale: "linear", or "log" to sample evenly in the logarithm.
+    """
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_pair(cls, given: Any) -> Any:
+        is_pair = isinstance(given, list | tuple) and len(given) == 2
+        return {"low": given[0], "high": given[1]} if is_pair else given
+
+    @model_validator(mode="after")
+    def _with_valid_ends(self) -> Self:
+        if not self.high > self.low:
+            raise FieldError(f"is {self.high:g}; it must be above low = {self.low:g}", "high")
+        if self.scale == "log" and self.low <= 0.0:
+            raise FieldError(f"is 'log', but low is {self.low:g}; it must be positive", "scale")
+        return self
+
+    def at(self, fractions: Array) -> Array:
+        """Return the values at fractions of the range."""
+        is_log, width = self.scale == "log", self.high - self.low
+        return self.low * (self.high / self.low) ** fractions if is_log else self.low + fractions * width
+
+
+class Sample(Description):
+    """Sample of points over the ranges of several fields; one dimension of a sweep plan.
+
+    Attributes:
+        fields: the range of each field, a Span or a pair.
+        count: number of points; a power of two for "sobol" and "saltelli".
+        method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": count (2 + number of fields)
+            points, from which Sobol' indices are computed.
+        seed: of the sampling.
+    """
+
+    fields: dict[str, Span] = Field(min_length=1)
+    count: int = Field(ge=1, le=1 << 30)
+    method: Literal["sobol", "latin-hypercube", "random", "saltelli"] = "sobol"
+    seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _balanced(self) -> Self:
+        if self.method in ("sobol", "saltelli") and self.count & (self.count - 1):
+            wanted = f"a power of two for {self.method}, for example {1 << self.count.bit_length()}"
+            raise FieldError(f"is {self.count}; it must be {wanted}", "count")
+        return self
+
+    def fractions(self) -> Array:
+        """Return the points in the unit cube, one in each row.
+
+        Those of Saltelli are the rows of A, of B, and of A with one column from B for each field.
+
+        Raises:
+            NotEnoughMemoryError: they do not fit into the memory.
+        """
+        d, random = len(self.fields), np.random.default_rng(self.seed)
+        require_memory(f"{self.count} points", 64.0 * self.count * d * (d + 2), "lower the count")
+        if self.method == "random":
+            return random.random((self.count, d))
+        if self.method == "latin-hypercube":
+            return np.asarray(qmc.LatinHypercube(d, rng=random).random(self.count))
+        if self.method == "sobol":
+            return np.asarray(qmc.Sobol(d, rng=random).random(self.count))
+        A, B = np.hsplit(qmc.Sobol(2 * d, rng=random).random(self.count), 2)
+        return np.concatenate([A, B, *np.where(np.eye(d, dtype=bool)[:, None], B, A)])
+
+    def dimension(self) -> Dimension:
+        """Return the points as a dimension: their numbers, and the values of each field."""
+        values = {
+            name: span.at(u).tolist()
+            for (name, span), u in zip(self.fields.items(), self.fractions().T, strict=True)
+        }
+        ranges = (f"{name} in [{span.low:g}, {span.high:g}]" for name, span in self.fields.items())
+        numbers = range(len(next(iter(values.values()))))
+        return Dimension({"sample": numbers, **values}, f"{self.method} points, {', '.join(ranges)}")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import functools
 import itertools
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,11 +24,11 @@ from coop_pin.errors import (
 )
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
-from coop_pin.sweeps.backend import BatchingBackend, LocalPool, SerialBackend
-from coop_pin.sweeps.job import Failure, Job, Outcome, Record
+from coop_pin.sweeps.backend import LocalPool, outcomes_here
+from coop_pin.sweeps.job import Failure, Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
-from coop_pin.sweeps.run_key import CodeDigest, code_digests, run_key, unresolved_key
+from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
 _TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
@@ -42,12 +44,10 @@ def worker_count(workers: int | None) -> int:
         FieldError: it is negative.
     """
     require_type("workers", workers, int, type(None))
-    if workers is None:
-        affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
-        return len(affinity(0))
-    if workers < 0:
+    if workers is not None and workers < 0:
         raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
-    return workers
+    affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
+    return len(affinity(0)) if workers is None else workers
 
 
 class Session:
@@ -59,10 +59,8 @@ class Session:
     """
 
     def __init__(self, store: SweepStore, bar: ProgressBar, workers: int, scheduler: str | None) -> None:
-        self.store, self.bar, self._place = store, bar, (workers, scheduler)
+        self.store, self.bar, self._workers, self._scheduler = store, bar, workers, scheduler
         self.stack = contextlib.ExitStack()
-        self._under_way: dict[str, int] = {}
-        self._refused: list[Outcome] = []
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
         """Compute every run of a plan that the folder does not hold yet.
@@ -79,65 +77,58 @@ class Session:
             FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
-        jobs = self._jobs(plan, retry_failed)
-        first = next(jobs, None)
-        if first is not None:  # a finished sweep does not wait for workers
-            with contextlib.closing(self._backend.outcomes(itertools.chain([first], jobs))) as batches:
+        under_way, refused = Counter[str](), list[Outcome]()
+        jobs = self._jobs(plan, retry_failed, under_way, refused)
+        for first in jobs:  # a finished sweep does not wait for workers
+            with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
                     self.store.append(batch)
-                    for outcome in batch:
-                        for _ in range(self._under_way.pop(outcome.record.key)):
-                            self.bar.count(outcome.record.failure is not None)
-        self.store.append(self._refused)
-        self._refused.clear()
+                    for record in (outcome.record for outcome in batch):
+                        for _ in range(under_way.pop(record.key)):
+                            self.bar.count(record.failure is not None)
+        self.store.append(refused)
 
     @functools.cached_property
-    def _backend(self) -> SerialBackend | BatchingBackend:
-        workers, scheduler = self._place
-        if not scheduler:
-            return self.stack.enter_context(LocalPool(workers)) if workers else SerialBackend()
+    def _outcomes(self) -> Callable[[Iterator[Job]], Generator[list[Outcome]]]:
+        """Outcomes of jobs, by the backend."""
+        if not self._scheduler:
+            if not self._workers:
+                return outcomes_here
+            return self.stack.enter_context(contextlib.closing(LocalPool(self._workers))).outcomes
         try:
             from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
         except ModuleNotFoundError:
             raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
-        return self.stack.enter_context(connected(scheduler))
+        return self.stack.enter_context(connected(self._scheduler)).outcomes
 
-    def _jobs(self, plan: SweepPlan, retry_failed: bool) -> Iterator[Job]:
-        """Yield the jobs still to be computed; points whose scenario has mistakes are recorded at once."""
-        for point in plan.points():
-            try:
-                scenario = plan.scenario(point.number)
-            except ScenarioError as error:
-                key = unresolved_key(plan.base[point.base], point.changes)
-                if self.store.read(key) is None:
-                    self._refused.append(Outcome(Record(key, point.changes, {}, Failure.of(error))))
-                self.bar.count(True, old=True)
-                continue
-            code = code_digests(scenario, plan.metrics)
+    def _jobs(
+        self, plan: SweepPlan, retry_failed: bool, under_way: Counter[str], refused: list[Outcome]
+    ) -> Iterator[Job]:
+        """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
+        limits = plan.time_limit_s, int(plan.memory_limit_gb * 1e9)
+        for point, key, scenario, code in keyed_points(plan):
             self._require_files(code)
-            key, keep = run_key(scenario, plan.metrics, code), plan.keeps(point.number)
-            if key in self._under_way:
-                self._under_way[key] += 1
-            elif (record := self.store.read(key)) and self._is_valid(record, keep, retry_failed):
-                self.bar.count(record.failure is not None, old=True)
+            kind, keep = self.store.known.get(key), plan.keeps(point.number)
+            again = retry_failed and kind in _TRANSIENT
+            if isinstance(scenario, ScenarioError):
+                if kind is None:
+                    refused.append(Outcome(Record(key, point.changes, failure=Failure.of(scenario))))
+                self.bar.count(True, old=True)
+            elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
+                self.bar.count(bool(kind), old=True)
             else:
-                self._under_way[key] = 1
-                limits = plan.time_limit_s, int(plan.memory_limit_gb * 1e9)
-                yield Job(key, scenario.model_dump_json(), point.changes, plan.metrics, *limits, keep, code)
+                under_way[key] += 1
+                if under_way[key] == 1:
+                    scenario_json = scenario.model_dump_json()
+                    yield Job(key, scenario_json, point.changes, plan.metrics, *limits, keep, code)
 
-    def _is_valid(self, record: Record, keep: bool, retry_failed: bool) -> bool:
-        """Return whether a stored run, with its full result if that is requested, need not be repeated."""
-        if record.failure is not None:
-            return not (retry_failed and record.failure.kind in _TRANSIENT)
-        return not keep or self.store.has_result(record)
-
-    def _require_files(self, codes: tuple[CodeDigest, ...]) -> None:
+    def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
-        for code in codes:
-            if code.name.startswith("__main__:") and (any(self._place) or not code.digests):
-                no_file = "has no file, so that a later sweep could not detect an edit"
-                reason = "workers cannot import" if any(self._place) else no_file
-                detail = f"names {code.name!r}, which {reason}; put it into a module (a file of its own)"
+        for name, digests in code:
+            is_here = not (self._workers or self._scheduler)
+            if name.startswith("__main__:") and not (is_here and digests):
+                reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
+                detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"
                 raise FieldError(detail, "the plan")
 
 
@@ -160,6 +151,7 @@ def open_session(
         SweepInterruptedError: Ctrl-C.
     """
     require_type("scheduler", scheduler, str, type(None))
+    require_type("quiet", quiet, bool)
     count, store = worker_count(workers), SweepStore(folder)
     with store.locked(), ProgressBar("runs", total=total, quiet=quiet, keep=True) as bar:
         try:
@@ -215,7 +207,6 @@ def sweep(
     """
     require_path("out", out)
     require_type("retry_failed", retry_failed, bool)
-    require_type("quiet", quiet, bool)
     fields = plan if axes is None else {**plan, "axes": axes}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
     with open_session(out, workers, scheduler, len(chosen), quiet=quiet) as session:
@@ -246,10 +237,8 @@ class Estimate(NamedTuple):
 
     def summary(self) -> str:
         """Return the estimate on one line."""
-        minutes, seconds = divmod(round(self.total_s), 60)
-        hours, minutes = divmod(minutes, 60)
-        each = f"{self.runs} runs of {self.run_s:.2g} s on {self.workers} workers"
-        return f"about {hours}:{minutes:02}:{seconds:02} h for {each}"
+        total = datetime.timedelta(seconds=round(self.total_s))
+        return f"about {total} h for {self.runs} runs of {self.run_s:.2g} s on {self.workers} workers"
 
 
 def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
@@ -263,24 +252,19 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
         FieldError: the number of workers is negative.
         CoopPinError: the first point cannot be run.
     """
-    count = max(worker_count(workers), 1)
-    _tick_times(plan.scenario(0))  # the first run of a process also loads modules
-    start = time.perf_counter()
-    ticks = _tick_times(plan.scenario(0))
-    (first, total), (last, _) = ticks[0], ticks[-1]
-    run_s = first - start + (last - first) / max(len(ticks) - 1, 1) * total
-    return Estimate(len(plan), run_s, count)
+    count, scenario = max(worker_count(workers), 1), plan.scenario(0)
+    _run_s(scenario)  # the first run of a process also loads modules
+    return Estimate(len(plan), _run_s(scenario), count)
 
 
-def _tick_times(scenario: Scenario) -> list[tuple[float, int]]:
-    """Run at most a second of a scenario's ticks; return the time of each, s, and their number in all."""
-    ticks: list[tuple[float, int]] = []
+def _run_s(scenario: Scenario) -> float:
+    """Return the duration of a run, s, from those ticks that end within a second."""
+    ticks, start, stop = list[int](), time.perf_counter(), deadline(_SAMPLE_S)
 
-    def note(_done: int, total: int) -> None:
-        ticks.append((time.perf_counter(), total))
-        if ticks[-1][0] - ticks[0][0] > _SAMPLE_S:
-            raise RunTimeoutError(_SAMPLE_S)
+    def note(tick: int, total: int) -> None:
+        ticks.append(total)
+        stop(tick, total)
 
     with contextlib.suppress(RunTimeoutError):
         run(scenario, progress=note)
-    return ticks
+    return (time.perf_counter() - start) * ticks[0] / len(ticks)

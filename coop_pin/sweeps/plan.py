@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
 
 from coop_pin.arrays import require_path
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import (
-    FieldError,
-    NameNotFoundError,
-    ScenarioError,
-    UnknownFieldError,
-    one_or_all,
-)
+from coop_pin.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
 from coop_pin.schema.base import Description
 from coop_pin.schema.user_code import FunctionName
-from coop_pin.sweeps.dimensions import Dimension, FieldsDimension, Values
-from coop_pin.sweeps.sampling import Sample
+from coop_pin.sweeps.dimensions import Dimension, Sample, Values
 from coop_pin.user_files import read_toml
+
+COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "wall_s", "cpu_s", "key")
+"""Columns that the table of every sweep has beside metrics and varied fields."""
 
 
 def _scenarios(given: Any) -> Any:
@@ -37,33 +34,30 @@ def _scenarios(given: Any) -> Any:
     if not isinstance(given, Sequence) or not given:
         raise FieldError(f"is {given!r}; it must be a scenario, its name or path, or several of them")
     scenarios = [_scenario(entry) for entry in given]
-    twice = [name for name, count in Counter(entry.name for entry in scenarios).items() if count > 1]
-    if twice:
-        wanted = "give each a name: {first = ..., second = ...}"
-        raise FieldError(f"has several scenarios named {twice[0]!r}; {wanted}")
-    return {scenario.name: scenario for scenario in scenarios}
+    named = {scenario.name: scenario for scenario in scenarios}
+    if len(named) < len(scenarios):
+        raise FieldError("has several scenarios of one name; give each a name: {first = ..., second = ...}")
+    return named
 
 
 def _scenario(given: Any) -> Scenario:
-    if isinstance(given, Scenario):
-        return given
-    return Scenario(**given) if isinstance(given, Mapping) else Scenario.load(given)
+    loaded = Scenario(**given) if isinstance(given, Mapping) else given
+    return loaded if isinstance(loaded, Scenario) else Scenario.load(loaded)
 
 
 Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]
 """Scenarios by name."""
+Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
+"""Named groups of changes."""
 
 
 def _anchored(base: Any, folder: Path) -> Any:
     """Return scenarios as written in a plan's file, with absolute paths of files that exist beside it."""
-    if isinstance(base, str):
-        return str((folder / base).resolve()) if (folder / base).is_file() else base
     if isinstance(base, Mapping):
-        return {
-            name: _anchored(entry, folder) if isinstance(entry, str) else entry
-            for name, entry in base.items()
-        }
-    return [_anchored(entry, folder) for entry in base] if isinstance(base, list) else base
+        return dict(zip(base, _anchored(list(base.values()), folder), strict=True))
+    if isinstance(base, list):
+        return [entry if isinstance(entry, dict | list) else _anchored(entry, folder) for entry in base]
+    return str((folder / base).resolve()) if isinstance(base, str) and (folder / base).is_file() else base
 
 
 class Point(NamedTuple):
@@ -85,7 +79,7 @@ class Point(NamedTuple):
 class SweepPlan(Description):
     """Sweep plan: the product of everything that varies, the last dimension running fastest.
 
-    Points are computed when needed: the size of a plan costs no memory.
+    Points are computed when needed: the size of a plan costs no memory, but for the values of its fields.
 
     Attributes:
         base: a scenario, its name or path, a list of them, or a table of them by name.
@@ -106,9 +100,9 @@ class SweepPlan(Description):
 
     base: Bases
     changes: dict[str, Any] = Field(default_factory=dict)
-    cases: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
+    cases: dict[str, Cases] = Field(default_factory=dict)
     axes: dict[str, Values] = Field(default_factory=dict)
-    zipped: tuple[dict[str, Values], ...] = ()
+    zipped: tuple[Annotated[dict[str, Values], Field(min_length=1)], ...] = ()
     sample: Sample | None = None
     metrics: tuple[FunctionName, ...] = ()
     time_limit_s: float = Field(default=600.0, gt=0.0)
@@ -116,49 +110,22 @@ class SweepPlan(Description):
     keep: str | tuple[int, ...] = "none"
     repeats: int = Field(default=1, ge=1)
 
-    @field_validator("zipped")
-    @classmethod
-    def _of_one_length(cls, groups: tuple[dict[str, Values], ...]) -> tuple[dict[str, Values], ...]:
-        for index, group in enumerate(groups):
-            lengths = {field: len(values) for field, values in group.items()}
-            if len(set(lengths.values())) != 1:
-                wanted = "fields that vary together need equally many"
-                raise FieldError(f"has fields with {lengths} values; {wanted}", str(index))
-        return groups
-
-    @field_validator("cases")
-    @classmethod
-    def _not_empty(cls, cases: dict[str, dict[str, dict[str, Any]]]) -> dict[str, dict[str, dict[str, Any]]]:
-        for name, entries in cases.items():
-            if not entries:
-                raise FieldError("must have at least one case", name)
-            if name in ("base", "sample", "point"):
-                raise FieldError("is a reserved name; choose another", name)
-        return cases
-
-    @field_validator("keep")
-    @classmethod
-    def _known(cls, keep: str | tuple[int, ...]) -> str | tuple[int, ...]:
-        if isinstance(keep, str) and keep not in ("all", "none"):
-            raise FieldError(f"is {keep!r}; it must be 'all', 'none' or a list of places in the plan")
-        return keep
-
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        fields = [
-            *self.axes,
-            *(f for group in self.zipped for f in group),
-            *(self.sample.fields if self.sample else ()),
-            *(self._seeds),
-        ]
-        twice = [field for field, count in Counter([*fields, *self.cases]).items() if count > 1]
-        if twice:
-            raise FieldError(f"varies {twice[0]!r} twice; let every field vary in one place only")
-        beyond = [
-            place for place in self.keep if not isinstance(place, str) and not -len(self) <= place < len(self)
-        ]
-        if beyond:
-            raise FieldError(f"names run {beyond[0]}; the plan has {len(self)} runs, counted from 0", "keep")
+        for dimension in self.dimensions:
+            lengths = {field: len(values) for field, values in dimension.fields.items()}
+            if len(set(lengths.values())) > 1:
+                raise FieldError(f"has fields with {lengths} values; they need equally many", "zipped")
+        fields = [field for dimension in self.dimensions for field in dimension.fields]
+        reserved = [name for name in self.cases if name in (*COLUMNS, "base", "sample")]
+        if twice := [*reserved, *(field for field, count in Counter(fields).items() if count > 1)]:
+            raise FieldError(f"varies {twice[0]!r} twice, or reserves it; vary every field in one place only")
+        if (size := math.prod(self.shape)) > sys.maxsize:
+            raise FieldError(f"has {size:.3g} runs; let fewer fields vary")
+        for run in () if self.keep in ("all", "none") else self.keep:
+            if isinstance(run, str) or not -size <= run < size:
+                wanted = f"'all', 'none' or numbers of runs, of which there are {size}, counted from 0"
+                raise FieldError(f"is {self.keep!r}; it must be {wanted}", "keep")
         self._require_known_fields()
         return self
 
@@ -183,21 +150,15 @@ class SweepPlan(Description):
     @functools.cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
         """The dimensions; the last one runs fastest."""
-        bases: dict[str, dict[str, Any]] = {name: {} for name in self.base}
-        cases = self.cases if len(bases) == 1 else {"base": bases} | self.cases
-        groups = [*({field: values} for field, values in self.axes.items()), *self.zipped]
-        sample = () if self.sample is None else (self.sample,)
-        seeds = [FieldsDimension(self._seeds)] if self._seeds else []
-        return (
-            *itertools.starmap(FieldsDimension.of_cases, cases.items()),
-            *map(FieldsDimension, groups),
-            *sample,
-            *seeds,
-        )
-
-    @property
-    def _seeds(self) -> dict[str, tuple[int, ...]]:
-        return {"seed": tuple(range(self.repeats))} if self.repeats > 1 else {}
+        bases: dict[str, Cases] = {"base": {name: {} for name in self.base}} if len(self.base) > 1 else {}
+        dimensions = [
+            Dimension({name: tuple(cases)}, "cases", cases) for name, cases in (bases | self.cases).items()
+        ]
+        dimensions += [Dimension({field: values}) for field, values in self.axes.items()]
+        dimensions += map(Dimension, self.zipped)
+        dimensions += [] if self.sample is None else [self.sample.dimension()]
+        dimensions += [Dimension({"seed": range(self.repeats)})] if self.repeats > 1 else []
+        return tuple(dimensions)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -214,18 +175,10 @@ class SweepPlan(Description):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)
         changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, place in zip(self.dimensions, self.places(index), strict=True):
-            changes |= dimension.changes(place)
-            parameters |= dimension.labels(place)
+        for dimension, place in zip(self.dimensions, np.unravel_index(index, self.shape), strict=True):
+            changes |= dimension.changes(int(place))
+            parameters |= dimension.labels(int(place))
         return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
-
-    def places(self, index: int) -> tuple[int, ...]:
-        """Return the place of a point along each dimension."""
-        places: list[int] = []
-        for size in reversed(self.shape):
-            index, place = divmod(index, size)
-            places.insert(0, place)
-        return tuple(places)
 
     def points(self) -> Iterator[Point]:
         """Yield all points in order."""
@@ -255,19 +208,15 @@ class SweepPlan(Description):
         lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]
         return "\n".join(lines + [f"  {field} = {value}" for field, value in self.changes.items()])
 
-    # ------------------------------------------------------------ checks
-
     def _require_known_fields(self) -> None:
         """Refuse misspelt fields before anything runs, by trying the first point and every case.
 
         Values that a scenario refuses fail in their runs: a sweep may search for their limit.
         """
-        trials = {0}
-        stride = len(self)
+        trials, stride = {0}, len(self)
         for dimension in self.dimensions:
             stride //= dimension.size
-            if isinstance(dimension, FieldsDimension) and dimension.cases:
-                trials |= {place * stride for place in range(dimension.size)}
+            trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
         for index in sorted(trials):
             try:
                 self.scenario(index)

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
-import warnings
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
-from coop_pin.errors import (
-    ArgumentError,
-    FieldError,
-    InvalidStateError,
-    NameNotFoundError,
-    OutOfRangeError,
-)
+from coop_pin.arrays import as_count, as_number, require_path, require_type
+from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
-from coop_pin.sweeps import sensitivity
-from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import FAILED, MISSING, OK, PointFailure, PointResult, Table, describe, point_key
+from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
 
-
-def _equal(label: Any, value: Any) -> bool:
-    """Return whether a value is the number of a coordinate."""
-    return isinstance(label, int | float) and isinstance(value, int | float) and label == value
+_APART = ["message", "wall_s", "cpu_s", "key"]
+"""Columns that are not in the dataset: durations differ from machine to machine."""
 
 
 class SweepResult:
@@ -61,13 +52,20 @@ class SweepResult:
     # ------------------------------------------------------------ tables
 
     @functools.cached_property
-    def _table(self) -> Table:
-        return Table.read(self.plan, self.store)
+    def _runs(self) -> xr.Dataset:
+        return read_runs(self.plan, self.store)
 
     @functools.cached_property
     def data(self) -> xr.Dataset:
         """Dataset of all runs: metrics, ``status``, ``failure``, ``failed_at_s``, ``number``."""
-        return self._table.dataset()
+        return self._runs.drop_vars(_APART)
+
+    @functools.cached_property
+    def table(self) -> pd.DataFrame:
+        """Table of all runs by number: varied fields, status, error, metrics, durations and key."""
+        runs: Any = self._runs
+        whole = {name: runs.variables[name].set_dims(runs["number"].sizes) for name in (*runs.coords, *runs)}
+        return pd.DataFrame({name: x.values.ravel() for name, x in whole.items()}).set_index("number")
 
     def at(self, fields: Mapping[str, Any]) -> Self:
         """Return the part of the sweep in which fields have given values.
@@ -80,49 +78,44 @@ class SweepResult:
             FieldError: no run has the value.
         """
         require_type("fields", fields, Mapping)
-        for field in fields:
-            require_type("a field", field, str)
         part = type(self)(self.plan, self.store)
-        part._table, part.data = self._table, self.data
+        part._runs = self._runs
         for field, value in fields.items():
-            if field not in part.data.coords:
-                known = [str(name) for name in part.data.coords]
-                raise NameNotFoundError("field", field, known, "the sweep")
-            labels = np.atleast_1d(part.data[field].values).tolist()
-            places = [i for i, label in enumerate(labels) if str(label) == str(value) or _equal(label, value)]
+            labels = np.atleast_1d(part._coordinate(field).values).tolist()
+            places = [i for i, label in enumerate(labels) if _is_same(label, value)]
             if not places:
                 wanted = ", ".join(map(str, labels[:20]))
                 raise FieldError(f"never is {value!r}; it must be one of {wanted}", field)
-            if dims := part.data[field].dims:
-                part.data = part.data.isel({dims[0]: places if len(places) > 1 else places[0]})
+            if dims := part._runs[field].dims:
+                part._runs = part._runs.isel({dims[0]: places if len(places) > 1 else places[0]})
         return part
+
+    def _coordinate(self, field: str) -> xr.DataArray:
+        require_type("field", field, str)
+        if field not in self._runs.coords:
+            raise NameNotFoundError("field", field, map(str, self._runs.coords), "the sweep")
+        return self._runs[field]
 
     @property
     def metric_names(self) -> list[str]:
         """Names of the metrics that the runs have."""
-        return list(self._table.metrics)
+        return [str(name) for name in self._runs.data_vars if name not in COLUMNS]
 
     @property
-    def failures(self) -> list[PointFailure]:
+    def failures(self) -> list[PointResult]:
         """The failed runs with their errors."""
-        numbers = np.sort(self.data["number"].values[self.data["status"].values == FAILED]).tolist()
-        reasons = self._table.reasons
-        return [PointFailure(number, self.plan[number].parameters, *reasons[number]) for number in numbers]
+        return self._points(self.table.index[self.table["status"] == FAILED])
 
     def counts(self) -> dict[str, int]:
         """Return the number of runs by status: "ok", "failed", "missing"."""
-        status = self.data["status"].values
-        return {name: int(np.count_nonzero(status == name)) for name in (OK, FAILED, MISSING)}
+        return {status: int((self.table["status"] == status).sum()) for status in (OK, FAILED, MISSING)}
 
     def write_tables(self) -> None:
-        """Write table.csv and table.nc, and times.csv apart from them, into the sweep's folder.
-
-        Raises:
-            FileWriteError: the disk is full.
-        """
-        self.store.write_with("table.csv", self._table.write_csv)
-        self.store.write_with("table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
-        self.store.write_with("times.csv", self._table.write_times)
+        """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk."""
+        times, folder = ["wall_s", "cpu_s"], self.store.folder
+        self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
+        self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
+        self.store.write_with(folder / "table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
 
     # ------------------------------------------------------------ analysis
 
@@ -137,44 +130,46 @@ class SweepResult:
             raise NameNotFoundError("metric", metric, self.metric_names, "the sweep")
         return self.data[metric]
 
+    def _finite(self, *metrics: str) -> pd.DataFrame:
+        """Return the table of the runs in which metrics are finite."""
+        columns = self.table[[str(self.values(name).name) for name in metrics]]
+        return self.table[np.isfinite(columns).all(axis="columns")]
+
     def best(self, metric: str, n: int = 1, *, largest: bool = False) -> list[PointResult]:
         """Return the n runs with the smallest (or largest) values of a metric; values must be finite."""
         n = as_count("n", n)
         require_type("largest", largest, bool)
-        values = self.values(metric).values.ravel()
-        order = np.argsort(-values if largest else values, kind="stable")
-        return self._points(order[np.isfinite(values[order])][:n])
+        rows = self._finite(metric).sort_values(metric, ascending=not largest, kind="stable")
+        return self._points(rows.index[:n])
 
-    def marginal(self, field: str, metric: str, *, average: Callable[..., Any] = np.nanmean) -> xr.DataArray:
+    def marginal(
+        self, field: str, metric: str, *, average: str | Callable[[Any], Any] = "mean"
+    ) -> xr.DataArray:
         """Return a metric along one field, averaged over everything else that varies, without failed runs.
 
         Args:
             field: a dimension, or a field that varies along one.
             metric: name.
-            average: averaging function, for example np.nanmedian.
+            average: averaging function, for example np.median, or its name in pandas.
 
         Raises:
             NameNotFoundError: there is no such metric or field.
+            ArgumentError: pandas cannot average so.
         """
-        require_type("field", field, str)
-        require_type("average", average, Callable)  # type: ignore[arg-type]
-        values = self.values(metric).where(np.isfinite(self.values(metric)))
-        if field not in self.data.coords:
-            raise NameNotFoundError("field", field, [str(name) for name in self.data.coords], "the sweep")
-        with warnings.catch_warnings():
-            # of places along the field where all runs failed
-            warnings.filterwarnings("ignore", category=RuntimeWarning, message="Mean of empty slice|All-NaN")
-            try:
-                if field in values.dims:
-                    return values.reduce(average, [dim for dim in values.dims if dim != field])
-                return values.groupby(field).reduce(average, ...)
-            except TypeError as error:
-                raise ArgumentError(f"average must be called as np.nanmean is: {error}") from None
+        require_type("average", average, str, Callable)  # type: ignore[arg-type]
+        labels = pd.Index(np.atleast_1d(self._coordinate(field).values), name=field).unique()
+        try:
+            return self._finite(metric).groupby(field)[metric].agg(average).reindex(labels).to_xarray()
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ArgumentError(f"average cannot be used: {error}") from None
 
     def pareto(self, metric_a: str, metric_b: str) -> list[PointResult]:
-        """Return the Pareto front of two metrics, sorted by the first one; smaller is better."""
-        a, b = (self.values(metric).values.ravel() for metric in (metric_a, metric_b))
-        return self._points(sensitivity.pareto_front(a, b))
+        """Return the Pareto front of two metrics, sorted by the first one; smaller is better.
+
+        No other run is as good in both metrics; of equal ones the first counts.
+        """
+        rows = self._finite(metric_a, metric_b).sort_values([metric_a, metric_b], kind="stable")
+        return self._points(rows.index[rows[metric_b] < rows[metric_b].cummin().shift(fill_value=np.inf)])
 
     def stability_boundary(
         self, field: str, *, by: str | Sequence[str] | None = None, stable: xr.DataArray | None = None
@@ -182,35 +177,33 @@ class SweepResult:
         """Return, along other dimensions, the last stable and the first unstable value of a field.
 
         Args:
-            field: a dimension with numbers.
+            field: a dimension with numbers, searched from its smallest value.
             by: the dimensions to keep, all when omitted; along the others all runs must be stable.
             stable: which runs are stable, for example ``result.values("position_rms_m") < 0.01``; the
                 finished ones when omitted.
 
+        Returns:
+            ``last_stable``, NaN if the smallest value is unstable, and ``first_unstable``, NaN if none is.
+
         Raises:
             InvalidStateError: runs are missing.
-            NameNotFoundError: the field is not a dimension.
+            NameNotFoundError: the field is not a dimension with numbers.
         """
-        require_type("field", field, str)
         require_type("by", by, str, Sequence, type(None))
         require_type("stable", stable, xr.DataArray, type(None))
-        missing = self.counts()[MISSING]
-        if missing:
-            raise InvalidStateError(
-                f"a stability boundary needs all {len(self.plan)} runs,"
-                f" but {missing} of them failed or are missing; see result.failures"
-            )
-        if field not in self.data.dims:
-            raise NameNotFoundError("dimension", field, [str(name) for name in self.data.dims], "the sweep")
+        self._require_all(self.table["status"] == MISSING, "a stability boundary")
+        numeric = [str(dim) for dim in self.data.dims if self.data[dim].dtype.kind in "iuf"]
+        if self._coordinate(field).name not in numeric:
+            raise NameNotFoundError("dimension with numbers", field, numeric, "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
         kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
-        return sensitivity.stability_boundary(
-            stable.all([dim for dim in stable.dims if dim not in kept]), field
+        good = stable.all([dim for dim in stable.dims if dim not in kept]).sortby(field).cumprod(field) > 0
+        values = good[field].astype(float)
+        return xr.Dataset(
+            {"last_stable": values.where(good).max(field), "first_unstable": values.where(~good).min(field)}
         )
 
-    def sobol_indices(
-        self, metric: str, *, confidence: float = 0.95, resamples: int = 999
-    ) -> sensitivity.SobolIndices:
+    def sobol_indices(self, metric: str, *, confidence: float = 0.95, resamples: int = 999) -> pd.DataFrame:
         """Return the Sobol' indices of a metric: the share of its variance due to each sampled field.
 
         Args:
@@ -218,37 +211,51 @@ class SweepResult:
             confidence: confidence level of the intervals.
             resamples: number of bootstrap samples.
 
+        Returns:
+            For each field ``first`` and ``total``, with the ends ``first_low``, ... of bootstrap intervals.
+
         Raises:
             FieldError: the plan's only dimension is not a sample with method "saltelli".
             InvalidStateError: runs failed, are missing, or have no finite value.
         """
+        from scipy import stats  # slow to load
+
         if not 0.0 < as_number("confidence", confidence) < 1.0:
             raise OutOfRangeError("confidence", confidence, "between 0 and 1")
-        resamples = as_count("resamples", resamples, 1)
         sample = self.plan.sample
-        if sample is None or sample.method != "saltelli" or len(self.plan.dimensions) != 1:
+        is_whole = len(self.plan.dimensions) == 1 and len(self.table) == len(self.plan)
+        if sample is None or sample.method != "saltelli" or not is_whole:
             wanted = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
             raise FieldError(wanted, "sample")
         values = self.values(metric).values
-        unfinished = int(np.count_nonzero(~np.isfinite(values)))
-        if unfinished:
-            raise InvalidStateError(
-                f"the Sobol' indices of {metric} needs all {len(self.plan)} runs,"
-                f" but {unfinished} of them failed or are missing; see result.failures"
-            )
-        return sensitivity.sobol_indices(values, tuple(sample.fields), confidence, resamples, sample.seed)
+        self._require_all(~np.isfinite(values), "Sobol' indices")
+        A, B, *AB = values.reshape(-1, 1, sample.count)
+        given, random = {"f_A": A, "f_B": B, "f_AB": np.array(AB)}, np.random.default_rng(sample.seed)
+        found = stats.sobol_indices(func=given, n=sample.count, rng=random)
+        spread = found.bootstrap(confidence_level=confidence, n_resamples=as_count("resamples", resamples, 1))
+        first, total = spread.first_order.confidence_interval, spread.total_order.confidence_interval
+        indices = {"first": found.first_order, "first_low": first.low, "first_high": first.high}
+        indices |= {"total": found.total_order, "total_low": total.low, "total_high": total.high}
+        return pd.DataFrame({name: np.ravel(x) for name, x in indices.items()}, list(sample.fields))
+
+    def _require_all(self, unusable: Any, what: str) -> None:
+        if count := int(np.count_nonzero(unusable)):
+            runs = f"all {len(self.plan)} runs, but {count} of them failed or are missing"
+            raise InvalidStateError(f"{what} needs {runs}; see result.failures")
 
     # ------------------------------------------------------------ single runs
 
-    def _points(self, places: Array) -> list[PointResult]:
-        """Return the runs at places of the flat data."""
-        return [self.point(int(number)) for number in self.data["number"].values.ravel()[places]]
+    def _points(self, numbers: Sequence[int]) -> list[PointResult]:
+        names = self.metric_names
+        rows = self.table.loc[list(numbers), ["failure", "message", *names]]
+        return [
+            PointResult(number, self.plan[number].parameters, dict(zip(names, row, strict=True)), kind, said)
+            for number, kind, said, *row in rows.itertuples(name=None)
+        ]
 
     def point(self, number: int) -> PointResult:
-        """Return the parameters and metrics of one run."""
-        point = self.plan[self._number(number)]
-        metrics = {name: float(column[point.number]) for name, column in self._table.metrics.items()}
-        return PointResult(point.number, point.parameters, metrics)
+        """Return the parameters and metrics of one run; negative numbers count from the end of the plan."""
+        return self._points([self._number(number)])[0]
 
     def open(self, number: int) -> RunResult:
         """Return one run as a full result, which is simulated again unless it was stored.
@@ -257,43 +264,35 @@ class SweepResult:
             CoopPinError: the run fails.
         """
         number = self._number(number)
-        record = self.store.read(point_key(self.plan, number))
-        kept = self.store.read_result(record) if record is not None else None
+        kept = self.store.read_result(self.table["key"][number])
         return kept if kept is not None else run(self.plan.scenario(number))
 
     def _number(self, number: int) -> int:
-        """Return the number of a run, if there is one; negative ones count from the end."""
         require_type("number", number, int, np.integer)
-        if not -len(self.plan) <= number < len(self.plan):
-            nearest = max(-sys.maxsize, min(number, sys.maxsize))
-            raise OutOfRangeError("number", nearest, f"a run of the plan, which has {len(self.plan)}")
-        return int(number)
+        with contextlib.suppress(IndexError, OverflowError):
+            if (found := self.plan[int(number)].number) in self.table.index:
+                return found
+        nearest = max(-sys.maxsize, min(number, sys.maxsize))
+        raise OutOfRangeError("number", nearest, f"a run of this table, of the plan's {len(self.plan)}")
 
     def fields_without_effect(self) -> list[str]:
-        """Return the dimensions along which all runs finished with the same metrics, bit for bit.
-
-        For example the posture of arms that have no joint to spare.
-        """
-        if not self.metric_names or (self.data["status"] != OK).any():
+        """Return the dimensions along which all metrics are the same, as the posture of six-joint arms."""
+        if not self.metric_names or (self.table["status"] != OK).any():
             return []
-        columns = [self.data[name] for name in self.metric_names]
-        return [
-            str(dim)
-            for dim, size in self.data.sizes.items()
-            if size > 1 and all(column.equals(column.roll({dim: 1})) for column in columns)
-        ]
+        metrics = self.data[self.metric_names]
+        varied = [dim for dim, size in metrics.sizes.items() if size > 1]
+        return [str(dim) for dim in varied if metrics.equals(metrics.roll({dim: 1}))]
 
     def summary(self) -> str:
         """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""
-        counts = self.counts()
-        lines = [self.plan.summary(), ", ".join(f"{count} {status}" for status, count in counts.items())]
-        failures = self.failures
-        numbers = Counter(failure.kind for failure in failures)
-        for kind, first in sorted({failure.kind: failure for failure in reversed(failures)}.items()):
-            reason = f"{numbers[kind]} {kind}; run {first.number}: {first.message}"
-            lines.append("  " + reason.replace("\n", "\n    "))
+        lines = describe(self.table, self.metric_names)
         if idle := self.fields_without_effect():
-            lines.append(f"  no effect on any metric here: {', '.join(idle)}")
-        ok = self.data["status"].values == OK
-        metrics = {name: self.data[name].values[ok] for name in self.metric_names}
-        return "\n".join(lines + describe(metrics))
+            lines.insert(1, f"  no effect on any metric here: {', '.join(idle)}")
+        return "\n".join([self.plan.summary(), *lines])
+
+
+def _is_same(label: Any, value: Any) -> bool:
+    """Return whether a value is a coordinate, or its text."""
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        return float(label) == float(value)
+    return str(label) == str(value)

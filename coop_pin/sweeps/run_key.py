@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import ast
+import contextlib
 import functools
 import hashlib
 import importlib.util
 import json
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
-from importlib.machinery import PathFinder
+from collections.abc import Callable, Iterator, Mapping
+from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import CodeChangedError, CoopPinError
+from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.sweeps.plan import Point, SweepPlan
+
+Code = tuple[tuple[str, tuple[str, ...]], ...]
+"""Names of a user's functions and classes, "module:name", and the digests of the source files of each."""
+_STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
+_SOURCE, _PACKAGE, _NO_FILE = ("", "rb", 1), ("", "", 5), ("", "", 6)
+"""What ModuleFinder calls a source file, a package, and a module without source."""
 
 
 def file_digest(path: Path) -> str:
@@ -26,141 +33,78 @@ def file_digest(path: Path) -> str:
     Raises:
         OSError: the file cannot be read.
     """
-    about = path.stat()
-    return _digest_of(path, about.st_mtime_ns, about.st_size)
-
-
-@functools.lru_cache(maxsize=1024)
-def _digest_of(path: Path, changed: int, size: int) -> str:  # noqa: ARG001 part of the cache key
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+# ---------------------------------------------------------------- the user's code
+
+
+class _LocalModules(ModuleFinder):
+    """Modules that a module imports, at any depth, from one folder; nothing is imported to find them."""
+
+    def __init__(self, root: Path, top: str) -> None:
+        is_installed = {"site-packages", "dist-packages"} & {*root.parts} or root == _STANDARD_LIBRARY
+        self._tops = {top} if is_installed else None  # then only its own package is user code
+        super().__init__(path=[str(root)])
+
+    def find_module(self, name: str, path: Any, parent: Any = None) -> Any:
+        if parent is None and (name in ("", "coop_pin") or name not in (self._tops or {name})):
+            raise ImportError(name)
+        for place in (Path(folder, name) for folder in path or self.path):
+            source = place.with_suffix(".py")
+            if source.is_file() and not (place / "__init__.py").is_file():
+                return source.open("rb"), str(source), _SOURCE
+            if place.is_dir():
+                return None, str(place), _PACKAGE
+        if name != "__init__":  # a package need not have one
+            raise ImportError(name)
+        return None, None, _NO_FILE
 
 
 def source_files(name: str) -> tuple[Path, ...]:
     """Return the source files of a module and of the local modules that it imports, at any depth.
 
     Local modules lie in the same folder or belong to the same package; installed packages other than the
-    module's own are left out. Nothing is imported, so imports by a computed name are not followed.
+    module's own are left out. Imports by a computed name are not followed. Nothing is imported.
 
     Args:
         name: "module:function" or "module".
 
     Returns:
-        The files sorted by path, with the ``__init__.py`` of their packages; empty if there is no such module
-        or it has no file.
+        The files sorted by path, with the ``__init__.py`` of their packages; empty if there is no such
+        module, or it has no file, or Python cannot read it.
     """
-    module = _full_name(name.partition(":")[0])
-    first = _file_of(module)
-    if first is None:
-        return ()
-    root = first.parents[module.count(".") + (first.name == "__init__.py")]
-    is_installed = {"site-packages", "dist-packages"} & set(root.parts) or root == Path(
-        sysconfig.get_path("stdlib")
-    )
-    own = module.partition(".")[0] if is_installed else ""  # then only its own package is user code
-    packages = [(entry, file) for entry in _with_packages(module)[:-1] if (file := _beside(root, entry))]
-    found, waiting = set[Path](), [*packages, (module, first)]
-    while waiting:
-        module, path = waiting.pop()
-        if path not in found:
-            found.add(path)
-            for entry in _imported(path, module):
-                top = entry.partition(".")[0]
-                if top != "coop_pin" and own in ("", top) and (file := _beside(root, entry)):
-                    waiting.append((entry, file))
-    return tuple(sorted(found))
-
-
-def _full_name(module: str) -> str:
-    """Return a module's full name; ``python -m`` calls the module __main__."""
-    spec = getattr(sys.modules.get(module), "__spec__", None) if module == "__main__" else None
-    return spec.name if spec else module
-
-
-def _file_of(module: str) -> Path | None:
-    """Return the file of a module without importing its packages, whose code may raise anything."""
-    top, *rest = module.split(".")
-    try:
+    module = name.partition(":")[0]
+    if module == "__main__":  # a script is a module of its folder; a notebook has no file
+        main = sys.modules[module]
+        module = main.__spec__.name if main.__spec__ else Path(getattr(main, "__file__", None) or "").stem
+    top = module.partition(".")[0]
+    with contextlib.suppress(ImportError, SyntaxError, ValueError):  # the run itself reports these better
         spec = importlib.util.find_spec(top)
-    except ValueError:  # __main__ has no spec; a script has a file, a notebook has none
-        file = getattr(sys.modules.get(top), "__file__", None)
-    else:
-        for depth in range(len(rest)):
-            name = ".".join([top, *rest[: depth + 1]])
-            spec = PathFinder.find_spec(name, spec.submodule_search_locations or []) if spec else None
-        file = spec.origin if spec else None
-    return Path(file) if file and Path(file).is_file() else None
+        places = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
+        for root in {Path(place).parent for place in places}:
+            finder = _LocalModules(root, top)
+            finder.import_hook(module)
+            files = (getattr(found, "__file__", None) for found in finder.modules.values())
+            return tuple(sorted(map(Path, filter(None, files))))
+    return ()
 
 
-def _beside(root: Path, module: str) -> Path | None:
-    place = root.joinpath(*module.split("."))
-    return next(
-        (file for file in (place / "__init__.py", place.with_name(place.name + ".py")) if file.is_file()),
-        None,
-    )
-
-
-def _imported(path: Path, module: str) -> tuple[str, ...]:
-    if path.suffix != ".py":
-        return ()
-    about = path.stat()
-    return _imported_by(path, module, about.st_mtime_ns, about.st_size)
-
-
-@functools.lru_cache(maxsize=1024)
-def _imported_by(path: Path, module: str, changed: int, size: int) -> tuple[str, ...]:  # noqa: ARG001 part of the cache key
-    """Return the imported names that may be modules, with their packages."""
-    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):  # the run itself reports this better
-        return ()
-    whole = [name for node in ast.walk(tree) for name in _names(node, package)]
-    return tuple(dict.fromkeys(prefix for name in whole for prefix in _with_packages(name)))
-
-
-def _names(node: ast.AST, package: str) -> Iterator[str]:
-    if isinstance(node, ast.Import):
-        yield from (alias.name for alias in node.names)
-    elif isinstance(node, ast.ImportFrom):
-        parts = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-        base = ".".join([*parts, *([node.module] if node.module else [])])
-        yield from (f"{base}.{alias.name}".lstrip(".") for alias in node.names)
-
-
-def _with_packages(name: str) -> list[str]:
-    parts = name.split(".")
-    return [".".join(parts[: i + 1]) for i in range(len(parts))]
-
-
-_FUNCTION_FIELDS = ("target", "twist", "acceleration")
-
-
-class CodeDigest(NamedTuple):
-    """Digests of a user's function or class, as its source files are on disk.
-
-    Attributes:
-        name: "module:function".
-        digests: of its source files, sorted by path; empty if there are none.
-    """
-
-    name: str
-    digests: tuple[str, ...]
-
-
-def code_digests(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[CodeDigest, ...]:
-    """Return the digests of the user's code that a run names, each name once."""
+def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the user's code that a run needs, each once."""
     parts = (scenario.controller, scenario.motion, scenario.squeeze)
-    named = [
-        getattr(part, field, None)
-        for part in parts
-        if part.kind in ("user", "function")
-        for field in _FUNCTION_FIELDS
-    ]
-    names = dict.fromkeys([*filter(None, named), *metrics])
-    return tuple(CodeDigest(name, tuple(map(file_digest, source_files(name)))) for name in names)
+    users = [part for part in parts if part.kind in ("user", "function")]
+    named = [getattr(part, field, None) for part in users for field in ("target", "twist", "acceleration")]
+    return tuple(dict.fromkeys([*filter(None, named), *metrics]))
 
 
-def require_unchanged(codes: tuple[CodeDigest, ...]) -> None:
+def code_digests(name: str) -> tuple[str, ...]:
+    """Return the digests of the source files of "module:name"; none if it has no file."""
+    return tuple(map(file_digest, source_files(name)))
+
+
+@functools.cache  # what a process has loaded stays loaded
+def require_unchanged(code: Code) -> None:
     """Require that this process has loaded code as it was when a run's key was made.
 
     Python loads a module once: after an edit, a process or worker that is still running would store results
@@ -170,18 +114,24 @@ def require_unchanged(codes: tuple[CodeDigest, ...]) -> None:
     Raises:
         CodeChangedError: this process has loaded other code.
     """
-    for code in codes:
-        loaded = tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(code.name))
-        if loaded != code.digests:
-            raise CodeChangedError(code.name)
+    for name, digests in code:
+        loaded = tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(name))
+        if loaded != digests:
+            raise CodeChangedError(name)
 
 
 _loaded: dict[Path, str] = {}
 """Digests of the files that this process has loaded."""
 
 
+# ---------------------------------------------------------------- keys
+
+
 def run_key(
-    scenario: Scenario, metrics: tuple[str, ...] = (), code: tuple[CodeDigest, ...] | None = None
+    scenario: Scenario,
+    metrics: tuple[str, ...] = (),
+    code: Code | None = None,
+    digest: Callable[[Path], str] = file_digest,
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
@@ -193,11 +143,13 @@ def run_key(
     Args:
         scenario: the resolved scenario.
         metrics: the user's metrics, "module:function".
-        code: what ``code_digests`` returned; computed when omitted.
+        code: digests of the user's code; computed when omitted.
+        digest: ``file_digest``, or one that remembers.
     """
-    code = code_digests(scenario, metrics) if code is None else code
+    if code is None:
+        code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
-    files = {name: file_digest(path) for name, path in _files(scenario)}
+    files = {name: digest(path) for name, path in _files(scenario)}
     return _hash(content | {"files": files, "code": dict(code)})
 
 
@@ -213,16 +165,42 @@ def _hash(content: Mapping[str, Any]) -> str:
 def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
     """Yield the files that a scenario names; a missing one is skipped, since the run reports it."""
     for arm in scenario.cell.arms.values():
-        if path := _urdf_path(arm.urdf):
-            yield arm.urdf, path
-    table = getattr(scenario.motion, "path", None)
-    if table and Path(table).is_file():
+        with contextlib.suppress(CoopPinError):
+            yield arm.urdf, _urdf_path(arm.urdf)
+    table = getattr(scenario.motion, "path", "")
+    if Path(table).is_file():
         yield table, Path(table)
 
 
 @functools.lru_cache(maxsize=256)
-def _urdf_path(urdf: str) -> Path | None:
-    try:
-        return find_urdf(urdf).path
-    except CoopPinError:
-        return None
+def _urdf_path(urdf: str) -> Path:
+    return find_urdf(urdf).path
+
+
+class KeyedPoint(NamedTuple):
+    """One run of a plan and its key.
+
+    Attributes:
+        point: the run.
+        key: what ``run_key`` or ``unresolved_key`` returned.
+        scenario: its scenario, or the error if the changed scenario has mistakes.
+        code: digests of the user's code that the key covers.
+    """
+
+    point: Point
+    key: str
+    scenario: Scenario | ScenarioError
+    code: Code = ()
+
+
+def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
+    """Yield all points of a plan with their keys; every file is looked at once."""
+    digests, digest = functools.cache(code_digests), functools.cache(file_digest)
+    for point in plan.points():
+        try:
+            scenario = plan.base[point.base].override(point.changes)
+        except ScenarioError as error:
+            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), error)
+            continue
+        code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
+        yield KeyedPoint(point, run_key(scenario, plan.metrics, code, digest), scenario, code)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import errno
+import functools
 import hashlib
+import json
 import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,17 +18,15 @@ from filelock import FileLock, Timeout
 from coop_pin.errors import FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.sweeps.job import Outcome, Record, from_checksummed_json, to_checksummed_json
+from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.user_files import read_user_file
 
-_MAX_BYTES = 2**32
-"""Size limit of each file; one hour of two arms at 80 Hz has 0.4 GB."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 _PART = re.compile(r"\..*\.[0-9a-f]{32}(\.\w+)?")
 """Names of partial files that ``write_atomically`` leaves if it is killed."""
-_SEGMENT_BYTES, _PLAN_BYTES = 1 << 26, 1 << 28
-"""Size at which a segment is closed, and largest plan that is read."""
+_PLAN_BYTES = 1 << 28
+"""Largest plan that is read."""
 
 
 class SweepStore:
@@ -40,6 +39,7 @@ class SweepStore:
 
     Attributes:
         folder: the folder.
+        known: kind of the failure of every stored run, "" if it finished, by key; while the folder is locked.
 
     Raises:
         FileReadError: an older version wrote the folder, with one file for each run.
@@ -47,8 +47,7 @@ class SweepStore:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._places: dict[str, tuple[Path, int]] | None = None
-        self._segment: Path | None = None
+        self.known: dict[str, str] = {}
         if any(path.is_dir() for path in (self.folder / "runs").glob("??")):
             raise FileReadError(
                 f"{folder} holds a sweep of an older version, one file for each run; it is left as it is:"
@@ -75,70 +74,52 @@ class SweepStore:
         try:
             held = FileLock(path).acquire(blocking=False)
         except Timeout:
-            raise StoreLockedError(str(self.folder), _owner(path) or "another process") from None
+            raise StoreLockedError(str(self.folder), _text(path) or "another process") from None
         with held:
-            if killed := _owner(path):
+            if killed := _text(path):
                 message = "the last sweep in %s (%s) was killed; its finished runs are kept"
                 _LOG.warning(message, self.folder, killed)
-            _write_owner(path, f"process {os.getpid()} on {socket.gethostname()}")
+            with contextlib.suppress(OSError):  # on a full disk the lock holds without its owner's name
+                path.write_text(f"process {os.getpid()} on {socket.gethostname()}")
             try:
                 self._clean_up()
                 yield
             finally:
-                _write_owner(path, "")
+                with contextlib.suppress(OSError):
+                    path.write_text("")
 
     def _clean_up(self) -> None:
-        """Remove partial files, and copy damaged lines into ``quarantine/``."""
+        """Remove partial files, note what is stored, and copy damaged lines into ``quarantine/``."""
         for part in self.folder.rglob(".*"):
             if _PART.fullmatch(part.name):
                 part.unlink()
-        name = "quarantine/damaged.jsonl"
-        aside = self.folder / name
-        known = aside.read_bytes().split(b"\n") if aside.is_file() else []
-        new = [line for line in self._index() if line not in known]
-        if new:
+        damaged: list[bytes] = []
+        self.known = _kinds(self.records(damaged))
+        content = b"".join(line + b"\n" for line in damaged)
+        aside = self.folder / "quarantine" / f"{hashlib.sha256(content).hexdigest()[:16]}.jsonl"
+        if damaged and not aside.exists():
             message = "%d damaged lines of %s are copied to %s; their runs are repeated"
-            _LOG.warning(message, len(new), self.folder / "runs", aside)
-            self._write(name, b"\n".join([*known, *new]))
+            _LOG.warning(message, len(damaged), self.folder / "runs", aside)
+            self.write_with(aside, lambda part: part.write_bytes(content))
 
     # ------------------------------------------------------------ runs
 
-    def records(self) -> Iterator[Record]:
-        """Yield all records in the order they were written; of several with one key the last is valid."""
-        return (record for _, _, record in self._lines() if isinstance(record, Record))
+    def records(self, damaged: list[bytes] | None = None) -> Iterator[Record]:
+        """Yield all records in the order they were written; of several with one key the last is valid.
 
-    def _lines(self) -> Iterator[tuple[Path, int, Record | bytes]]:
-        """Yield the segment, the offset and the record of every line, or its bytes if it is damaged."""
+        Args:
+            damaged: takes the lines that are no records.
+        """
         for segment in sorted(path for path in (self.folder / "runs").glob("*.jsonl") if path.is_file()):
-            offset = 0
             with segment.open("rb") as file:
-                for line in file:
-                    if content := line.strip():
-                        yield segment, offset, _record(content)
-                    offset += len(line)
-
-    def _index(self) -> list[bytes]:
-        """Note where the last record of each key is, and return the damaged lines."""
-        damaged, self._places = [], {}
-        for segment, offset, record in self._lines():
-            if isinstance(record, Record):
-                self._places[record.key] = segment, offset
-            else:
-                damaged.append(record)
-        return damaged
-
-    def read(self, key: str) -> Record | None:
-        """Return the record of a run, or None if there is none that is whole."""
-        if self._places is None:
-            self._index()
-        assert self._places is not None
-        if key not in self._places:
-            return None
-        segment, offset = self._places[key]
-        with segment.open("rb") as file:
-            file.seek(offset)
-            record = _record(file.readline().strip())
-        return record if isinstance(record, Record) else None
+                for line in filter(None, map(bytes.strip, file)):
+                    try:
+                        record = Record.from_line(line)
+                    except FileReadError:
+                        if damaged is not None:
+                            damaged.append(line)
+                    else:
+                        yield record
 
     def append(self, outcomes: Sequence[Outcome]) -> None:
         """Store outcomes, first the full results that belong to them; one write and one sync for all.
@@ -146,64 +127,45 @@ class SweepStore:
         Raises:
             FileWriteError: the disk is full, or the folder cannot be written.
         """
-        lines = []
         for record, result in outcomes:
             if result is not None:
-                record = record._replace(result_digest=hashlib.sha256(result).hexdigest())
-                self._write(str(self.result_path(record.key).relative_to(self.folder)), result)
-            lines.append((record.key, b"\n%s\n" % record.to_line()))
-        if not lines:
-            return
+                self.write_with(
+                    self._result_path(record.key), functools.partial(Path.write_bytes, data=result)
+                )
+        data = b"".join(b"\n%s\n" % outcome.record.to_line() for outcome in outcomes)
         with _write_errors(self.folder / "runs"):
-            segment = self._open_segment()
-            with segment.open("ab", buffering=0) as file:
-                offset = file.tell() + 1
-                data = b"".join(line for _, line in lines)
-                while data:
-                    data = data[file.write(data) :]
-                os.fsync(file.fileno())
-        for key, line in lines:
-            if self._places is not None:
-                self._places[key] = segment, offset
-            offset += len(line)
+            if data:
+                with self._segment.open("ab", buffering=0) as file:
+                    while data:
+                        data = data[file.write(data) :]
+                    os.fsync(file.fileno())
+        self.known |= _kinds(outcome.record for outcome in outcomes)
 
-    def _open_segment(self) -> Path:
-        """Return the segment of this session, or a new one if there is none or it is large.
+    @functools.cached_property
+    def _segment(self) -> Path:
+        """New segment: two sessions that write after the lock was removed by hand do not share one."""
+        folder = self.folder / "runs"
+        folder.mkdir(exist_ok=True, parents=True)
+        last = max((int(path.stem) for path in folder.iterdir() if path.stem.isdecimal()), default=0)
+        segment = folder / f"{last + 1:06}.jsonl"
+        segment.touch(exist_ok=False)
+        return segment
 
-        Two sessions that write at once, after the lock was removed by hand, do not share one.
-        """
-        if self._segment is None or self._segment.stat().st_size > _SEGMENT_BYTES:
-            folder = self.folder / "runs"
-            folder.mkdir(exist_ok=True, parents=True)
-            last = max((int(path.stem) for path in folder.iterdir() if path.stem.isdecimal()), default=0)
-            self._segment = folder / f"{last + 1:06}.jsonl"
-            self._segment.open("xb").close()
-        return self._segment
-
-    # ------------------------------------------------------------ full results
-
-    def result_path(self, key: str) -> Path:
-        """Return the file of a full result."""
+    def _result_path(self, key: str) -> Path:
         return self.folder / "results" / key[:2] / f"{key}.nc"
 
-    def has_result(self, record: Record) -> bool:
-        """Return whether the full result of a run is stored and undamaged."""
-        path = self.result_path(record.key)
-        try:
-            data = read_user_file(path, limit=_MAX_BYTES, kind="a result")
-        except FileReadError:
-            return False
-        return bool(record.result_digest) and hashlib.sha256(data).hexdigest() == record.result_digest
-
-    def read_result(self, record: Record) -> RunResult | None:
+    def read_result(self, key: str) -> RunResult | None:
         """Return the full result of a run if it is stored and undamaged."""
-        return RunResult.load(self.result_path(record.key)) if self.has_result(record) else None
+        with contextlib.suppress(FileReadError):
+            return RunResult.load(self._result_path(key))
+        return None
 
     # ------------------------------------------------------------ the plan and tables
 
     def write_plan(self, plan: SweepPlan) -> None:
         """Write the plan, so that the folder can be read on its own."""
-        self._write("plan.json", to_checksummed_json(plan.model_dump(mode="json")) + b"\n")
+        content = checksummed(plan.model_dump_json().encode()) + b"\n"
+        self.write_with(self.folder / "plan.json", lambda part: part.write_bytes(content))
 
     def read_plan(self) -> SweepPlan:
         """Return the last plan.
@@ -216,48 +178,28 @@ class SweepStore:
             raise FileReadError(f"{self.folder} holds no sweep: there is no {path.name}")
         try:
             data = read_user_file(path, limit=_PLAN_BYTES, kind="the plan of a sweep")
-            return SweepPlan(**from_checksummed_json(data.strip()))
-        except (FileReadError, ScenarioError) as error:
+            return SweepPlan(**json.loads(checked_content(data.strip())))
+        except (FileReadError, ScenarioError, ValueError, TypeError, RecursionError) as error:
             advice = "run the sweep's command again: finished runs are kept"
             raise FileReadError(f"{path} cannot be used ({error}); {advice}") from None
 
-    def write_with(self, name: str, write: Callable[[Path], object]) -> None:
+    def write_with(self, path: Path, write: Callable[[Path], object]) -> None:
         """Write a file of the folder, complete or not at all.
 
         Raises:
             FileWriteError: the disk is full, or the folder cannot be written.
         """
-        with _write_errors(self.folder / name):
-            write_atomically(self.folder / name, write)
-
-    def _write(self, name: str, data: bytes) -> None:
-        self.write_with(name, lambda part: part.write_bytes(data))
+        with _write_errors(path):
+            write_atomically(path, write)
 
 
-def _record(line: bytes) -> Record | bytes:
-    """Return the record of a line, or the line itself if it is damaged."""
-    try:
-        return Record.from_line(line)
-    except FileReadError:
-        return line
+def _kinds(records: Iterable[Record]) -> dict[str, str]:
+    return {record.key: record.failure.kind if record.failure else "" for record in records}
 
 
-def _owner(path: Path) -> str:
-    """Return the text in a lock file."""
+def _text(path: Path) -> str:
+    """Return the text in a lock file, which names its owner."""
     return path.read_text(errors="replace").strip() if path.is_file() else ""
-
-
-def _write_owner(path: Path, text: str) -> None:
-    """Write the owner's name; on a full disk the lock holds without it."""
-    with contextlib.suppress(OSError):
-        path.write_text(text)
-
-
-_REASONS = {
-    errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "the quota is used up",
-    errno.EFBIG: "a file-size limit is reached",
-}
 
 
 @contextlib.contextmanager
@@ -266,5 +208,4 @@ def _write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:
-        reason = _REASONS.get(getattr(error, "errno", None) or 0) or getattr(error, "strerror", None)
-        raise FileWriteError(str(path), reason or str(error)) from None
+        raise FileWriteError(str(path), getattr(error, "strerror", None) or str(error)) from None

@@ -14,10 +14,10 @@ import numpy as np
 from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
+from coop_pin.sweeps.dimensions import Sample, Span
 from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
-from coop_pin.sweeps.sampling import Sample, Span
 from coop_pin.sweeps.table import PointResult
 
 _SMALLEST = 5
@@ -53,10 +53,10 @@ class Bound(NamedTuple):
         wanted = "METRIC<NUMBER or METRIC>NUMBER, with a finite number"
         raise FieldError(f"is {text!r}; it must read {wanted}", "subject_to")
 
-    def excess(self, value: float) -> float:
-        """Return the violation, relative to bounds above 1; inf for a value that is not finite."""
-        beyond = self.sign * (value - self.bound) / max(1.0, abs(self.bound))
-        return max(beyond, 0.0) if np.isfinite(value) else np.inf
+    def excess(self, values: Array) -> Array:
+        """Return the violations, relative to bounds above 1; inf for values that are not finite."""
+        beyond = self.sign * (values - self.bound) / max(1.0, abs(self.bound))
+        return np.where(np.isfinite(values), np.maximum(beyond, 0.0), np.inf)
 
 
 class Objective(NamedTuple):
@@ -78,60 +78,68 @@ class Objective(NamedTuple):
         Raises:
             NameNotFoundError: runs have no such metric.
         """
-        count = len(result.plan)
         if not result.metric_names:
-            return np.full(count, np.nan), np.full(count, np.inf)
+            return np.full(len(result.plan), np.nan), np.full(len(result.plan), np.inf)
         metric = result.values(self.minimize).values.ravel()
         excess = np.where(np.isfinite(metric), 0.0, np.inf)
         for bound in self.bounds:
-            excess += [bound.excess(value) for value in result.values(bound.metric).values.ravel()]
+            excess += bound.excess(result.values(bound.metric).values.ravel())
         return metric, excess
 
 
-Ranges = Mapping[str, tuple[float, float]]
-"""The lowest and the highest value of each field."""
-Evaluate = Callable[[Array], tuple[Array, Array]]
-"""Runs a generation of points, shape (s, fields), and returns what ``Objective.read`` does of them."""
+Evaluate = Callable[[list[list[float]]], tuple[Array, Array]]
+"""Runs a generation of points, s rows of values, and returns what ``Objective.read`` does of them."""
 _LARGEST = 1e12
 """Violation of a failed run; the search wants finite numbers."""
 
 
-def search(evaluate: Evaluate, ranges: Ranges, *, generations: int, size: int, seed: int) -> None:
-    """Search with optuna's tree-structured Parzen estimator, after a Latin hypercube.
+def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
+    """Search with optuna's tree-structured Parzen estimator, after a sample.
 
     Points are requested and reported a generation at a time, so that they do not depend on which run ends
     first. Among infeasible runs the one with the smaller violation is better, and any feasible one is better
     than these.
 
+    Args:
+        evaluate: runs a generation.
+        first: the first generation; the later ones have its size, ranges and seed.
+        generations: number of later ones.
+
     Raises:
         MissingExtraError: optuna is not installed.
     """
-    spans = {field: Span(low=low, high=high) for field, (low, high) in ranges.items()}
-    first = Sample(fields=spans, count=size, method="latin-hypercube", seed=seed)
     try:
         import optuna  # an extra, and slow to load
     except ImportError:
         raise MissingExtraError("optuna", "tune", "to search for gains") from None
-    experimental = optuna.exceptions.ExperimentalWarning
+    experimental, size, start = optuna.exceptions.ExperimentalWarning, first.count, first.dimension()
     with contextlib.ExitStack() as stack:
         stack.enter_context(warnings.catch_warnings(action="ignore", category=experimental))
         stack.callback(optuna.logging.set_verbosity, optuna.logging.get_verbosity())
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         # Pending points count as bad ones, so that a generation spreads.
         sampler = optuna.samplers.TPESampler(
-            n_startup_trials=size, multivariate=True, constant_liar=True, seed=seed
+            n_startup_trials=size, multivariate=True, constant_liar=True, seed=first.seed
         )
         study = optuna.create_study(sampler=sampler)
         for place in range(size):
-            study.enqueue_trial(first.changes(place))
+            study.enqueue_trial(dict(start.changes(place)))
         for _ in range(generations + 1):
             trials = [study.ask() for _ in range(size)]
             points = [
-                [trial.suggest_float(field, *ends) for field, ends in ranges.items()] for trial in trials
+                [
+                    trial.suggest_float(field, span.low, span.high, log=span.scale == "log")
+                    for field, span in first.fields.items()
+                ]
+                for trial in trials
             ]
-            for trial, metric, excess in zip(trials, *evaluate(np.array(points)), strict=True):
+            for trial, metric, excess in zip(trials, *evaluate(points), strict=True):
                 trial.set_constraint("bounds", min(float(excess), _LARGEST))
                 study.tell(trial, float(metric) if np.isfinite(metric) else 0.0)
+
+
+Ranges = Mapping[str, tuple[float, float] | Span]
+"""The range of each field."""
 
 
 class TuneResult(NamedTuple):
@@ -203,37 +211,39 @@ def tune(
     """
     require_path("out", out)
     require_type("vary", vary, Mapping)
-    require_type("quiet", quiet, bool)
     require_type("minimize", minimize, str)
     require_type("subject_to", subject_to, str, Sequence)
     require_type("metrics", metrics, Sequence)
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     generations, population = as_count("generations", generations), as_count("population", population, 1)
-    seed = as_count("seed", seed)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
     objective = Objective(minimize, tuple(map(Bound.parse, bounds)))
-    _check(base, vary)
-    size = max(_SMALLEST, population * len(vary))
+    size, seed = max(_SMALLEST, population * len(vary)), as_count("seed", seed)
+    try:
+        first = Sample(fields=vary, count=size, method="latin-hypercube", seed=seed)
+    except ScenarioError as error:
+        wanted = "names no field, or one with a range that is not two numbers, the lower first"
+        raise FieldError(f"{wanted}: {error}", "vary") from None
     points: list[list[float]] = []
 
     def plan(rows: Sequence[Sequence[float]]) -> SweepPlan:
         values = dict(zip(vary, zip(*rows, strict=True), strict=True))
         return SweepPlan(base=base, zipped=(values,), metrics=tuple(metrics))
 
+    plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
     total = (generations + 1) * size
     with open_session(out, workers, scheduler, total, quiet=quiet) as session:
 
-        def evaluate(generation: Array) -> tuple[Array, Array]:
-            points.extend(generation.tolist())
+        def evaluate(generation: list[list[float]]) -> tuple[Array, Array]:
+            points.extend(generation)
             session.store.write_plan(plan(points))
-            session.compute(plan(generation.tolist()))
-            found = objective.read(SweepResult(plan(generation.tolist()), session.store))
-            session.bar.describe(
-                f"best of the last {size}: {np.where(found[1] > 0, np.inf, found[0]).min():.4g}"
-            )
-            return found
+            session.compute(plan(generation))
+            metric, excess = objective.read(SweepResult(plan(generation), session.store))
+            least = np.where(excess > 0.0, np.inf, metric).min()
+            session.bar.describe(f"best of the last {size}: {least:.4g}")
+            return metric, excess
 
-        search(evaluate, vary, generations=generations, size=size, seed=seed)
+        search(evaluate, first, generations=generations)
         history = SweepResult(plan(points), session.store)
         history.write_tables()
     metric, excess = objective.read(history)
@@ -243,18 +253,3 @@ def tune(
         complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
         raise NothingFeasibleError(total, len(failures), bounds, str(out), complaint)
     return TuneResult(history.point(best), history, objective)
-
-
-def _check(base: Scenario, vary: Ranges) -> None:
-    """Refuse mistakes in the arguments before anything is run or written."""
-    if not vary:
-        raise FieldError("names no field; give at least one, with its lowest and highest value", "vary")
-    for field, ends in vary.items():
-        low, high = ends if isinstance(ends, Sequence) and len(ends) == 2 else (ends, None)
-        try:
-            Span(low=low, high=high)
-        except (FieldError, ScenarioError) as error:
-            raise FieldError(
-                f"has the range {ends!r}, not two numbers, the lower first: {error}", field
-            ) from None
-    SweepPlan(base=base, zipped=(dict(vary),))  # refuses fields that do not exist

@@ -1,4 +1,4 @@
-"""Host process of local workers: ``python -m coop_pin.sweeps.worker_host COUNT``, fed over its pipes.
+"""Host process of local workers: ``python -m coop_pin.sweeps.worker_host COUNT FD``, fed over a pipe.
 
 Workers are children of this process and not of the user's, whose script they would import: a script without
 ``if __name__ == "__main__"`` would start its sweep in every worker. The host and its workers end with their
@@ -19,7 +19,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection, wait
@@ -52,9 +51,9 @@ def start_worker() -> None:
 class _Slot(threading.Thread):
     """Place of one worker, for one batch of jobs at a time."""
 
-    def __init__(self, tasks: queue.SimpleQueue[Any], reply: Callable[[Any], None]) -> None:
+    def __init__(self, tasks: queue.SimpleQueue[Any], parent: Connection, sending: threading.Lock) -> None:
         super().__init__(daemon=True)
-        self._tasks, self._reply = tasks, reply
+        self._tasks, self._parent, self._sending = tasks, parent, sending
         self._new_pool()
 
     def run(self) -> None:
@@ -62,13 +61,12 @@ class _Slot(threading.Thread):
         with contextlib.suppress(OSError):  # whoever sent them has ended
             while True:
                 number, jobs, *self._limits = self._tasks.get()
-                self._reply((number, self._result(jobs)))
-
-    def _result(self, jobs: list[bytes]) -> Any:
-        try:
-            return self._parts(jobs, 0, 0)
-        except Exception as error:
-            return error
+                try:
+                    reply: Any = self._parts(jobs, 0, 0)
+                except Exception as error:
+                    reply = error
+                with self._sending:
+                    self._parent.send((number, reply))
 
     def _new_pool(self) -> None:
         spawn = multiprocessing.get_context("spawn")
@@ -80,40 +78,37 @@ class _Slot(threading.Thread):
         If a worker dies, or is killed at the time limit, the jobs of its batch are tried again, each alone.
         """
         end, content = self._attempt(jobs)
-        if end == "done":
-            return [content]
         if end == "failed":
             raise content
+        if end == "done":
+            return [content]
         if len(jobs) == 1 and deaths + 1 >= _TRIES[end]:
             return [(first, end, deaths + 1, content)]
         alone = enumerate(jobs, first)
         return [part for number, job in alone for part in self._parts([job], number, deaths + 1)]
 
     def _attempt(self, jobs: list[bytes]) -> tuple[str, Any]:
-        """Return how an attempt ended, and pickled outcomes or an exit code."""
+        """Return how an attempt ended, and pickled outcomes, an exit code or an error."""
         limit_s, memory_limit = self._limits
         for _ in range(_STARTS):
-            with contextlib.suppress(RuntimeError):  # the pool broke just now
+            with contextlib.suppress(RuntimeError):  # the pool broke: its worker died before it took jobs
                 future = self.pool.schedule(compute, (jobs, memory_limit), timeout=limit_s)
                 end = time.monotonic() + limit_s + _START_S
-                while (
-                    not futures.wait([future], _POLL_S).done and self.pool.active and time.monotonic() < end
-                ):
-                    pass
-                error = future.exception() if future.done() else None
-                if future.done() and error is None:
-                    return "done", future.result()
+                while not (done := futures.wait([future], _POLL_S).done) and self.pool.active:
+                    if time.monotonic() > end:  # stopped before it took the jobs, or holding its pool's lock
+                        self._replace_pool()
+                        return "died", -signal.SIGKILL
+                error = future.exception() if done else None
                 if isinstance(error, ProcessExpired | MemoryError):
                     return "died", getattr(error, "exitcode", 0)
                 if isinstance(error, TimeoutError):
                     return "late", -signal.SIGKILL
                 if error is not None and not isinstance(error, BrokenProcessPool):
                     return "failed", error
-                if self.pool.active:  # stopped before it took the jobs, or holding the lock of its pool
-                    self._replace_pool()
-                    return "died", -signal.SIGKILL
-            self._replace_pool()  # the worker died before it took the jobs
-        return "failed", RuntimeError(f"{_STARTS} workers in a row died while they started")
+                if done and error is None:
+                    return "done", future.result()
+            self._replace_pool()
+        raise RuntimeError(f"{_STARTS} workers in a row died while they started")
 
     def _replace_pool(self) -> None:
         self.pool.stop()
@@ -121,24 +116,16 @@ class _Slot(threading.Thread):
         self._new_pool()
 
 
-def main(count: int) -> None:
-    """Compute batches from standard input until it closes; replies go to what was standard output."""
-    tasks_in, replies_out = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)  # what user code prints
+def main(count: int, fd: int) -> None:
+    """Compute the batches that a connection brings until it closes."""
+    parent, sending = Connection(fd), threading.Lock()
     tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    lock = threading.Lock()
-
-    def reply(content: Any) -> None:
-        with lock:
-            replies_out.send(content)
-
-    slots = [_Slot(tasks, reply) for _ in range(count)]
+    slots = [_Slot(tasks, parent, sending) for _ in range(count)]
     for slot in slots:
         slot.start()
     with contextlib.suppress(EOFError, OSError):
         while True:
-            tasks.put(tasks_in.recv())
+            tasks.put(parent.recv())
     for slot in slots:
         slot.pool.stop()
     time.sleep(_PAUSE_S)  # a worker that is just being started would report that it lost its parent
@@ -148,4 +135,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*map(int, sys.argv[1:]))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import html
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.description.controller import NoForcePath, UserController
+from coop_pin.description.controller import NoForcePath, PayloadSpace, UserController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, MissingExtraError
 from coop_pin.results import RunResult
@@ -57,17 +58,22 @@ def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return ()
-    sliders: list[Slider] = []
-    for name, gain in chosen.gains:
-        if name == "force_gain" and isinstance(chosen.force_path, NoForcePath):
-            continue  # it has no effect
+    gains, sliders = dict(chosen.gains), list[Slider]()
+    if isinstance(chosen.force_path, NoForcePath):
+        del gains["force_gain"]  # it has no effect
+    if isinstance(chosen, PayloadSpace):
+        gains["leak"] = chosen.leak_of(next(iter(scenario.cell.arms)))
+        if not chosen.measures:
+            del gains["anchor_gain"]
+    for name, gain in gains.items():
         field, label = f"controller.gains.{name}", name.replace("_", " ")
         if isinstance(gain, tuple):
             sliders.append(Slider(field, f"{label} \u00d7", 1.0, 1.0 / _DECADE, _DECADE, gain))
         elif name in ("sign_gain", "force_gain"):
             sliders.append(Slider(field, label, gain, 0.0, max(5.0 * gain, 1.0)))
         else:
-            sliders.append(Slider(field, label, gain, gain / _DECADE, gain * _DECADE))
+            largest = scenario.clock.rate_hz if name == "leak" else math.inf
+            sliders.append(Slider(field, label, gain, gain / _DECADE, min(gain * _DECADE, largest)))
     return tuple(sliders)
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 from coop_pin.description.urdf.find import UrdfFile
-from coop_pin.description.urdf.inertia import inertial_findings, massless_findings, moved_links
+from coop_pin.description.urdf.inertia import physical_findings
 from coop_pin.description.urdf.lint import element_findings
+from coop_pin.description.urdf.loops import loop_findings
 from coop_pin.description.urdf.meshes import mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xacro import expanded
-from coop_pin.description.urdf.xml import MAX_BYTES, read_document
+from coop_pin.description.urdf.xml import MAX_BYTES, DocumentError, read_document
 from coop_pin.errors import FileReadError, UrdfError, UrdfWarning
 from coop_pin.user_files import read_user_file
 
@@ -33,7 +34,7 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
             be read from the disk.
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
-    return _report(urdf, _text(urdf), urdf.package_dirs)
+    return UrdfReport(str(urdf.path), _findings_of_file(urdf, _text(urdf), urdf.package_dirs))
 
 
 def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -> str:
@@ -54,9 +55,9 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
         MissingExtraError: it is a xacro file and xacrodoc is not installed.
     """
     data, is_users = _text(urdf), urdf.origin == "user"
-    report = _report(urdf, data, urdf.package_dirs if is_users else None, loops=loops)
-    findings = tuple(finding for finding in report.findings if finding.code != "mesh_missing")
-    _require_usable(UrdfReport(report.source, findings), strict, warn=is_users)
+    findings = _findings_of_file(urdf, data, urdf.package_dirs if is_users else (), loops=loops)
+    ignored = ("mesh_missing", "loop") if loops else ("mesh_missing",)
+    _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
     return data.decode("utf-8")
 
 
@@ -72,58 +73,53 @@ def text_checked(text: str, *, loops: bool = False) -> str:
     Raises:
         UrdfError: it has errors, all of which the message lists.
     """
-    report = check_urdf(text)
-    _require_usable(_without_read_loops(report) if loops else report, strict=False, warn=True)
+    _require_usable(check_urdf(text), ("loop",) if loops else ())
     return text
 
 
-def _require_usable(report: UrdfReport, strict: bool, warn: bool) -> None:
+def _require_usable(
+    report: UrdfReport, ignored: Sequence[str], *, strict: bool = False, warn: bool = True
+) -> None:
+    report = UrdfReport(report.source, tuple(found for found in report.findings if found.code not in ignored))
     if report.errors(strict=strict):
         raise UrdfError(f"the URDF cannot be used:\n{report.summary(strict=strict)}")
     if warn and report.warnings(strict=strict):
         warnings.warn(f"suspicious values in the URDF:\n{report.summary()}", UrdfWarning, stacklevel=3)
 
 
-def _findings(data: bytes, package_dirs: Iterable[Path] | None = None) -> tuple[UrdfFinding, ...]:
+def _findings(data: bytes, package_dirs: Sequence[Path] = ()) -> tuple[UrdfFinding, ...]:
     """Return all findings by line; meshes are looked for only if folders are given."""
-    robot = read_document(data)
-    if isinstance(robot, UrdfFinding):
-        return (robot,)
+    try:
+        robot = read_document(data)
+    except DocumentError as error:
+        return (error.finding,)
     tree = read_tree(robot)
-    moved = moved_links(tree)
-    found = [*element_findings(robot), *tree.findings, *massless_findings(tree)]
-    for node in robot.children:
-        if node.tag == "link":
-            found += inertial_findings(node, moves=node.name in moved)
-    if package_dirs is not None:
+    found = [*loop_findings(robot, tree.links), *element_findings(robot), *tree.findings]
+    found += physical_findings(robot, tree)
+    if package_dirs:
         found += mesh_findings(robot, package_dirs)
     return tuple(sorted(found, key=lambda finding: finding.line))
 
 
-def _without_read_loops(report: UrdfReport) -> UrdfReport:
-    return UrdfReport(report.source, tuple(found for found in report.findings if found.code != "loop"))
-
-
-def _report(
-    urdf: UrdfFile, data: bytes, package_dirs: Iterable[Path] | None = None, *, loops: bool = False
-) -> UrdfReport:
+def _findings_of_file(
+    urdf: UrdfFile, data: bytes, package_dirs: Sequence[Path], *, loops: bool = False
+) -> tuple[UrdfFinding, ...]:
     """Return the findings of a file; in bundled files and example-robot-data some errors are warnings.
 
     There, loops are warnings for an arm, which leaves them open, but unread ones are errors for a mechanism.
     """
     findings = _findings(data, package_dirs)
-    if urdf.origin != "user":
-        open_loops = () if loops else ("loop", "loop_unread")
-        findings = tuple(
-            finding._replace(kind="physical")
-            if finding.kind == "impossible"
-            else finding._replace(kind="doubtful")
-            if finding.code in open_loops
-            else finding
-            for finding in findings
-        )
-    report = UrdfReport(str(urdf.path), findings)
-    return _without_read_loops(report) if loops else report
+    if urdf.origin == "user":
+        return findings
+    open_loops = () if loops else ("loop", "loop_unread")
+    return tuple(
+        finding._replace(kind="physical")
+        if finding.kind == "impossible"
+        else finding._replace(kind="doubtful")
+        if finding.code in open_loops
+        else finding
+        for finding in findings
+    )
 
 
 def _text(urdf: UrdfFile) -> bytes:

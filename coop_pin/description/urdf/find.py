@@ -6,7 +6,7 @@ import functools
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -48,16 +48,14 @@ _SUFFIXES = (".urdf", ".xacro")
 
 @functools.cache
 def example_folder() -> Path | None:
-    """Return the folder of example-robot-data, or None if not installed; Pinocchio is not imported."""
-    return next((folder for folder in _candidates() if folder.is_dir()), None)
+    """Return the folder of example-robot-data, or None if not installed; Pinocchio is not imported.
 
-
-def _candidates() -> Iterator[Path]:
-    """Yield possible folders: below pinocchio's prefixes (pip, conda, apt), then on the Python path."""
+    It is below pinocchio's prefixes (pip, conda, apt), or on the Python path.
+    """
     spec = importlib.util.find_spec("pinocchio")
-    if spec is not None and spec.origin is not None:
-        yield from (prefix / _SHARE for prefix in Path(spec.origin).resolve().parents)
-    yield from (Path(entry, "cmeel.prefix") / _SHARE for entry in sys.path)
+    prefixes = () if spec is None or spec.origin is None else Path(spec.origin).resolve().parents
+    places = (*prefixes, *(Path(entry, "cmeel.prefix") for entry in sys.path))
+    return next((place / _SHARE for place in places if (place / _SHARE).is_dir()), None)
 
 
 @functools.cache
@@ -96,9 +94,11 @@ def bundled_urdf_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "urdf"
 
 
-def robot_files() -> dict[str, Path]:
+@functools.cache
+def robot_files() -> MappingProxyType[str, Path]:
     """Return the file of every bundled robot and every robot of example-robot-data, by name."""
-    return dict(example_urdfs()) | {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    bundled = {path.stem: path for path in bundled_urdf_folder().glob("*.urdf")}
+    return MappingProxyType(example_urdfs() | bundled)
 
 
 def find_urdf(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
-from coop_pin.description.urdf.loops import loop_findings
-from coop_pin.description.urdf.numbers import is_unexpanded, number, number_findings, numbers
-from coop_pin.description.urdf.report import UrdfFinding, quoted
-from coop_pin.description.urdf.xml import EXPAND, LOOP, Node
+from lxml import etree
 
-JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-"""The joint types of URDF."""
+from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
+from coop_pin.description.urdf.xml import COUNTS, EXPAND, Element, finding, number_problem, numbers
+
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 _DEGREES = (45.0, 720.0)
 """Revolute joint limits in this range are probably degrees; larger ones often mean "no limit"."""
@@ -19,22 +20,13 @@ _DEGREES = (45.0, 720.0)
 _FAR_M = 10.0
 """Distance between two joints beyond any arm, m."""
 
-_PINOCCHIO_ROOT = "universe"
-_ONCE = frozenset(
-    (
-        "inertial",
-        "origin",
-        "mass",
-        "inertia",
-        "geometry",
-        "parent",
-        "child",
-        "axis",
-        "limit",
-        "mimic",
-        "dynamics",
-    )
-)
+_READ = ("link", "joint", "material")
+"""Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
+
+_ONCE = [
+    *("inertial", "origin", "mass", "inertia", "geometry"),
+    *("parent", "child", "axis", "limit", "mimic", "dynamics"),
+]
 _REQUIRED = {
     "limit": ("effort", "velocity"),
     "safety_controller": ("k_velocity",),
@@ -54,105 +46,201 @@ _NOT_NEGATIVE = {
 }
 
 
-def element_findings(robot: Node) -> Iterator[UrdfFinding]:
-    """Yield the defects of single links and joints of a robot."""
-    if not robot.name:
-        yield robot.finding("name", "<robot> has no name; add name=...")
-    if robot.child("link") is None:
-        yield robot.finding("no_links", "the robot has no links")
-    yield from loop_findings(robot)
-    robot = robot._replace(children=[node for node in robot.children if node.tag != LOOP])
+def _values(attributes: Sequence[Any]) -> list[float]:
+    return [value for each in attributes for value in numbers(each.getparent(), each.attrname) or (math.nan,)]
+
+
+def _problem(_: object, attributes: Sequence[Any], count: float) -> str:
+    """Return what is wrong with numbers that are no xacro expression, which is a finding of its own."""
+    return next((number_problem(str(each), int(count)) for each in attributes if "$" not in each), "")
+
+
+_FUNCTIONS = {
+    (None, "problem"): _problem,
+    (None, "least"): lambda _, attributes: min(_values(attributes), default=math.nan),
+    (None, "largest"): lambda _, attributes: max(map(abs, _values(attributes)), default=math.nan),
+}
+"""XPath functions of numeric attributes; comparisons with NaN, of malformed numbers, are false."""
+
+_HAS_AXIS = "@type='revolute' or @type='continuous' or @type='prismatic' or @type='planar'"
+_BLANKS = "'\t\r\n'"
+
+
+_NUMBERS = {
+    "count": "numbers, separated by blanks",
+    "number": "plain decimal numbers without trailing blanks",
+    "not_finite": "finite numbers within the range of a float",
+}
+
+
+class _Rule(NamedTuple):
+    """Defective elements.
+
+    Attributes:
+        code: short name of the defect.
+        path: their XPath, of one step: libxml2 takes time with the square of the nodes between two steps.
+        message: what is wrong, with {tag}, {parent}, {values}, and attributes of the element.
+        kind: severity class.
+    """
+
+    code: str
+    path: str
+    message: str
+    kind: Kind = "structural"
+
+
+_RULES = (
+    _Rule(
+        "name",
+        "/robot/*[not(string(@name))] | /robot[not(string(@name))]",
+        "<{tag}> has no name; add name=...",
+    ),
+    _Rule("no_links", "/robot[not(link)]", "the robot has no links"),
+    _Rule(
+        "reserved_name",
+        "/robot/joint[@name='universe']",
+        "Pinocchio's own root joint has this name; choose another",
+    ),
+    *(
+        _Rule(
+            "duplicate_element",
+            f"//{tag}[preceding-sibling::{tag}]",
+            "<{parent}> contains a second <{tag}>, which Pinocchio ignores; keep one",
+        )
+        for tag in _ONCE
+    ),
+    *(
+        _Rule("missing_attribute", f"//{tag}[not(@{name})]", f"<{tag}> lacks {name}; add it")
+        for tag, names in _REQUIRED.items()
+        for name in names
+    ),
+    _Rule(
+        "missing_attribute",
+        "//dynamics[not(@damping or @friction)]",
+        "<dynamics> lacks damping and friction; add one or remove it",
+    ),
+    *(
+        _Rule(
+            "negative",
+            f"//{tag}[least(@{name}) < 0]",
+            f"{name} of <{tag}> is {{{name}}}; it must not be negative",
+        )
+        for tag, names in _NOT_NEGATIVE.items()
+        for name in names
+    ),
+    *(
+        # Pinocchio never reads the axis of a joint that has none, and many files have "0 0 0" there.
+        _Rule(
+            code,
+            f"//{tag}[problem(@{name}, {count}) = '{code}']"
+            "[not(self::axis/parent::joint[@type='fixed' or @type='floating'])]",
+            f"{name} of <{tag}> is {{{name}}}; it must be {count} {what}",
+        )
+        for code, what in _NUMBERS.items()
+        for tag, counts in COUNTS.items()
+        for name, count in counts.items()
+    ),
+    *(
+        _Rule("no_" + tag, path, f"the joint names no {tag}; add <{tag} link=...>")
+        for tag in ("parent", "child")
+        for path in (f"/robot/joint[not({tag})]", f"//{tag}[not(string(@link))][parent::joint]")
+    ),
+    _Rule(
+        "line_break",
+        f"//*[@*[translate(., {_BLANKS}, '') != .]]",
+        "a value of <{tag}> contains a tab or a line break; use blanks",
+    ),
+    _Rule(
+        "xacro",
+        "//*[@*[contains(., '${') or contains(., '$(')]]",
+        f"{{values}} of <{{tag}}> has a xacro expression that is not expanded; {EXPAND}",
+    ),
+    _Rule(
+        "joint_type",
+        f"/robot/joint[not({' or '.join(f'@type={kind!r}' for kind in _JOINT_TYPES)})]",
+        f"type is {{type}}; it must be one of {', '.join(_JOINT_TYPES)}",
+    ),
+    _Rule(
+        "axis_zero",
+        f"//axis[not(@xyz)][parent::joint[{_HAS_AXIS}]]",
+        "<axis> has no xyz and is read as zero; add a direction",
+    ),
+    _Rule(
+        "axis_zero",
+        f"//axis[largest(@xyz) = 0][parent::joint[{_HAS_AXIS}]]",
+        "the axis is zero; give a direction",
+    ),
+    _Rule(
+        "limit_missing",
+        "/robot/joint[@type='revolute' or @type='prismatic'][not(limit)]",
+        "a joint of type {type} must have <limit lower= upper= effort= velocity=>;"
+        " the type without limits is continuous",
+    ),
+    _Rule(
+        "limit_inverted",
+        "//limit[least(@lower) > least(@upper)]",
+        "lower {lower} is greater than upper {upper}; exchange them",
+    ),
+    _Rule(
+        "mimic_self",
+        "//mimic[@joint = ../@name]",
+        "the joint mimics itself; name another joint",
+    ),
+    _Rule(
+        "limit_degrees",
+        f"//limit[largest(@lower | @upper) >= {_DEGREES[0]} and largest(@lower | @upper) <= {_DEGREES[1]}]"
+        "[parent::joint[@type='revolute']]",
+        "limits {lower} .. {upper} rad are many turns; URDF uses radians: are they in degrees?",
+        "doubtful",
+    ),
+    _Rule(
+        "origin_far",
+        f"//origin[largest(@xyz) > {_FAR_M}][parent::joint]",
+        f"its origin {{xyz}} is more than {_FAR_M:g} m from its parent's; URDF uses metres:"
+        " is this in millimetres?",
+        "doubtful",
+    ),
+    _Rule(
+        "mass_missing",
+        "//inertial[not(mass) and not(preceding-sibling::inertial)] | //mass[not(@value)]",
+        "<inertial> has no mass, which is read as zero; add <mass value=...>, kg",
+        "physical",
+    ),
+    _Rule(
+        "inertia_missing",
+        "//inertial[not(inertia) and not(preceding-sibling::inertial)]"
+        f" | //inertia[not({' and '.join(f'@{name}' for name in COUNTS['inertia'])})]",
+        f"<inertial> lacks some of {', '.join(COUNTS['inertia'])}, which are read as zero; add them, kg m^2",
+        "physical",
+    ),
+)
+_PATHS = [etree.XPath(rule.path, extensions=_FUNCTIONS) for rule in _RULES]
+
+
+def element_findings(robot: Element) -> Iterator[UrdfFinding]:
+    """Yield the defects of single links and joints of a robot, from which all else is removed."""
+    for child in list(robot):
+        if child.tag not in _READ:
+            robot.remove(child)
+    for rule, path in zip(_RULES, _PATHS, strict=True):
+        for element in path(robot):
+            words = defaultdict(lambda: "''", {name: quoted(text) for name, text in element.items()})
+            words |= {"tag": element.tag, "parent": getattr(element.getparent(), "tag", "")}
+            words["values"] = quoted(" ".join(element.values()))
+            owner = [element, *element.iterancestors()][-2:][0]
+            yield finding(owner, rule.code, rule.message.format_map(words), at=element, kind=rule.kind)
     yield from _name_findings(robot)
-    joint_names = {node.name for node in robot.children if node.tag == "joint"}
-    for node in robot.children:
-        yield from _content_findings(node)
-        yield from number_findings(node)
-        if node.tag == "joint":
-            yield from _joint_findings(node, joint_names)
-            yield from _unit_findings(node)
 
 
-def _name_findings(robot: Node) -> Iterator[UrdfFinding]:
-    first: dict[tuple[str, str], int] = {}
-    for node in robot.children:
-        key = node.tag, node.name
-        if not node.name:
-            yield node.finding("name", f"<{node.tag}> has no name; add name=...")
-        elif key == ("joint", _PINOCCHIO_ROOT):
-            yield node.finding("reserved_name", "Pinocchio's own root joint has this name; choose another")
-        elif key in first:
-            message = f"the same name is used on line {first[key]}; rename one of them"
-            yield node.finding(f"duplicate_{node.tag}", message)
-        first.setdefault(key, node.line)
-
-
-def _content_findings(owner: Node) -> Iterator[UrdfFinding]:
-    """Yield repeated elements, missing attributes, and values that Pinocchio reads differently from XML."""
-    for node in owner.family():
-        seen: set[str] = set()
-        for child in node.children:
-            if child.tag in seen:
-                message = f"<{node.tag}> contains a second <{child.tag}>, which Pinocchio ignores; keep one"
-                yield owner.finding("duplicate_element", message, at=child)
-            seen |= {child.tag} & _ONCE
-        for attribute in _REQUIRED.get(node.tag, ()):
-            if attribute not in node.attributes:
-                yield owner.finding("missing_attribute", f"<{node.tag}> lacks {attribute}; add it", at=node)
-        if node.tag == "dynamics" and not {"damping", "friction"} & node.attributes.keys():
-            message = "<dynamics> lacks damping and friction; add one or remove it"
-            yield owner.finding("missing_attribute", message, at=node)
-        for attribute in _NOT_NEGATIVE.get(node.tag, ()):
-            value = min(numbers(node, attribute) or (0.0,))
-            if value < 0.0:
-                message = f"{attribute} of <{node.tag}> is {value:g}; it must not be negative"
-                yield owner.finding("negative", message, at=node)
-        if node.broken:
-            message = f"a value of <{node.tag}> contains a tab or a line break; use blanks"
-            yield owner.finding("line_break", message, at=node)
-        for text in filter(is_unexpanded, node.attributes.values()):
-            message = f"{quoted(text)} in <{node.tag}> is a xacro expression that is not expanded; {EXPAND}"
-            yield owner.finding("xacro", message, at=node)
-
-
-def _joint_findings(joint: Node, joint_names: set[str]) -> Iterator[UrdfFinding]:
-    """Yield defects of a joint's type, axis, limits and mimic."""
-    kind = joint.attributes.get("type", "")
-    if kind not in JOINT_TYPES:
-        message = f"type is {quoted(kind)}; it must be one of {', '.join(JOINT_TYPES)}"
-        yield joint.finding("joint_type", message)
-    axis, limit, mimic = map(joint.child, ("axis", "limit", "mimic"))
-    if kind in ("revolute", "continuous", "prismatic", "planar") and axis is not None:  # default: the x axis
-        if "xyz" not in axis.attributes:
-            yield joint.finding(
-                "axis_zero", "<axis> has no xyz and is read as zero; add a direction", at=axis
-            )
-        elif numbers(axis, "xyz") == (0.0, 0.0, 0.0):
-            yield joint.finding("axis_zero", "the axis is zero; give a direction", at=axis)
-    if limit is None and kind in ("revolute", "prismatic"):
-        message = "must have <limit lower= upper= effort= velocity=>; the type without limits is continuous"
-        yield joint.finding("limit_missing", f"a {kind} joint {message}")
-    lower, upper = number(limit, "lower"), number(limit, "upper")
-    if lower is not None and upper is not None and lower > upper:
-        message = f"lower {lower:g} is greater than upper {upper:g}; exchange them"
-        yield joint.finding("limit_inverted", message, at=limit)
-    leader = None if mimic is None else mimic.attributes.get("joint")
-    if leader == joint.name:
-        yield joint.finding("mimic_self", "the joint mimics itself; name another joint", at=mimic)
-    elif leader is not None and leader not in joint_names:
-        message = f"mimics {quoted(leader)}, which is not a joint of the file"
-        yield joint.finding("mimic_unknown", message, at=mimic)
-
-
-def _unit_findings(joint: Node) -> Iterator[UrdfFinding]:
-    """Yield the numbers of a joint that are probably in another unit."""
-    limit, origin = joint.child("limit"), joint.child("origin")
-    if joint.attributes.get("type") == "revolute":
-        largest = max(abs(number(limit, end) or 0.0) for end in ("lower", "upper"))
-        if _DEGREES[0] <= largest <= _DEGREES[1]:
-            turns = f"{largest / (2.0 * math.pi):.0f} turns"
-            message = f"a limit of {largest:g} rad is {turns}; URDF uses radians: is this in degrees?"
-            yield joint.finding("limit_degrees", message, at=limit, kind="doubtful")
-    far = max(map(abs, numbers(origin, "xyz") or (0.0,)))
-    if far > _FAR_M:
-        message = f"its origin is {far:g} m from its parent's; URDF uses metres: is this in millimetres?"
-        yield joint.finding("origin_far", message, at=origin, kind="doubtful")
+def _name_findings(robot: Element) -> Iterator[UrdfFinding]:
+    """Yield names given twice, and leaders of mimic joints that do not exist."""
+    first: dict[tuple[str, str], Element] = {}
+    for element in robot:
+        other = first.setdefault((element.tag, element.get("name", "")), element)
+        if other is not element and element.get("name"):
+            message = f"the same name is used on line {other.sourceline}; rename one of them"
+            yield finding(element, f"duplicate_{element.tag}", message)
+    for mimic in robot.iterfind("joint/mimic[@joint]"):
+        if ("joint", mimic.get("joint")) not in first:
+            message = f"mimics {quoted(mimic.get('joint'))}, which is not a joint of the file"
+            yield finding(mimic.getparent(), "mimic_unknown", message, at=mimic)

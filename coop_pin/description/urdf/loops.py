@@ -20,16 +20,16 @@ revolute or continuous, and prismatic. Limits, friction and damping of a loop ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.numbers import number_list
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.description.urdf.xml import LOOP, TEXT, Node, read_document
+from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
 from coop_pin.spatial import inverse_pose, make_pose
 
 LoopRows = Literal["full", "point", "axis"] | tuple[bool, ...]
@@ -45,6 +45,23 @@ _ROWS: dict[str, LoopRows] = {
     "prismatic": _SLIDE,
 }
 """Held rows by type, in axes of C; for the last three z is along the axis."""
+
+_ELEMENTS = frozenset(
+    (
+        "loop_joint",
+        "loop",
+        "constraint",
+        "closed_loop",
+        "coupling",
+        "joint_constraint",
+        f"drake{COLON}ball_constraint",
+        f"drake{COLON}linear_bushing_rpy",
+        f"drake{COLON}tendon_constraint",
+    )
+)
+"""Children of <robot> by which dialects of URDF close loops; a <joint> inside <gazebo> does so, too."""
+
+_MODEL_FRAME = "axis/use_parent_model_frame[not(normalize-space()='0' or normalize-space()='false')]"
 
 _WORLD = "world"
 _GIVE = "give it as a Closure of ClosedChain.from_urdf"
@@ -70,101 +87,143 @@ class UrdfLoop(NamedTuple):
     name: str
 
 
-class _Stated(NamedTuple):
-    """What an element says: links, poses of its frame in them (None: from the zero configuration), axis."""
+class _Dialect(NamedTuple):
+    """XPaths of what an element says, from it; empty for what it does not.
+
+    Attributes:
+        link_a: name of link A.
+        link_b: name of link B.
+        pose_a: element with the pose of C in A; None: from the zero configuration.
+        pose_b: the same in B.
+        axis: three numbers in axes of C.
+        unread: what cannot be read, and why.
+    """
 
     link_a: str
     link_b: str
-    X_AC: Array | None
-    X_BC: Array
-    axis: Node | None
+    pose_a: str | None
+    pose_b: str
+    axis: str
+    unread: Mapping[str, str] = MappingProxyType({})
+
+
+_BALL = f"drake{COLON}ball_constraint"
+_DIALECTS = {
+    "loop_joint": _Dialect("link1/@link", "link2/@link", "link1", "link2", "axis/@xyz"),
+    "loop": _Dialect(
+        "predecessor/@link", "successor/@link", "predecessor/origin", "successor/origin", "axis/@xyz"
+    ),
+    "constraint": _Dialect(
+        "parent/@link", "child/@link", "parent_origin", "child_origin", "(parent_axis | child_axis)/@xyz"
+    ),
+    "joint": _Dialect(
+        "parent/text()",
+        "child/text()",
+        None,
+        "pose",
+        "axis/xyz/text()",
+        {
+            "parent::gazebo[@reference]": "it is in <gazebo reference=...>, which is part of a link or joint",
+            "(pose | axis/xyz)[@*]": "it has attributes; only the default frame can be read",
+            _MODEL_FRAME: "its axis is in the parent's model frame; give it in the joint's",
+        },
+    ),
+    _BALL: _Dialect(
+        f"{_BALL}_body_A/@name",
+        f"{_BALL}_body_B/@name",
+        f"{_BALL}_p_AP",
+        f"{_BALL}_p_BQ",
+        "",
+        {f"self::*[not({_BALL}_p_AP/@value and {_BALL}_p_BQ/@value)]": "it must have p_AP and p_BQ"},
+    ),
+}
 
 
 class _UnreadError(Exception):
     """Says why an element cannot be read as a closure; never leaves this file."""
 
-    def __init__(self, message: str, at: Node) -> None:
+    def __init__(self, message: str, at: Element) -> None:
         self.message, self.at = message, at
         super().__init__(message)
 
 
 def read_loops(text: str) -> tuple[UrdfLoop, ...]:
     """Return the loop closures of the text of a URDF that the check has accepted with its loops."""
-    document, robot = read_document(text.encode()), Robot(text)
-    assert isinstance(document, Node)
-    links, zero, loops = _links(document), dict.fromkeys(robot.joints, 0.0), []
-    for node in _loop_nodes(document):
-        stated, rows, X_CZ = _read(node)
-        a, b, X_AC, X_BC, _ = stated
+    document, robot, loops = read_document(text.encode()), Robot(text), []
+    links = {link.get("name") for link in document.iterchildren("link")}
+    for element in _loop_elements(document):
+        a, b, rows, X_AC, X_BC, X_CZ = _read(element)
         if X_AC is None:
-            X_RA, X_RB = (robot.pose(link, zero) if link in links else np.eye(4) for link in (a, b))
+            X_RA, X_RB = (robot.pose(link, {}) if link in links else np.eye(4) for link in (a, b))
             X_AC = inverse_pose(X_RA) @ X_RB @ X_BC
-        loops.append(UrdfLoop(a, b, rows, X_AC @ X_CZ, X_BC @ X_CZ, node.name))
+        loops.append(UrdfLoop(a, b, rows, X_AC @ X_CZ, X_BC @ X_CZ, element.get("name", "")))
     return tuple(loops)
 
 
-def loop_findings(robot: Node) -> Iterator[UrdfFinding]:
+def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFinding]:
     """Yield one finding for each element that closes a loop: ``loop`` if it can be read as a closure."""
-    links, first = _links(robot), dict[str, int]()
-    for node in _loop_nodes(robot):
-        tag = node.attributes["element"]
+    first: dict[str, Element] = {}
+    for element in _loop_elements(robot):
+        says, name = f"<{name_of_tag(element)}> closes a loop", element.get("name")
         try:
-            stated, _, _ = _read(node)
-            for link in stated[:2]:
-                if link not in links | {_WORLD}:
-                    raise _UnreadError(
-                        f"its link {quoted(link)} is not a link of the file; links: {listed(links)}", node
-                    )
-            if stated.link_a == stated.link_b:
-                raise _UnreadError(f"it joins link {quoted(stated.link_a)} to itself", node)
-            if node.name and first.setdefault(node.name, node.line) != node.line:
-                raise _UnreadError(f"the same name is used on line {first[node.name]}", node)
+            a, b = _read(element)[:2]
+            if unknown := {a, b} - {*links, _WORLD}:
+                message = f"its link {listed(unknown)} is not a link of the file; links: {listed(links)}"
+                raise _UnreadError(message, element)
+            if a == b:
+                raise _UnreadError(f"it joins link {quoted(a)} to itself", element)
+            if name and first.setdefault(name, element) is not element:
+                raise _UnreadError(f"the same name is used on line {first[name].sourceline}", element)
         except _UnreadError as unread:
-            message = f"<{tag}> closes a loop and cannot be read: {unread.message}; correct it, or {_GIVE}"
-            yield node.finding("loop_unread", message, at=unread.at)
+            message = f"{says} and cannot be read: {unread.message}; correct it, or {_GIVE}"
+            yield finding(element, "loop_unread", message, at=unread.at)
         else:
-            message = (
-                f"<{tag}> closes a loop, but an arm is a tree; remove it (ClosedChain.from_urdf reads it)"
-            )
-            yield node.finding("loop", message)
+            message = f"{says}, but an arm is a tree; remove it (ClosedChain.from_urdf reads it)"
+            yield finding(element, "loop", message)
 
 
-def _links(robot: Node) -> set[str]:
-    return {node.name for node in robot.children if node.tag == "link"}
+def _loop_elements(robot: Element) -> Iterator[Element]:
+    for element in robot:
+        if element.tag in _ELEMENTS:
+            yield element
+        elif element.tag == "gazebo":
+            yield from (inner for inner in element if inner.tag.partition(COLON)[0] == "joint")
 
 
-def _loop_nodes(robot: Node) -> list[Node]:
-    return [node for node in robot.children if node.tag == LOOP]
-
-
-def _read(loop: Node) -> tuple[_Stated, LoopRows, Array]:
-    """Return what an element says, its rows, and the pose in its frame of C, whose z is along the axis.
+def _read(loop: Element) -> tuple[str, str, LoopRows, Array | None, Array, Array]:
+    """Return links, rows, X_AC (None: from the zero configuration), X_BC and X_CZ, whose z is along the axis.
 
     Raises:
         _UnreadError: it cannot be read as a closure.
     """
-    tag = loop.attributes["element"]
-    if tag not in _DIALECTS:
-        raise _UnreadError(f"only {listed(_DIALECTS)} can be", loop)
-    stated = _DIALECTS[tag](loop)
-    kind = "ball" if tag == "drake:ball_constraint" else loop.attributes.get("type", "")
+    says = _DIALECTS.get(loop.tag)
+    if says is None:
+        raise _UnreadError(f"only {listed(name.replace(COLON, ':') for name in _DIALECTS)} can be", loop)
+    for path, message in says.unread.items():
+        for element in loop.xpath(path):
+            raise _UnreadError(message, element)
+    kind = "ball" if loop.tag == _BALL else loop.get("type", "")
     if kind not in _ROWS:
         raise _UnreadError(f"type is {quoted(kind)}; it must be one of {listed(_ROWS, len(_ROWS))}", loop)
-    rows = _ROWS[kind]
-    if rows in ("full", "point"):
-        return stated, rows, np.eye(4)
-    if stated.axis is None:
-        raise _UnreadError(f"a {kind} loop must have an axis", loop)
-    attribute = TEXT if stated.axis.tag == "xyz" else "xyz"
-    z = np.array(_numbers(stated.axis, attribute, 3))
-    if not z.any():
-        raise _UnreadError("the axis is zero; give a direction", stated.axis)
+    a, b = (_only(loop, path) for path in (says.link_a, says.link_b))
+    X_AC = None if says.pose_a is None else _pose(loop, says.pose_a)
+    X_BC, X_CZ, rows = _pose(loop, says.pose_b), np.eye(4), _ROWS[kind]
+    if rows not in ("full", "point"):
+        X_CZ = _along(loop, says.axis)
+    return a.strip(), b.strip(), rows, X_AC, X_BC, X_CZ
+
+
+def _along(loop: Element, path: str) -> Array:
+    """Return a pose whose z axis is along the axis of a loop; the identity for z itself, shape (4, 4)."""
+    axes = {_numbers(value, 3): value.getparent() for value in loop.xpath(path)}
+    if len(axes) != 1:
+        raise _UnreadError(f"it has {len(axes)} different axes; it must have one", loop)
+    for axis, element in axes.items():
+        z = np.array(axis)
+        if not z.any():
+            raise _UnreadError("the axis is zero; give a direction", element)
     z /= np.abs(z).max()
-    return stated, rows, _along(z / np.linalg.norm(z))
-
-
-def _along(z: Array) -> Array:
-    """Return a pose whose z axis is a unit vector; the identity for z itself, shape (4, 4)."""
+    z /= np.linalg.norm(z)
     X, k = np.eye(4), int(np.argmin(np.abs(z)))
     x = np.eye(3)[k] - z[k] * z
     x /= np.linalg.norm(x)
@@ -172,87 +231,33 @@ def _along(z: Array) -> Array:
     return X
 
 
-# ---------------------------------------------------------------- dialects
-
-
-def _loop_joint(loop: Node) -> _Stated:
-    a, b = _child(loop, "link1"), _child(loop, "link2")
-    return _Stated(_attribute(a, "link"), _attribute(b, "link"), _pose(a), _pose(b), loop.child("axis"))
-
-
-def _urdf_plus_loop(loop: Node) -> _Stated:
-    a, b = _child(loop, "predecessor"), _child(loop, "successor")
-    X_AC, X_BC = _pose(a.child("origin")), _pose(b.child("origin"))
-    return _Stated(_attribute(a, "link"), _attribute(b, "link"), X_AC, X_BC, loop.child("axis"))
-
-
-def _constraint(loop: Node) -> _Stated:
-    a, b = _child(loop, "parent"), _child(loop, "child")
-    axis, other = loop.child("parent_axis"), loop.child("child_axis")
-    if axis is not None and other is not None and _numbers(axis, "xyz", 3) != _numbers(other, "xyz", 3):
-        raise _UnreadError("child_axis differs from parent_axis; turn child_origin instead", other)
-    X_AC, X_BC = _pose(loop.child("parent_origin")), _pose(loop.child("child_origin"))
-    return _Stated(_attribute(a, "link"), _attribute(b, "link"), X_AC, X_BC, axis)
-
-
-def _sdformat_joint(loop: Node) -> _Stated:
-    if "gazebo_reference" in loop.attributes:
-        raise _UnreadError("it is inside <gazebo reference=...>, which is part of a link or joint", loop)
-    a, b = (_attribute(_child(loop, tag), TEXT) for tag in ("parent", "child"))
-    pose, axis = loop.child("pose"), loop.child("axis")
-    xyz = None if axis is None else _child(axis, "xyz")
-    for node in filter(None, (pose, xyz)):
-        if any(value for key, value in node.attributes.items() if key != TEXT):
-            raise _UnreadError(f"<{node.tag}> has attributes; only the default frame can be read", node)
-    model_frame = None if axis is None else axis.child("use_parent_model_frame")
-    if model_frame is not None and model_frame.attributes.get(TEXT, "").strip() not in ("0", "false"):
-        raise _UnreadError("its axis is in the parent's model frame; give it in the joint's", model_frame)
-    x, y, z, *rpy = (0.0,) * 6 if pose is None else _numbers(pose, TEXT, 6)
-    return _Stated(a, b, None, make_pose((x, y, z), rpy), xyz)
-
-
-def _drake_ball(loop: Node) -> _Stated:
-    prefix = "drake:ball_constraint_"
-    a, b = (_attribute(_child(loop, f"{prefix}body_{side}"), "name") for side in "AB")
-    p_AP, p_BQ = (_numbers(_child(loop, f"{prefix}p_{point}"), "value", 3) for point in ("AP", "BQ"))
-    return _Stated(a, b, make_pose(p_AP), make_pose(p_BQ), None)
-
-
-_DIALECTS = {
-    "loop_joint": _loop_joint,
-    "loop": _urdf_plus_loop,
-    "constraint": _constraint,
-    "joint": _sdformat_joint,
-    "drake:ball_constraint": _drake_ball,
-}
-
-
-def _child(node: Node, tag: str) -> Node:
-    found = [child for child in node.children if child.tag == tag]
+def _only(loop: Element, path: str) -> Any:
+    """Return the only value at a path."""
+    found = [value for value in loop.xpath(path) if value.strip()]
     if len(found) != 1:
-        raise _UnreadError(f"it has {len(found)} <{tag}>; it must have one", found[-1] if found else node)
+        message = f"it has {len(found)} {path.replace(COLON, ':')}; it must have one"
+        raise _UnreadError(message, found[-1].getparent() if found else loop)
     return found[0]
 
 
-def _attribute(node: Node, attribute: str) -> str:
-    value = node.attributes.get(attribute, "").strip()
-    if not value:
-        raise _UnreadError(f"<{node.tag}> names no link", node)
-    return value
-
-
-def _pose(node: Node | None) -> Array:
-    if node is None:
-        return np.eye(4)
-    xyz, rpy = (
-        _numbers(node, name, 3) if name in node.attributes else (0.0, 0.0, 0.0) for name in ("xyz", "rpy")
-    )
+def _pose(loop: Element, path: str) -> Array:
+    """Return the pose that the element at a path says: xyz and rpy, six numbers, or a point; or identity."""
+    xyz: Sequence[float] = (0.0, 0.0, 0.0)
+    rpy: Sequence[float] = (0.0, 0.0, 0.0)
+    for value in loop.xpath(f"({path})/@xyz | ({path})/@value"):
+        xyz = _numbers(value, 3)
+    for value in loop.xpath(f"({path})/@rpy"):
+        rpy = _numbers(value, 3)
+    for value in loop.xpath(f"({path})/self::pose/text()"):
+        *xyz, r, p, y = _numbers(value, 6)
+        rpy = r, p, y
     return make_pose(xyz, rpy)
 
 
-def _numbers(node: Node, attribute: str, count: int) -> tuple[float, ...]:
-    text = " ".join(node.attributes.get(attribute, "").split())
-    if (values := number_list(text, count)) is None:
-        where = f"<{node.tag}>" if attribute == TEXT else f"{attribute} of <{node.tag}>"
-        raise _UnreadError(f"{where} is {quoted(text)}; it must be {count} finite numbers", node)
-    return values
+def _numbers(value: Any, count: int) -> tuple[float, ...]:
+    text = " ".join(value.split())
+    if (numbers := number_list(text, count)) is not None:
+        return numbers
+    element = value.getparent()
+    where = f"{value.attrname or 'text'} of <{name_of_tag(element)}>"
+    raise _UnreadError(f"{where} is {quoted(text)}; it must be {count} finite numbers", element)

@@ -68,12 +68,9 @@ class UrdfReport:
         shown = [f"error: {finding}" for finding in errors] + [f"warning: {finding}" for finding in warnings]
         if len(shown) > SHOWN_FINDINGS:
             shown[SHOWN_FINDINGS:] = [f"... and {len(shown) - SHOWN_FINDINGS} more"]
-        numbers = f"{_count(len(errors), 'error')}, {_count(len(warnings), 'warning')}"
+        counts = (("error", len(errors)), ("warning", len(warnings)))
+        numbers = ", ".join(f"{number} {noun}" + "s" * (number != 1) for noun, number in counts)
         return "\n".join((*shown, f"{self.source}: {numbers}"))
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def quoted(text: str) -> str:

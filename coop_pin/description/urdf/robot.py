@@ -1,40 +1,30 @@
-"""Kinematics of a URDF without Pinocchio: joint order, mimic joints, link poses; body of a single link."""
+"""Kinematics of a URDF without Pinocchio: joint order, mimic joints, link poses; links as of yourdfpy.
+
+yourdfpy gives poses and bodies; it is imported only for them, because that takes longer than a model. Joint
+order and mimic joints are read here: yourdfpy has the joints in the order of the file, follows one mimic
+joint but not a chain of them, and cannot let one move independently.
+"""
 
 from __future__ import annotations
 
+import copy
+import functools
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from lxml import etree
 
 from coop_pin.arrays import Array
-from coop_pin.description.urdf.inertia import inertia_matrix
 from coop_pin.description.urdf.meshes import meshes
-from coop_pin.description.urdf.numbers import number, numbers
-from coop_pin.description.urdf.report import listed
-from coop_pin.description.urdf.tree import Edge, Tree, read_tree
-from coop_pin.description.urdf.xml import Node, read_document
-from coop_pin.errors import NameNotFoundError, UrdfError
-from coop_pin.spatial import make_pose
+from coop_pin.description.urdf.tree import Edge, read_tree
+from coop_pin.description.urdf.xml import Element, number, read_document
+from coop_pin.errors import NameNotFoundError
 
-_ZERO = (0.0, 0.0, 0.0)
-_X_AXIS = (1.0, 0.0, 0.0)
-
-
-class Mimic(NamedTuple):
-    """A mimic joint: angle = multiplier * (angle of the leader) + offset.
-
-    Attributes:
-        leader: name of the joint that it follows.
-        multiplier: factor of the leader's angle.
-        offset: rad or m.
-    """
-
-    leader: str
-    multiplier: float
-    offset: float
+_READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::mesh]"
+"""XPath of the shapes of a visual; yourdfpy fails on others and on none."""
 
 
 class Robot:
@@ -44,32 +34,33 @@ class Robot:
         joints: type of every joint that is not fixed, by name, in the order of Pinocchio's q: depth first,
             siblings by name.
         leaves: the links without child joints.
-        mimics: the mimic joints by name.
+        mimics: leader, multiplier and offset (rad or m) of the mimic joints by name.
     """
 
     def __init__(self, text: str) -> None:
         """Read the text of a URDF as load_checked returns it."""
-        self._root = _root(text)
+        self._root = read_document(text.encode())
         self._tree = read_tree(self._root)
-        edges = _depth_first(self._tree)
-        self.joints = {edge.joint.name: edge.joint.attributes["type"] for edge in edges if not edge.is_fixed}
+        self._edges = list(self._tree.edges())
+        self.joints = {edge.name: edge.joint.get("type") for edge in self._edges if not edge.is_fixed}
         self.leaves = tuple(link for link in self._tree.links if not self._tree.below.get(link))
-        self.mimics = {edge.joint.name: _mimic(node) for edge in edges if (node := edge.joint.child("mimic"))}
-        self._ends = {edge.joint.name: edge.child for edge in edges} | {
-            link: link for link in self._tree.links
+        self.mimics = {
+            edge.name: _mimic(element)
+            for edge in self._edges
+            if (element := edge.joint.find("mimic")) is not None
         }
 
     def mesh_files(self, package_dirs: Sequence[Path]) -> list[Path]:
         """Return the files of the visuals that are meshes, those that exist."""
-        return [path for _, _, path in meshes(self._root, package_dirs) if path is not None]
+        return [path for _, path in meshes(self._root, package_dirs) if path is not None]
 
     def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
         """Return the angles of locked joints and of joints that mimic them, directly or through others."""
         angles = dict(joints)
         for _ in self.mimics:
-            for joint, mimic in self.mimics.items():
-                if mimic.leader in angles and joint not in angles:
-                    angles[joint] = mimic.multiplier * angles[mimic.leader] + mimic.offset
+            for joint, (leader, multiplier, offset) in self.mimics.items():
+                if leader in angles and joint not in angles:
+                    angles[joint] = multiplier * angles[leader] + offset
         return angles
 
     def unlocked(self, joints: Mapping[str, float]) -> tuple[str, ...]:
@@ -79,79 +70,72 @@ class Robot:
 
     def summary(self) -> str:
         """Return links, joints with their limits, and candidate tips as text."""
-        links, edges = list(self._tree.links), _depth_first(self._tree)
-        moving = [edge for edge in edges if not edge.is_fixed]
+        tree, above = self._tree, dict.fromkeys(self._tree.links, 0)
+        for edge in self._edges:
+            above[edge.child] = above[edge.parent] + (not edge.is_fixed)
+        branching = [link for link in tree.above if len(tree.below.get(link, ())) > 1]
         return "\n".join(
             (
-                f"{len(links)} links: {', '.join(links)}",
-                f"{len(moving)} moving joints:",
-                *(f"  {edge.joint.name}: {_joint_text(edge)}" for edge in moving),
+                f"{len(tree.links)} links: {', '.join(tree.links)}",
+                f"{len(self.joints)} moving joints:",
+                *(f"  {edge.name}: {_joint_text(edge)}" for edge in self._edges if not edge.is_fixed),
                 "candidate tips:",
-                *(f"  {tip}: {self._joints_above(tip)} joints from the root" for tip in self._tips()),
+                *(f"  {tip}: {above[tip]} joints from the root" for tip in (*self.leaves, *branching)),
             )
         )
-
-    def _tips(self) -> list[str]:
-        """Return the links at which the tree ends, and those below a joint at which it branches."""
-        branching = [link for link in self._tree.above if len(self._tree.below.get(link, ())) > 1]
-        return [*self.leaves, *branching]
-
-    def _joints_above(self, link: str) -> int:
-        count = 0
-        while link in self._tree.above:
-            edge = self._tree.above[link]
-            count, link = count + (not edge.is_fixed), edge.parent
-        return count
 
     def pose(self, frame: str, angles: Mapping[str, float]) -> Array:
         """Return the pose of a link, or of the child link of a joint, in the root link, shape (4, 4).
 
         Args:
             frame: name of the link or joint.
-            angles: angles of the moving joints between the root and it, rad or m.
+            angles: angles of the moving joints, rad or m; zero when omitted.
 
         Raises:
             NameNotFoundError: there is no such link or joint.
         """
-        if frame not in self._ends:
-            raise NameNotFoundError("frame", frame, self._ends, "the URDF")
-        X, link = np.eye(4), self._ends[frame]
-        while link in self._tree.above:
-            edge = self._tree.above[link]
-            X = _origin(edge.joint) @ _motion(edge, angles) @ X
-            link = edge.parent
-        return X
+        ends = {edge.name: edge.child for edge in self._edges} | {link: link for link in self._tree.links}
+        if frame not in ends:
+            raise NameNotFoundError("frame", frame, ends, "the URDF")
+        self._kinematics.update_cfg(dict.fromkeys(self.joints, 0.0) | dict(angles))
+        return np.array(self._kinematics.get_transform(ends[frame]))
+
+    @functools.cached_property
+    def _kinematics(self) -> Any:
+        """The tree of yourdfpy, whose mimic joints move independently."""
+        urdf = _yourdfpy(self._root, "mimic", "visual", build_scene_graph=True)
+        for name, kind in self.joints.items():
+            if kind == "prismatic":  # yourdfpy normalises the axes of rotations only
+                urdf.joint_map[name].axis /= np.linalg.norm(urdf.joint_map[name].axis)
+        return urdf
 
 
-def _root(text: str) -> Node:
-    root = read_document(text.encode())
-    assert isinstance(root, Node)
-    return root
+def links_of(text: str) -> list[Any]:
+    """Return the links of a URDF that load_checked returns, as yourdfpy's."""
+    return list(_yourdfpy(read_document(text.encode()), build_scene_graph=False).robot.links)
 
 
-def _depth_first(tree: Tree) -> list[Edge]:
-    found: list[Edge] = []
-    waiting = [edge for link in tree.links if link not in tree.above for edge in _last_name_first(tree, link)]
-    while waiting:
-        found.append(waiting.pop())
-        waiting += _last_name_first(tree, found[-1].child)
-    return found
+def _yourdfpy(robot: Element, *without: str, build_scene_graph: bool) -> Any:
+    """Return a <robot> as yourdfpy reads it, without some elements and those that it cannot read."""
+    import yourdfpy
+
+    readable = copy.deepcopy(robot)
+    etree.strip_elements(readable, "collision", "material", *without, with_tail=False)
+    for visual in readable.xpath(f"link/visual[not({_READABLE})]"):
+        visual.getparent().remove(visual)
+    file = io.BytesIO(etree.tostring(readable, encoding="utf-8"))
+    return yourdfpy.URDF.load(file, build_scene_graph=build_scene_graph, load_meshes=False)
 
 
-def _last_name_first(tree: Tree, link: str) -> list[Edge]:
-    return sorted(tree.below.get(link, ()), key=lambda edge: edge.joint.name, reverse=True)
-
-
-def _mimic(node: Node) -> Mimic:
-    multiplier = number(node, "multiplier")
-    return Mimic(
-        node.attributes["joint"], 1.0 if multiplier is None else multiplier, number(node, "offset") or 0.0
-    )
+def _mimic(element: Element) -> tuple[str, float, float]:
+    multiplier = number(element, "multiplier")
+    leader = str(element.get("joint"))
+    return leader, 1.0 if multiplier is None else multiplier, number(element, "offset") or 0.0
 
 
 def _joint_text(edge: Edge) -> str:
     """Return type, links and limits of a moving joint; Pinocchio reads a missing limit as zero."""
-    kind, limit = edge.joint.attributes["type"], edge.joint.child("limit")
+    kind, limit, mimic = edge.joint.get("type"), edge.joint.find("limit"), edge.joint.find("mimic")
     unit, effort_unit = ("m", "N") if kind == "prismatic" else ("rad", "N m")
     lower, upper, velocity, effort = (
         number(limit, name) or 0.0 for name in ("lower", "upper", "velocity", "effort")
@@ -159,85 +143,5 @@ def _joint_text(edge: Edge) -> str:
     span = "without limits" if kind == "continuous" else f"{lower:.4g} .. {upper:.4g} {unit}"
     speed = f"speed up to {velocity:.4g} {unit}/s" if velocity else "any speed"
     torque = f"torque up to {effort:.4g} {effort_unit}" if effort else "any torque"
-    mimic = edge.joint.child("mimic")
-    leader = "" if mimic is None else f", mimics {mimic.attributes['joint']}"
+    leader = "" if mimic is None else f", mimics {mimic.get('joint')}"
     return f"{kind}, {edge.parent} to {edge.child}, {span}, {speed}, {torque}{leader}"
-
-
-def _origin(owner: Node) -> Array:
-    origin = owner.child("origin")
-    return make_pose(numbers(origin, "xyz") or _ZERO, numbers(origin, "rpy") or _ZERO)
-
-
-def _motion(edge: Edge, angles: Mapping[str, float]) -> Array:
-    """Return the pose of a joint's child at its angle in the child's frame at angle zero, shape (4, 4)."""
-    X = np.eye(4)
-    if edge.is_fixed:
-        return X
-    axis = np.array(numbers(edge.joint.child("axis"), "xyz") or _X_AXIS)
-    along = angles[edge.joint.name] * axis / np.linalg.norm(axis)
-    if edge.joint.attributes["type"] == "prismatic":
-        X[:3, 3] = along
-    else:
-        X[:3, :3] = Rotation.from_rotvec(along).as_matrix()
-    return X
-
-
-class LinkBody(NamedTuple):
-    """Mass, inertia and shape of a link about its centre of mass, in the axes of the link.
-
-    Attributes:
-        mass: kg.
-        inertia: ixx, iyy, izz, ixy, ixz, iyz about the centre of mass, kg m^2.
-        size: edges of the box around its shape, m.
-        shape: shape of its first visual.
-        X_PS: pose of the shape in the frame at the centre of mass, shape (4, 4).
-    """
-
-    mass: float
-    inertia: tuple[float, ...]
-    size: tuple[float, float, float]
-    shape: Literal["box", "cylinder"]
-    X_PS: Array
-
-
-def link_body(text: str, source: str) -> LinkBody:
-    """Return the body of the only link of a URDF.
-
-    Args:
-        text: the URDF, as ``load_checked(..., strict=True)`` returns it.
-        source: its name, for messages.
-
-    Raises:
-        UrdfError: it has more than one link, or the link has no mass.
-    """
-    links = [node for node in _root(text).children if node.tag == "link"]
-    if len(links) != 1:
-        names = listed(link.name for link in links)
-        raise UrdfError(f"{source} has {len(links)} links, {names}; a payload must be a single link")
-    inertial = links[0].child("inertial")
-    mass = None if inertial is None else number(inertial.child("mass"), "value")
-    if inertial is None or not mass:
-        raise UrdfError(f"link {links[0].name!r} of {source} has no mass; a payload must have one")
-    X_LI = _origin(inertial)
-    R = X_LI[:3, :3]
-    M = R @ inertia_matrix(inertial.child("inertia")) @ R.T
-    inertia = (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2])
-    return LinkBody(mass, inertia, *_shape(links[0], X_LI[:3, 3]))
-
-
-def _shape(link: Node, centre: Array) -> tuple[tuple[float, float, float], Literal["box", "cylinder"], Array]:
-    """Return size, kind and pose of the first visual; a small box at the centre of mass for other shapes."""
-    visual = link.child("visual")
-    geometry = None if visual is None else visual.child("geometry")
-    if visual is None or geometry is None:
-        return (0.1, 0.1, 0.1), "box", np.eye(4)
-    X_PS = _origin(visual)
-    X_PS[:3, 3] -= centre
-    edges, cylinder = numbers(geometry.child("box"), "size"), geometry.child("cylinder")
-    radius, length = number(cylinder, "radius"), number(cylinder, "length")
-    if edges is not None:
-        return (edges[0], edges[1], edges[2]), "box", X_PS
-    if radius is not None and length is not None:
-        return (2.0 * radius, 2.0 * radius, length), "cylinder", X_PS
-    return (0.1, 0.1, 0.1), "box", np.eye(4)

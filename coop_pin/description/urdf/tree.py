@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
-from coop_pin.description.urdf.xml import Node
+from coop_pin.description.urdf.xml import Element, finding
 
 MAX_DEPTH = 1000
 """Limit of joints between the root and a link. Pinocchio's parser recurses; 20 000 joints crash it."""
@@ -20,16 +20,15 @@ class Edge(NamedTuple):
         joint: its element.
         parent: name of its parent link, empty if the joint names none that exists.
         child: name of its child link.
+        name: of the joint.
+        is_fixed: whether the joint is of type fixed.
     """
 
-    joint: Node
+    joint: Element
     parent: str
     child: str
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the joint is of type fixed."""
-        return self.joint.attributes.get("type") == "fixed"
+    name: str
+    is_fixed: bool
 
 
 class Tree(NamedTuple):
@@ -42,57 +41,61 @@ class Tree(NamedTuple):
         findings: the defects of the tree.
     """
 
-    links: dict[str, Node]
+    links: dict[str, Element]
     above: dict[str, Edge]
     below: dict[str, list[Edge]]
-    findings: tuple[UrdfFinding, ...]
+    findings: list[UrdfFinding]
+
+    def edges(self) -> Iterator[Edge]:
+        """Yield the joints from the roots on as in Pinocchio's q: depth first, siblings by name."""
+        waiting = [name for name in self.links if name not in self.above][::-1]
+        while waiting:
+            name = waiting.pop()
+            if name in self.above:
+                yield self.above[name]
+            edges = sorted(self.below.get(name, ()), key=lambda edge: edge.name, reverse=True)
+            waiting += [edge.child for edge in edges]
 
 
-def read_tree(robot: Node) -> Tree:
+def read_tree(robot: Element) -> Tree:
     """Return the kinematic tree of a robot, with its defects."""
-    links: dict[str, Node] = {}
-    for node in robot.children:
-        if node.tag == "link" and node.name:
-            links.setdefault(node.name, node)
-    tree = Tree(links, {}, defaultdict(list), ())
-    findings: list[UrdfFinding] = []
-    for joint in (node for node in robot.children if node.tag == "joint"):
-        parent, child = (_end(joint, tag, links, findings) for tag in ("parent", "child"))
-        if not child:
+    tree = Tree({}, {}, defaultdict(list), [])
+    for link in robot.iterchildren("link"):
+        if name := link.get("name"):
+            tree.links.setdefault(name, link)
+    for joint in robot.iterchildren("joint"):
+        parent, child = (_end(joint, tag, tree) for tag in ("parent", "child"))
+        edge = Edge(joint, parent, child, joint.get("name", ""), joint.get("type") == "fixed")
+        if not edge.child:
             continue
-        edge = Edge(joint, parent, child)
-        first = tree.above.setdefault(child, edge)
+        first = tree.above.setdefault(edge.child, edge)
         if first is not edge:
-            names = f"{quoted(first.joint.name)} (line {first.joint.line}) and {quoted(joint.name)}"
+            names = f"{quoted(first.name)} (line {first.joint.sourceline}) and {quoted(edge.name)}"
             message = f"it is the child of two joints, {names}; remove one"
-            findings.append(links[child].finding("two_parents", message, at=joint))
-        elif parent:
-            tree.below[parent].append(edge)
-    findings += [*_root_findings(robot, tree), *_cycle_findings(tree), *_depth_findings(tree)]
-    return tree._replace(findings=tuple(findings))
+            tree.findings.append(finding(tree.links[edge.child], "two_parents", message, at=joint))
+        elif edge.parent:
+            tree.below[edge.parent].append(edge)
+    tree.findings.extend((*_root_findings(robot, tree), *_cycle_findings(tree), *_depth_findings(tree)))
+    return tree
 
 
-def _end(joint: Node, tag: str, links: dict[str, Node], findings: list[UrdfFinding]) -> str:
-    """Return the link at one end of a joint; record a finding and return "" if there is none."""
-    node = joint.child(tag)
-    name = "" if node is None else node.attributes.get("link", "")
-    if name in links:
-        return name
-    code, message = f"no_{tag}", f"the joint names no {tag}; add <{tag} link=...>"
-    if name:
-        code = f"unknown_{tag}"
-        message = f"its {tag} {quoted(name)} is not a link of the file; links: {listed(links)}"
-    findings.append(joint.finding(code, message, at=node))
-    return ""
+def _end(joint: Element, tag: str, tree: Tree) -> str:
+    """Return the link at one end of a joint; record a finding and return "" if it does not exist."""
+    name = str(joint.xpath(f"string({tag}/@link)"))
+    if name and name not in tree.links:
+        message = f"its {tag} {quoted(name)} is not a link of the file; links: {listed(tree.links)}"
+        tree.findings.append(finding(joint, f"unknown_{tag}", message, at=joint.find(tag)))
+    return name if name in tree.links else ""
 
 
-def _root_findings(robot: Node, tree: Tree) -> Iterator[UrdfFinding]:
+def _root_findings(robot: Element, tree: Tree) -> Iterator[UrdfFinding]:
     roots = [name for name in tree.links if name not in tree.above]
     if tree.links and not roots:
-        yield robot.finding("no_root", "every link is the child of a joint; one link must be the root")
+        message = "every link is the child of a joint; one link must be the root"
+        yield finding(robot, "no_root", message)
     for name in roots[1:]:
         message = f"a second root besides {quoted(roots[0])}: no joint leads to it; connect it to the tree"
-        yield tree.links[name].finding("two_roots", message)
+        yield finding(tree.links[name], "two_roots", message)
 
 
 def _cycle_findings(tree: Tree) -> Iterator[UrdfFinding]:
@@ -107,13 +110,13 @@ def _cycle_findings(tree: Tree) -> Iterator[UrdfFinding]:
         if path_of.get(name) == index:
             links = listed(path[path.index(name) :])
             message = f"the joints form a cycle through the links {links}; closed chains are made by the cell"
-            yield tree.above[name].joint.finding("cycle", message)
+            yield finding(tree.above[name].joint, "cycle", message)
 
 
 def _depth_findings(tree: Tree) -> Iterator[UrdfFinding]:
-    level = [name for name in tree.links if name not in tree.above]
-    for _ in range(MAX_DEPTH):
-        level = [edge.child for name in level for edge in tree.below.get(name, ())]
-    for edge in (edge for name in level for edge in tree.below.get(name, ())):
-        message = f"more than {MAX_DEPTH} joints lie between the root and this one; Pinocchio would crash"
-        yield edge.joint.finding("depth", message)
+    depth: dict[str, int] = {}
+    for edge in tree.edges():
+        depth[edge.child] = depth.get(edge.parent, 0) + 1
+        if depth[edge.child] == MAX_DEPTH + 1:
+            message = f"more than {MAX_DEPTH} joints lie between the root and this one; Pinocchio would crash"
+            yield finding(edge.joint, "depth", message)

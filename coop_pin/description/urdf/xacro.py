@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
-import json
-import subprocess
-import sys
 from pathlib import Path
 
+from coop_pin import limited_process
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.xml import MAX_BYTES
 from coop_pin.errors import MissingExtraError, UrdfError
 
-_PROCESS = Path(__file__).with_name("xacro_process.py")
+_SCRIPT = Path(__file__).with_name("xacro_process.py")
 _CPU_S, _MEMORY = 3, 2**30
 """Limits of an expansion: processor time, s, and memory, bytes; a robot takes a tenth of a second."""
 _PATIENCE_S = 60.0
-"""Wall time, for a crowded machine, and for systems without limits of processor time."""
-_REFUSED = 2
 
 
 def expanded(urdf: UrdfFile) -> bytes:
@@ -37,33 +33,17 @@ def expanded(urdf: UrdfFile) -> bytes:
     packages = [path.parent for folder in urdf.package_dirs for path in sorted(folder.glob("*/package.xml"))]
     above = [folder for folder in urdf.path.parents if (folder / "package.xml").is_file()]
     order = {
-        "sys_path": sys.path,
         "path": str(urdf.path),
         "packages": {folder.name: str(folder) for folder in packages},
         "roots": list(map(str, (urdf.path.parent, *above, *packages))),
         "arguments": dict(urdf.xacro_args),
         "largest": MAX_BYTES,
-        "cpu_s": _CPU_S,
-        "memory": _MEMORY,
     }
-    command, code, said = [sys.executable, "-P", str(_PROCESS)], 0, b""
-    try:
-        done = subprocess.run(
-            command,
-            input=json.dumps(order).encode(),
-            stdout=subprocess.PIPE,
-            timeout=_PATIENCE_S,
-            check=False,
-        )
-        code, said = done.returncode, done.stdout
-    except subprocess.TimeoutExpired:
-        code = -1
+    code, said = limited_process.ask(_SCRIPT, order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S)
     if code == 0:
         return said
-    if code == _REFUSED:
-        reason = said.decode(errors="replace")
+    reason = f"it takes more than {_CPU_S} s or {_MEMORY / 1e9:.2g} GB; look for a macro that calls itself"
+    if code == limited_process.REFUSED:
         advice = "check its arguments (xacro_args) and packages (package_dirs)"
-    else:
-        reason = f"it takes more than {_CPU_S} s or {_MEMORY / 1e9:.2g} GB"
-        advice = "look for a macro that calls itself"
-    raise UrdfError(f"{urdf.path} cannot be expanded: {reason}; {advice}")
+        reason = f"{said.decode(errors='replace')}; {advice}"
+    raise UrdfError(f"{urdf.path} cannot be expanded: {reason}")

@@ -1,49 +1,52 @@
-"""Process that expands a xacro file, which may take any time and memory: macros may call themselves.
+"""Script that expands a xacro file, which may take any time and memory: macros may call themselves.
 
-Started by ``xacro``, never imported.
-
-    python -P xacro_process.py
-
-stdin is a table in JSON: ``sys_path`` of the parent, ``path`` of the file, ``packages`` (folders by name),
-``roots`` (folders that may be read), ``arguments``, ``largest`` (bytes of a file), ``cpu_s`` and ``memory``
-(bytes). stdout is the URDF in UTF-8; with exit code 2, what is wrong.
+Started by ``xacro`` through ``limited_process``, never imported.
 """
 
 from __future__ import annotations
 
-import contextlib
 import io
-import json
 import os
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from xml.sax.saxutils import escape
 
+from coop_pin.errors import FileReadError
+from coop_pin.limited_process import answer
+from coop_pin.user_files import read_user_file
 
-def main(order: dict[str, Any]) -> bytes:
-    """Return the URDF of a xacro file."""
+
+def expand(
+    path: str, packages: dict[str, str], roots: list[str], arguments: dict[str, str], largest: int
+) -> bytes:
+    """Return the URDF of a xacro file.
+
+    Args:
+        path: the file.
+        packages: their folders by name.
+        roots: folders that may be read.
+        arguments: of the file.
+        largest: most bytes of a file that is read, and of the URDF.
+    """
     import xacrodoc
 
-    path = Path(order["path"])
     xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({name: Path(place) for name, place in order["packages"].items()})
-    xacrodoc.packages.walk_up_from(path)
-    _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in order["roots"]], order["largest"])
-    _limit(order["cpu_s"], order["memory"])
+    xacrodoc.packages.update_package_cache({name: Path(place) for name, place in packages.items()})
+    xacrodoc.packages.walk_up_from(Path(path))
+    _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest)
     # As an include, because a file read as text would not find its own relative includes.
     document: Any = xacrodoc.XacroDoc.from_includes(
-        [escape(str(path))], name=path.stem, subargs=order["arguments"], resolve_packages=False
+        [escape(path)], name=Path(path).stem, subargs=arguments, resolve_packages=False
     )
-    return bytes(document.dom.toxml(encoding="utf-8"))
+    urdf = bytes(document.dom.toxml(encoding="utf-8"))
+    if len(urdf) > largest:
+        raise ValueError(f"it expands to {len(urdf)} bytes; a URDF has at most {largest}")
+    return urdf
 
 
 def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
     """Let xacro open only files below some folders and found packages, and see an empty environment."""
-    from coop_pin.errors import FileReadError
-    from coop_pin.user_files import read_user_file
-
     xacro, substitutions = xacrodoc.xacro, xacrodoc.substitution_args
     find = substitutions._eval_find
 
@@ -70,25 +73,5 @@ def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
     xacro.open = open_allowed
 
 
-def _limit(cpu_s: int, memory: int) -> None:
-    with contextlib.suppress(ImportError):  # on Windows the parent's patience is the only limit
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if sys.platform != "darwin":  # which refuses it
-            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-
-
 if __name__ == "__main__":
-    _ORDER = json.load(sys.stdin)
-    sys.path[:] = _ORDER["sys_path"]
-    try:
-        _URDF = main(_ORDER)
-        if len(_URDF) > _ORDER["largest"]:
-            raise ValueError(f"it expands to {len(_URDF)} bytes; a URDF has at most {_ORDER['largest']}")
-    # xacro's errors have no common base class, and it evaluates the file's own Python expressions.
-    except Exception as error:
-        sys.stdout.write(str(error) or type(error).__name__)
-        sys.exit(2)
-    sys.stdout.buffer.write(_URDF)
+    answer(expand)

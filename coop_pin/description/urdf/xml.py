@@ -1,16 +1,21 @@
-"""XML elements of a URDF, read with limits.
+"""Text of a URDF to lxml elements, with limits; the numbers in their attributes.
 
-Malformed or hostile text gives a finding, never a crash or exhausted memory.
+Malformed or hostile text gives a finding, never a crash or exhausted memory. Pinocchio's parser knows no
+namespaces: prefixes are part of the names here, with ``COLON`` for the colon, which lxml does not allow.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
-from typing import NamedTuple
-from xml.parsers import expat
+from typing import Any, TypeAlias
+
+from lxml import etree
 
 from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
+
+Element: TypeAlias = Any
+"""lxml.etree._Element; lxml has no types."""
 
 MAX_BYTES = 5_000_000
 """Size limit of a file; the largest of example-robot-data has 0.2 MB."""
@@ -21,216 +26,197 @@ MAX_ELEMENTS = 100_000
 MAX_NESTING = 100
 """Limit of the nesting depth of XML elements; real files stay below 10."""
 
-_XML_ERRORS = {
-    expat.errors.XML_ERROR_NO_ELEMENTS: "the file ends before all elements are closed; is </robot> missing?",
-    expat.errors.XML_ERROR_TAG_MISMATCH: (
-        "this end tag does not match the open element; is an end tag missing above?"
-    ),
-    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "there is text after </robot>; remove it",
-}
-"""Explanations of the most common messages of expat."""
-
-_READ = frozenset({"link", "joint", "material"})
-"""Children of <robot> that Pinocchio reads; gazebo, transmission and the like are skipped."""
-
-_LOOPS = frozenset(
-    (
-        "loop_joint",
-        "loop",
-        "constraint",
-        "closed_loop",
-        "coupling",
-        "joint_constraint",
-        "drake:ball_constraint",
-        "drake:linear_bushing_rpy",
-        "drake:tendon_constraint",
-    )
-)
-"""Children of <robot> by which dialects of URDF close loops; a <joint> inside <gazebo> does so, too."""
-
-LOOP = "(loop)"
-"""Tag of the node that stands for such an element."""
-
-TEXT = "(text)"
-"""Attribute for the text of an element inside such a node."""
-
-_SHOWN_TEXT = 1000
-"""Characters from which on more pieces of such a text are dropped; what is read has fewer."""
-
-_BROKEN_VALUE = re.compile(rb"""=\s*(?:"[^"]*?[\t\r\n]|'[^']*?[\t\r\n])""")
-"""An attribute value with a tab or line break: XML reads it as a blank, Pinocchio's parser does not."""
+COLON = "\u00b7"
 
 EXPAND = "rename the file so that it ends in .xacro, or run xacro on it and use its output"
 """Advice for a xacro file that is used as a URDF."""
 
+_REFUSED_TEXT = (
+    ("encoding", re.compile(rb"[^\0]*+\0"), "a byte is NUL; a URDF is UTF-8 text"),
+    (
+        "doctype",
+        re.compile(rb"(?:\xef\xbb\xbf)?(?>\s+|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL),
+        "a DOCTYPE is not allowed: its entities can read other files or fill the memory; remove it",
+    ),
+    (
+        "elements",
+        re.compile(rb"(?:(?>[^<]+|<[\s!?/])*+<[^\s!?/]){%d}" % (MAX_ELEMENTS + 1)),
+        f"more than {MAX_ELEMENTS} XML elements; put each robot of a scene into a file of its own",
+    ),
+)
+"""Beginnings of texts that are refused."""
 
-class Node(NamedTuple):
-    """One XML element.
+_TAG = re.compile(rb"</?[^\s<>!?/\"'](?>[^<>\"']+|\"[^<\"]*\"|'[^<']*')*+>")
+_PIECE = re.compile(rb"\"[^\"]*\"|'[^']*'|\bxmlns\b|[:\r\n]")
+"""What is rewritten in a tag: values, declarations of namespaces, colons and line breaks."""
+
+_LIMITS = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+
+_REFUSED = (
+    ("root", "/*[name() != 'robot']", "the root element is {}; the root element of a URDF is 'robot'"),
+    (
+        "nesting",
+        f"//*[count(ancestor::*) >= {MAX_NESTING}]",
+        f"{{}} is nested more than {MAX_NESTING} deep; a URDF needs about 5 levels",
+    ),
+    (
+        "xacro",
+        f"//*[starts-with(name(), 'xacro{COLON}')]",
+        f"{{}} is a xacro that is not expanded; {EXPAND}",
+    ),
+)
+
+
+class DocumentError(Exception):
+    """A text that is no URDF; never leaves the package.
 
     Attributes:
-        tag: its name.
-        attributes: its attributes.
-        line: line of the file, from 1.
-        broken: whether the value of an attribute contains a tab or a line break.
-        children: the elements inside it.
+        finding: why it is none.
     """
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    broken: bool
-    children: list[Node]
-
-    @property
-    def name(self) -> str:
-        """Name attribute, empty if there is none."""
-        return self.attributes.get("name", "")
-
-    @property
-    def label(self) -> str:
-        """Element name in findings: "link 'x'", or "robot" alone."""
-        if self.tag == "robot":
-            return "robot"
-        tag = self.attributes["element"] if self.tag == LOOP else self.tag
-        return f"{tag} {quoted(self.name)}" if self.name else f"{tag} (unnamed)"
-
-    def child(self, tag: str) -> Node | None:
-        """Return the first child with a tag, as Pinocchio does."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def family(self) -> Iterator[Node]:
-        """Yield the node and all its descendants, in the order of the file."""
-        yield self
-        for child in self.children:
-            yield from child.family()
-
-    def finding(
-        self, code: str, message: str, *, at: Node | None = None, kind: Kind = "structural"
-    ) -> UrdfFinding:
-        """Return a finding about this element.
-
-        Args:
-            code: short name of the defect.
-            message: what is wrong.
-            at: the element inside it whose line is named; the element itself when omitted.
-            kind: severity class.
-        """
-        return UrdfFinding(kind, code, self.label, (at or self).line, message)
-
-
-class _RefusedError(Exception):
-    """Stops the reading of a document; never leaves this file."""
 
     def __init__(self, code: str, line: int, message: str) -> None:
         self.finding = UrdfFinding("structural", code, "document", line, message)
         super().__init__(message)
 
 
-def read_document(data: bytes) -> Node | UrdfFinding:
-    """Return the <robot> element of a URDF, or the finding that says why there is none.
+def read_document(data: bytes) -> Element:
+    """Return the <robot> element of a URDF; the ``sourceline`` of an element is where its tag starts.
 
-    Of its children only links, joints and materials are kept, and a node for each element that closes a loop.
+    Raises:
+        DocumentError: there is none, or a limit is violated.
     """
+    _require_text(data)
+    parser = etree.XMLParser(encoding="utf-8", remove_comments=True, remove_pis=True, **_LIMITS)
     try:
-        _require_text(data)
-        return _Reader(data).robot
-    except _RefusedError as refused:
-        return refused.finding
+        robot = etree.fromstring(_TAG.sub(_flat, data), parser)
+    except etree.XMLSyntaxError as error:
+        is_limit = error.code == etree.ErrorTypes.ERR_RESOURCE_LIMIT
+        message = f"not well-formed XML: {str(error.msg).rpartition(', line')[0]}"
+        raise DocumentError("nesting" if is_limit else "not_xml", error.lineno or 0, message) from None
+    for code, path, message in _REFUSED:
+        for element in robot.xpath(path):
+            raise DocumentError(code, _line(element), message.format(quoted(name_of_tag(element))))
+    return robot
 
 
 def _require_text(data: bytes) -> None:
     if len(data) > MAX_BYTES:
         advice = "put meshes and textures into files of their own"
-        raise _RefusedError("size", 0, f"the file is larger than {MAX_BYTES} bytes; {advice}")
+        raise DocumentError("size", 0, f"the file is larger than {MAX_BYTES} bytes; {advice}")
     if not data.strip():
-        raise _RefusedError("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
+        raise DocumentError("empty", 0, "the file is empty; a URDF starts with <robot name=...>")
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
         message = f"byte {error.start} is not UTF-8; save the file as UTF-8 text"
-        raise _RefusedError("encoding", line, message) from None
-    if (index := data.find(b"\0")) >= 0:
-        line = data.count(b"\n", 0, index) + 1
-        raise _RefusedError("encoding", line, f"byte {index} is NUL; a URDF is UTF-8 text")
+        raise DocumentError("encoding", data.count(b"\n", 0, error.start) + 1, message) from None
+    for code, pattern, message in _REFUSED_TEXT:
+        if match := pattern.match(data):
+            raise DocumentError(code, data.count(b"\n", 0, match.end()) + 1, message)
 
 
-class _Reader:
-    """Parser that keeps the elements that Pinocchio reads and stops at the first violated limit."""
+def _flat(tag: re.Match[bytes]) -> bytes:
+    """Return a tag without namespaces and on one line, so that libxml2, which names its end, tells its start.
 
-    def __init__(self, data: bytes) -> None:
-        """Parse the document.
+    Tabs and line breaks in values become references to characters, which XML does not turn into blanks:
+    neither does Pinocchio's parser.
+    """
+    return _PIECE.sub(_flat_piece, tag[0]) + b"\n" * tag[0].count(b"\n")
 
-        Raises:
-            _RefusedError: it is not a URDF.
-        """
-        self.robot: Node
-        self._data = data
-        self._count = 0
-        self._gazebo: dict[str, str] | None = None
-        self._is_loop = False
-        self._path: list[Node | None] = []
-        self._parser = expat.ParserCreate("utf-8")
-        self._parser.StartDoctypeDeclHandler = self._doctype
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = lambda _: self._path.pop()
-        self._parser.buffer_text = True
-        self._parser.CharacterDataHandler = self._text
-        try:
-            self._parser.Parse(data, True)
-        except expat.ExpatError as error:
-            text = expat.ErrorString(error.code)
-            message = f"not well-formed XML: {_XML_ERRORS.get(text, text)}"
-            raise _RefusedError("not_xml", error.lineno, message) from None
 
-    def _doctype(self, *_: object) -> None:
-        message = "a DOCTYPE is not allowed: its entities can read other files or fill the memory; remove it"
-        raise _RefusedError("doctype", self._parser.CurrentLineNumber, message)
+def _flat_piece(piece: re.Match[bytes]) -> bytes:
+    if piece[0] == b":":
+        return COLON.encode()
+    if piece[0] == b"xmlns":
+        return b"xmlns_"
+    return (
+        re.sub(rb"[\t\r\n]", lambda blank: b"&#%d;" % ord(blank[0]), piece[0]) if piece[0].strip() else b" "
+    )
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        line = self._parser.CurrentLineNumber
-        self._count += 1
-        if self._count > MAX_ELEMENTS:
-            advice = "put each robot of a scene into a file of its own"
-            raise _RefusedError("elements", line, f"more than {MAX_ELEMENTS} XML elements; {advice}")
-        if len(self._path) >= MAX_NESTING:
-            message = f"XML elements are nested more than {MAX_NESTING} deep; a URDF needs about 5 levels"
-            raise _RefusedError("nesting", line, message)
-        if tag.startswith("xacro:"):
-            raise _RefusedError("xacro", line, f"{quoted(tag)} is a xacro that is not expanded; {EXPAND}")
-        if not self._path and tag != "robot":
-            message = f"the root element is {quoted(tag)}; the root element of a URDF is 'robot'"
-            raise _RefusedError("root", line, message)
-        self._path.append(self._kept(tag, attributes, line))
 
-    def _kept(self, tag: str, attributes: dict[str, str], line: int) -> Node | None:
-        parent = self._path[-1] if self._path else None
-        depth = len(self._path)
-        if depth == 1:
-            self._gazebo = attributes if tag == "gazebo" else None
-            self._is_loop = tag in _LOOPS
-        elif depth == 2 and self._gazebo is not None:
-            self._is_loop = tag.partition(":")[0] == "joint"
-            if self._is_loop:
-                parent = self.robot
-                attributes = attributes | {f"gazebo_{key}": value for key, value in self._gazebo.items()}
-        if self._is_loop and depth and parent is self.robot:
-            attributes, tag = attributes | {"element": tag}, LOOP
-        elif depth and (parent is None or (depth == 1 and tag not in _READ)):
-            return None
-        start = self._parser.CurrentByteIndex
-        broken = _BROKEN_VALUE.search(self._data, start, self._data.index(b">", start)) is not None
-        node = Node(tag, attributes, line, broken, [])
-        if parent is None:
-            self.robot = node
-        else:
-            parent.children.append(node)
-        return node
+def name_of_tag(element: Element) -> str:
+    """Return the tag of an element as it is in the file."""
+    return element.tag.replace(COLON, ":")
 
-    def _text(self, text: str) -> None:
-        """Keep the text of an element inside a loop, in which SDFormat has its values."""
-        node = self._path[-1]
-        if self._is_loop and node is not None and node.tag != LOOP:
-            before = node.attributes.get(TEXT, "")
-            if len(before) < _SHOWN_TEXT:
-                node.attributes[TEXT] = before + text
+
+def _line(element: Element) -> int:
+    return element.sourceline or 0
+
+
+def finding(
+    element: Element, code: str, message: str, *, at: Element | None = None, kind: Kind = "structural"
+) -> UrdfFinding:
+    """Return a finding about an element.
+
+    Args:
+        element: the link, joint or loop that has the defect, or the robot.
+        code: short name of the defect.
+        message: what is wrong.
+        at: the element inside it whose line is named; the element itself when omitted.
+        kind: severity class.
+    """
+    name = element.get("name", "")
+    label = f"{name_of_tag(element)} {quoted(name) if name else '(unnamed)'}"
+    line = _line(element if at is None else at)
+    return UrdfFinding(kind, code, "robot" if element.tag == "robot" else label, line, message)
+
+
+# ---------------------------------------------------------------- numbers
+
+COUNTS: dict[str, dict[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "calibration": {"rising": 1, "falling": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+"""Number of values of each numeric attribute, by element."""
+
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|nan|inf|infinity)",
+    re.IGNORECASE | re.ASCII,
+)
+
+
+def numbers(element: Element | None, attribute: str) -> tuple[float, ...] | None:
+    """Return the numbers of an attribute, or None if they are absent or malformed."""
+    if element is None or attribute not in element.attrib:
+        return None
+    return number_list(element.attrib[attribute], COUNTS[element.tag][attribute])
+
+
+def number_list(text: str, count: int) -> tuple[float, ...] | None:
+    """Return the numbers of a text, or None if they are malformed or not as many as they must be."""
+    return None if number_problem(text, count) else tuple(map(float, _pieces(text, count)))
+
+
+def number(element: Element | None, attribute: str) -> float | None:
+    """Return the single number of an attribute, or None if it is absent or malformed."""
+    values = numbers(element, attribute)
+    return values[0] if values else None
+
+
+def number_problem(text: str, count: int) -> str:
+    """Return "count", "number" or "not_finite" if numbers are malformed; Pinocchio reads many as zero."""
+    pieces = _pieces(text, count)
+    if len(pieces) != count:
+        return "count"
+    if not all(map(_NUMBER.fullmatch, pieces)):
+        return "number"
+    return "" if all(map(math.isfinite, map(float, pieces))) else "not_finite"
+
+
+def _pieces(text: str, count: int) -> list[str]:
+    # Tabs and line breaks are a finding of their own. A trailing blank is harmless in a vector; Pinocchio's
+    # parser does not read a scalar that has one.
+    blank = re.sub(r"[\t\r\n]", " ", text)
+    return [blank.lstrip(" ")] if count == 1 else [piece for piece in blank.split(" ") if piece]

@@ -1,0 +1,283 @@
+"""Monitor of the payload-space law: how the arms' integrals disagree, and V of its motion, along a run.
+
+Equations (1) to (4) of the page "The payload-space law" of the documentation. Of the controller only
+the gains are read.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import xarray as xr
+
+from coop_pin.analysis.recorded_ticks import Tick, recorded_ticks
+from coop_pin.arrays import Array, Mask
+from coop_pin.control import PayloadSpaceController, ZeroedController
+from coop_pin.description.payload import Payload
+from coop_pin.errors import ArgumentError
+from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.results import RunResult
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import Simulation
+
+_STEP = 1e-5
+"""Half the span of central differences along the motion, s."""
+_POSITIVE = 1e-6
+"""A rate of V above it is marked, W."""
+
+MONITORED = {
+    # name: (dimensions after time, unit, text)
+    "s": ("arm row", "m/s, rad/s", "sliding surface s_i"),
+    "Z": ("arm row", "N, N m", "integral Z_i, read off the commanded torque"),
+    "mu": ("arm row", "N, N m", "mu_i = a_i - c_i sum_j a_j"),
+    "ftilde": ("arm row", "N, N m", "error of the internal wrench, with f_d as the arm turns it"),
+    "balance_2": ("arm", "N", "|left side - right side| of eq. (2)"),
+    "disagreement": ("arm row", "N, N m", "Z_i - c_i Zbar"),
+    "disagreement_rate": ("arm row", "N/s, N m/s", "its change to the next tick over T"),
+    "predicted_rate": ("arm row", "N/s, N m/s", "what anchor, integral and leak make of it"),
+    "rate_defect": ("arm", "N/s", "|disagreement_rate - predicted_rate|"),
+    "anchor_sum": ("", "N", "|sum of the anchors|: zero where the measured errors sum to zero"),
+    "Zbar": ("row", "N, N m", "sum of the integrals"),
+    "d": ("row", "N, N m", "what Zbar must take over"),
+    "V": ("", "J", "sbar^T A sbar / 2 + (Zbar - d)^T (k_I K)^-1 (Zbar - d) / 2"),
+    "V_rate": ("", "W", "central difference of V along the motion at constant d"),
+    "V_rate_damping": ("", "W", "-sbar^T K sbar"),
+    "V_rate_memory": ("", "W", "of what else moves Zbar: limited integral, leak, anchors that do not cancel"),
+    "V_rate_load": ("", "W", "-(Zbar - d)^T (k_I K)^-1 ddot, by differences over the ticks"),
+    "V_rate_defect": ("", "W", "V_rate - V_rate_damping - V_rate_memory"),
+}
+
+
+def payload_space_monitor(result: RunResult) -> xr.Dataset:
+    """Return the quantities of the payload-space law's derivation at every tick of a run.
+
+    Z_i is what the commanded torque holds beside sliding term and squeeze. ``balance_2`` closes with the
+    plant's accelerations and wrenches, ``rate_defect`` with the law's update. d is what eq. (1) asks of Zbar
+    with C = Adot / 2: at constant d, inside the layer, V falls by ``V_rate_damping``. ``V_may_grow`` marks
+    where the sum of the rates is above 1e-6 W, ``integral_is_limited`` where an arm leaves the layer,
+    ``anchor_acts`` where it has a new measurement. V is NaN without an integral or without a layer.
+
+    Args:
+        result: of the payload-space law, every tick kept.
+
+    Raises:
+        ArgumentError: the torques change between ticks, or the law is zeroed at grasp.
+    """
+    cell = _MonitoredCell(result)
+    columns: dict[str, list[Any]] = {}
+    for now in recorded_ticks(result, cell.simulation):
+        for name, value in cell.at_tick(now).items():
+            columns.setdefault(name, []).append(value)
+    return _labelled(result, cell, {name: np.array(column) for name, column in columns.items()})
+
+
+class _MonitoredCell:
+    """Laws and dynamics of the arms of a recorded run."""
+
+    def __init__(self, result: RunResult) -> None:
+        scenario = result.scenario
+        controller: Any = build_controller(scenario)
+        self.simulation = Simulation(scenario, controller)
+        zeroed = any(isinstance(law, ZeroedController) for law in controller.controllers.values())
+        if zeroed or self.simulation.actuation.varies:
+            raise ArgumentError(
+                "the monitor of the payload-space law needs torques that are held over a tick and payload"
+                " frames without correction; run without lag, rate_limit, torque_lost_at and zero_at_grasp"
+            )
+        cell = scenario.cell
+        self.rows, self.c, self.period = cell.task_rows, cell.shares[:, None], scenario.clock.period
+        self.laws: list[PayloadSpaceController] = [controller.controllers[name] for name in cell.arms]
+        self.models = [ArmModel.from_cell(cell, name) for name in cell.arms]
+        self.kinematics = [
+            ArmKinematics(arm, cell.grasps[name].matrix, self.rows) for name, arm in cell.arms.items()
+        ]
+        law = self.laws[0]
+        k_I = np.diag(law.sign_gain) / float(getattr(law.switching, "width", np.nan))
+        has_layer = bool((k_I > 0.0).all())
+        self.inverse_gain = np.linalg.inv((k_I if has_layer else 1.0) * law.sliding_gain)
+        self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.sliding_gain, np.nan)
+        self.start: list[tuple[Array, Array]] = []
+        self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
+
+    def at_tick(self, now: Tick) -> dict[str, Any]:
+        """Return the monitored quantities of a tick; what needs the next tick comes later."""
+        s, f_r = self._surfaces(now)
+        error, is_new, is_stale = self._measured(now, f_r)
+        w = np.array(
+            [
+                -np.linalg.pinv(m.payload_jacobian).T @ tau
+                for m, tau in zip(now.seen, now.commanded, strict=True)
+            ]
+        )
+        slid = self.c * np.array([law.sliding_gain @ own for law, own in zip(self.laws, s, strict=True)])
+        fed_back = f_r - self._each("force_gain") * error
+        Z = w - slid - fed_back
+        self.Z_hold = np.where(is_new, Z, self.Z_hold if self.Z_hold.size else Z)
+        a = self._arm_wrenches(now, w)
+        ftilde, right = self._internal(now.F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
+        anchor = is_new * self._each("anchor_gain") * error
+        phi = np.array([law.switching(own) for law, own in zip(self.laws, s, strict=True)])
+        integral = self.c * np.array(
+            [law.sliding_gain @ law.sign_gain @ own for law, own in zip(self.laws, phi, strict=True)]
+        )
+        cut = np.array([[m.saturated.any()] for m in now.seen])
+        rate = ~cut * integral - is_stale * self._each("leak") * (Z - self.Z_hold)
+        Zbar = Z.sum(axis=0)
+        return {
+            "s": s,
+            "Z": Z,
+            "mu": self._internal(a),
+            "ftilde": ftilde,
+            "balance_2": np.linalg.norm(ftilde - right, axis=1),
+            "disagreement": self._internal(Z),
+            "anchor": anchor,
+            "anchor_sum": np.linalg.norm(anchor.sum(axis=0)),
+            "anchor_acts": is_new[:, 0],
+            "memory_rate": rate,
+            "integral_is_limited": (np.abs(phi) >= 1.0).any(axis=1),
+            "Zbar": Zbar,
+            **self._lyapunov(
+                now, Zbar, (rate - anchor / self.period).sum(axis=0), (now.F - a - fed_back).sum(axis=0)
+            ),
+        }
+
+    def _surfaces(self, now: Tick) -> tuple[Array, Array]:
+        """Return s_i and f_r,i of every arm, shape (m, k_0) each; they start from the first tick."""
+        if not self.start:
+            self.start = [
+                (self._surface(i, m.payload_pose, m.payload_twist, now.t), r.internal_wrench)
+                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
+            ]
+        e = self._remaining(now.t)
+        s = np.array(
+            [
+                self._surface(i, m.payload_pose, m.payload_twist, now.t) - self.start[i][0] * e
+                for i, m in enumerate(now.seen)
+            ]
+        )
+        f_r = np.array(
+            [
+                self.rows.turn(m.payload_pose, r.internal_wrench - self.start[i][1] * e)
+                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
+            ]
+        )
+        return s, f_r
+
+    def _each(self, gain: str) -> Array:
+        """Return a scalar gain of every arm, shape (m, 1)."""
+        return np.array([[getattr(law, gain)] for law in self.laws])
+
+    def _internal(self, wrenches: Array) -> Array:
+        """Return w_i - c_i sum_j w_j, shape (m, k_0)."""
+        return wrenches - self.c * wrenches.sum(axis=0)
+
+    def _remaining(self, t: float) -> float:
+        """Return exp(-kappa (t - t_0))."""
+        return float(np.exp(-self.laws[0].transient_rate * t))
+
+    def _surface(self, arm: int, X_WP: Array, twist: Array, t: float) -> Array:
+        """Return xtildedot + gamma xtilde of an arm, shape (k_0,)."""
+        target = self.simulation.motion.at(t)
+        xtilde = self.rows.pose_error(X_WP, target.X_WP_d)
+        return twist - self.rows.select(target.V_WP_d) + self.laws[arm].pose_gain @ xtilde
+
+    def _measured(self, now: Tick, f_r: Array) -> tuple[Array, Mask, Mask]:
+        """Return fhat - f_r, shape (m, k_0), and whether it is new and whether it is stale, shape (m, 1)."""
+        error, ages = np.zeros_like(f_r), np.full(len(self.laws), np.inf)
+        for i, (law, m) in enumerate(zip(self.laws, now.seen, strict=True)):
+            if m.internal_wrench is not None:
+                error[i], ages[i] = m.internal_wrench - f_r[i], m.internal_wrench_age
+            elif m.interaction_wrench is not None and law.payload_weight is not None:
+                error[i] = m.interaction_wrench - self.c[i] * law.payload_weight - f_r[i]
+                ages[i] = m.interaction_wrench_age
+        is_new = ages < self.ages + 0.5
+        self.ages = ages
+        return error, is_new[:, None], ages[:, None] > self._each("stale_after")
+
+    def _arm_wrenches(self, now: Tick, w: Array) -> Array:
+        """Return a_i = Jdyn^T (M qdd + h - friction - tau - J^T w) by RNEA, shape (m, k_0).
+
+        What of the torque is not -J^T w (posture, cuts, a Jacobian that the arm sees wrong) counts as load.
+        """
+        wrenches = []
+        for model, place, own in zip(self.models, self.simulation.plant.chain.model.arms, w, strict=True):
+            q, v, a = now.q[place.q_slice], now.v[place.v_slice], now.a[place.v_slice]
+            J = self.rows.select(model.payload_jacobian(q))
+            load = model.inverse_dynamics(q, v, a) - now.forces[place.v_slice] - J.T @ own
+            weighted = np.linalg.solve(model.mass_matrix(q), J.T)
+            wrenches.append(np.linalg.solve(J @ weighted, weighted.T @ load))
+        return np.array(wrenches)
+
+    def _motion(self, t: float, q: Array, v: Array, payload: Payload) -> tuple[Array, Array]:
+        """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
+        places, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        first = self.models[0].payload_pose(q[places[0].q_slice])
+        A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
+        for i, (model, place) in enumerate(zip(self.models, places, strict=True)):
+            own, view = q[place.q_slice], self.kinematics[i].view(q[place.q_slice])
+            twist = view.jacobian @ place.drive @ v[place.v_slice]
+            s = self._surface(i, view.pose, twist, t) - self.start[i][0] * self._remaining(t)
+            J = self.rows.select(model.payload_jacobian(own))
+            A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(own), J.T))
+            sbar = sbar + self.c[i] * s
+        return sbar, A
+
+    def _lyapunov(self, now: Tick, Zbar: Array, Zbar_rate: Array, held: Array) -> dict[str, Any]:
+        """Return V and its rates; held is what the plant says K sbar + Zbar is."""
+        model = self.simulation.plant.chain.mechanism.model
+
+        def ahead(dt: float) -> tuple[Array, Array]:
+            q = pin.integrate(model, now.q, dt * now.v + dt**2 / 2 * now.a)
+            return self._motion(now.t + dt, q, now.v + dt * now.a, now.payload)
+
+        (s_0, A_0), (sbar, A), (s_1, A_1) = ahead(-_STEP), ahead(0.0), ahead(_STEP)
+        s_rate, A_rate = (s_1 - s_0) / (2.0 * _STEP), (A_1 - A_0) / (2.0 * _STEP)
+        d, to_rate = held + A @ s_rate + A_rate @ sbar / 2.0, self.inverse_gain
+
+        def V(s: Array, inertia: Array, dt: float) -> float:
+            x = Zbar + dt * Zbar_rate - d
+            return float(s @ inertia @ s + x @ to_rate @ x) / 2.0
+
+        K = self.laws[0].sliding_gain
+        damping = -float(sbar @ K @ sbar)
+        memory = float((Zbar - d) @ (to_rate @ Zbar_rate - sbar))
+        rate = (V(s_1, A_1, _STEP) - V(s_0, A_0, -_STEP)) / (2.0 * _STEP)
+        return {
+            "d": d,
+            "V": V(sbar, A, 0.0),
+            "V_rate": rate,
+            "V_rate_damping": damping,
+            "V_rate_memory": memory,
+            "V_rate_defect": rate - damping - memory,
+        }
+
+
+def _labelled(result: RunResult, cell: _MonitoredCell, values: dict[str, Array]) -> xr.Dataset:
+    """Return the labelled quantities with what needs the next tick, and the marks."""
+    scenario, T = result.scenario, cell.period
+    anchor, rate = values.pop("anchor"), values.pop("memory_rate")
+    predicted = rate - np.append(anchor[1:], np.full_like(anchor[:1], np.nan), axis=0) / T
+    disagreement = values["disagreement"]
+    change = np.diff(disagreement, axis=0, append=np.full_like(disagreement[:1], np.nan)) / T
+    predicted = predicted - cell.c * predicted.sum(axis=1, keepdims=True)
+    load = -np.einsum(
+        "ni,ij,nj->n", values["Zbar"] - values["d"], cell.inverse_gain, np.gradient(values["d"], T, axis=0)
+    )
+    values |= {"disagreement_rate": change, "predicted_rate": predicted, "V_rate_load": load}
+    values["rate_defect"] = np.linalg.norm(change - predicted, axis=2)
+    variables: dict[str, Any] = {
+        name: (("time", *dims.split()), values[name], {"units": unit, "long_name": text})
+        for name, (dims, unit, text) in MONITORED.items()
+    }
+    grows = values["V_rate_damping"] + values["V_rate_memory"] + load > _POSITIVE
+    variables["V_may_grow"] = ("time", grows)
+    for mark in ("integral_is_limited", "anchor_acts"):
+        variables[mark] = (("time", "arm"), values[mark])
+    coordinates = {
+        "time": result.data["time"],
+        "arm": result.data["arm"],
+        "row": list(scenario.cell.task_rows.axes),
+    }
+    return xr.Dataset(variables, coordinates, {"title": f"theorem monitor of {scenario.name}"})
