@@ -458,32 +458,32 @@ def test_the_page_is_light_and_the_same_each_time(replay: Replay) -> None:
 
 
 def test_building_the_page_starts_no_process_and_opens_no_port(
-    spatial: Replay, monkeypatch: pytest.MonkeyPatch
+    planar: Replay, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a replay must not do this")
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
     monkeypatch.setattr(zmq.Context, "socket", refuse)
-    assert replay_html(spatial.result) == spatial.page
+    assert replay_html(planar.result) == planar.page
 
 
-def test_names_are_text_and_not_markup(spatial: Replay) -> None:
-    scenario = spatial.result.scenario.replace(name="<b>&'\"", summary="</script><i>$viewer")
-    page = replay_html(RunResult(scenario, spatial.result.data))
+def test_names_are_text_and_not_markup(planar: Replay) -> None:
+    scenario = planar.result.scenario.replace(name="<b>&'\"", summary="</script><i>$viewer")
+    page = replay_html(RunResult(scenario, planar.result.data))
     assert "<h1>&lt;b&gt;&amp;&#x27;&quot;</h1>" in page
     assert "&lt;/script&gt;&lt;i&gt;$viewer" in page
 
 
-def test_saving_leaves_the_page_and_nothing_else(spatial: Replay, tmp_path) -> None:
-    save_replay(spatial.result, tmp_path / "out" / "replay.html")
+def test_saving_leaves_the_page_and_nothing_else(planar: Replay, tmp_path) -> None:
+    save_replay(planar.result, tmp_path / "out" / "replay.html")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["replay.html"]
-    assert (tmp_path / "out" / "replay.html").read_text(encoding="utf-8") == spatial.page
+    assert (tmp_path / "out" / "replay.html").read_text(encoding="utf-8") == planar.page
 
 
-def test_a_notebook_gets_the_same_page_in_a_frame(spatial: Replay) -> None:
-    shown = notebook_view(spatial.result, height=321)._repr_html_()
-    assert html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1]) == spatial.page
+def test_a_notebook_gets_the_same_page_in_a_frame(planar: Replay) -> None:
+    shown = notebook_view(planar.result, height=321)._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1]) == planar.page
     assert "height: 321px" in shown
 
 

@@ -118,23 +118,24 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
         model, geometry = pin.buildReducedModel(model, geometry, whole.locked, whole.configuration)
     visuals: dict[str, tuple[Visual, ...]] = {}
     for part in geometry.geometryObjects:
-        shape = shape_of(part.geometry)
-        if shape is None:
-            _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
-            continue
-        if not np.isfinite(half_extents(shape)).all():
-            _warn(arm.urdf, part.name, "its size is not finite")
-            continue
         pose, joint = np.array(part.placement.homogeneous), str(model.names[part.parentJoint])
-        pieces = _coloured_meshes(part) if arm.file.origin != "user" else []
-        visuals[joint] = (
-            *visuals.get(joint, ()),
-            *(
-                Visual(part.name, piece, pose, colour)
-                for piece, colour in pieces or [(shape, _colour(part.meshColor))]
-            ),
-        )
+        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm))
+        visuals[joint] = (*visuals.get(joint, ()), *drawn)
     return visuals
+
+
+def _pieces(part: Any, arm: Arm) -> list[tuple[Shape, Colour]]:
+    """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
+    if arm.file.origin != "user" and (pieces := _coloured_meshes(part)):
+        return pieces
+    shape = shape_of(part.geometry)
+    if shape is None:
+        _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
+    elif not np.isfinite(half_extents(shape)).all():
+        _warn(arm.urdf, part.name, "its size is not finite")
+    else:
+        return [(shape, _colour(part.meshColor))]
+    return []
 
 
 def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
