@@ -34,7 +34,8 @@ function coopPinStage(pane, labels, page) {
 
   function draw(item, meshes, ghost) {
     const { kind, size } = item.drawable;
-    const options = { color: item.colour, opacity: ghost ? 0.28 : item.opacity, side: three.DoubleSide };
+    // Software rendering pays for every fragment: no hidden sides of solids, light computed at vertices, the floor last.
+    const options = { color: item.colour, opacity: ghost ? 0.28 : item.opacity, side: kind === "mesh" ? three.DoubleSide : three.FrontSide };
     options.transparent = options.opacity < 1;
     let drawn;
     const geometry = () => shapes[kind](item.drawable, meshes);
@@ -44,9 +45,11 @@ function coopPinStage(pane, labels, page) {
       drawn = new three.GridHelper(...size, item.colour, item.colour);
       drawn.geometry.rotateX(Math.PI / 2);
     } else if (item.lit || ghost) {
-      options.flatShading = kind === "mesh";
-      drawn = new three.Mesh(geometry(), new three.MeshPhongMaterial({ ...options, shininess: 18, depthWrite: !ghost }));
+      const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
+      material.depthWrite = !ghost;
+      drawn = new three.Mesh(geometry(), material);
       drawn.castShadow = drawn.receiveShadow = !ghost;
+      drawn.renderOrder = item.node === "floor" ? 1 : 0;
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
@@ -57,9 +60,7 @@ function coopPinStage(pane, labels, page) {
   function meshesOf(scene) {
     return scene.meshes.map(({ vertices, faces }) => {
       const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
-      geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
-      geometry.computeVertexNormals();
-      return geometry;
+      return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
     });
   }
   const [first, other] = page.runs, meshes = meshesOf(first.scene);
@@ -73,7 +74,8 @@ function coopPinStage(pane, labels, page) {
   // Shape and colour tell the parts apart, in greyscale too: [shaft radius, head radius, pieces of the shaft].
   const HEAD = 0.05, STYLES = { internal: [0.008, 0.02, 1], wanted: [0.008, 0.02, 1], load: [0.0045, 0.014, 4], external: [0.011, 0.024, 2] };
   function solid(colour, [radius, head, pieces], heads, grown, options) {
-    const material = new three.MeshPhongMaterial({ color: colour, transparent: true, depthTest: false, depthWrite: false, ...options });
+    const kind = options ? three.MeshBasicMaterial : three.MeshLambertMaterial;
+    const material = new kind({ color: colour, transparent: true, depthTest: false, depthWrite: false, ...options });
     const part = (geometry) => new three.Mesh(geometry, material), shaft = new three.Group(), tip = new three.Group();
     for (let k = 0; k < pieces; k += 1) {
       const long = pieces === 1 ? 1 : 0.68 / pieces;
@@ -94,7 +96,7 @@ function coopPinStage(pane, labels, page) {
     const mark = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
     const around = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
     const solids = wanted ? [solid(0, shape, heads, 0.001, mark), solid(page.colours.wanted, shape, heads, 0.0042, around)]
-      : [solid(page.colours[part], shape, heads, 0, {})];
+      : [solid(page.colours[part], shape, heads, 0)];
     solids.forEach(({ shaft, tip }, k) => {
       object.add(shaft, tip);
       object.traverse((drawn) => { drawn.renderOrder = drawn.renderOrder || (wanted ? 20 + k : 10); });
@@ -248,9 +250,11 @@ function coopPinStage(pane, labels, page) {
     viewer.set_dirty();
   }
 
+  let shownSize = "";
   viewer.set_3d_pane_size = () => {
     const { clientWidth: width, clientHeight: height } = pane;
-    if (!width || !height) { return; }
+    if (!width || !height || shownSize === `${width} ${height}`) { return; }
+    shownSize = `${width} ${height}`;
     camera.aspect = width / height;
     const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect, 1);
     camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as a square one
