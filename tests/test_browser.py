@@ -18,6 +18,7 @@ from cells import SCENARIOS, planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.description import scenario_names
 from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
 from coop_pin.viz.arrows import recorded_scales
@@ -205,6 +206,31 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
             "coopPin.viewer.camera.position.clone().sub(coopPin.viewer.controls.target).toArray()"
         )
         assert above[2] > 10 * abs(above[0]) + 10 * abs(above[1])
+
+
+INSIDE = """() => {
+    coopPin.viewer.render();
+    const { camera } = coopPin.viewer;
+    return Object.values(coopPin.arrows).filter(({ object }) => object.visible).map(({ name, tip, object }) => {
+        const ends = [tip, object.position].map(end => end.clone().project(camera));
+        return [name, Math.max(...ends.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]))];
+    }); }"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_names())
+def test_the_pages_of_the_catalogue_are_light_and_have_all_arrows_in_view_at_the_worst_moments(
+    name, tmp_path
+):
+    save_replay(cp.run(name), tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size < 4e6
+    with offline_page(tmp_path / "replay.html") as page:
+        page.wait_for_function("window.coopPin !== undefined")
+        for time in [page.evaluate(NOW), *page.evaluate("coopPin.instants.map(({ time }) => time)")]:
+            page.evaluate(f"coopPin.seek({time})")
+            ends = dict(page.evaluate(INSIDE))
+            assert ends
+            assert max(ends.values()) < 1.0, ends
 
 
 def test_two_runs_are_compared_on_one_clock_and_fit_a_phone(tmp_path):

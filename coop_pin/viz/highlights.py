@@ -30,6 +30,11 @@ class Instant(NamedTuple):
     time: float
 
 
+def read_number(value: float) -> str:
+    """Return a number as it is read: two digits, and no exponent from 100 on."""
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
+
+
 def telling_instant(result: RunResult) -> Instant:
     """Return the instant of the largest error of the internal force, and what it means, as one sentence.
 
@@ -55,9 +60,9 @@ def telling_instant(result: RunResult) -> Instant:
         return Instant(f"{text}.", t)
     if abs(axial[arm] - wanted[arm]) >= shear[arm]:
         verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
-        said = f"the arms {verb} {abs(axial[arm]):.2g} N, where {_wanted(wanted[arm])} is wanted"
+        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(wanted[arm])} is wanted"
     else:
-        said = f"the arms load the payload across with {shear[arm]:.2g} N"
+        said = f"the arms load the payload across with {read_number(shear[arm])} N"
     return Instant(f"{when} {said}; {_motion(result, worst)}.", t)
 
 
@@ -74,7 +79,7 @@ def instants(result: RunResult) -> list[Instant]:
     for text, values in (("worst squeeze", -axial), ("worst pull", axial), ("worst shear", shear)):
         worst = values.max(axis=1)
         if worst.max() > _SMALL_N:
-            found.append(Instant(f"{text} {worst.max():.2g} N", float(time[worst.argmax()])))
+            found.append(Instant(f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
     return [*found, Instant("end", result.end)]
 
 
@@ -132,7 +137,7 @@ def _when(scenario: Scenario, time: float) -> str:
 def _wanted(axial: float) -> str:
     if abs(axial) < _SMALL_N:
         return "none"
-    return f"{'a pull' if axial > 0.0 else 'a squeeze'} of {abs(axial):.2g} N"
+    return f"{'a pull' if axial > 0.0 else 'a squeeze'} of {read_number(abs(axial))} N"
 
 
 def _motion(result: RunResult, sample: int) -> str:
@@ -141,4 +146,4 @@ def _motion(result: RunResult, sample: int) -> str:
     distance, angle = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
     if distance <= POSITION_BAND_M and angle <= ORIENTATION_BAND_RAD:
         return f"nothing in the motion shows it (the payload is {1e3 * distance:.2g} mm off its path)"
-    return f"the payload is {1e3 * distance:.2g} mm and {1e3 * angle:.2g} mrad off its path"
+    return f"the payload is {read_number(1e3 * distance)} mm and {read_number(1e3 * angle)} mrad off its path"

@@ -135,7 +135,9 @@ def page_html(
         summary=html.escape(summary),
         told=told,
         legend="\n".join(_legend_line(*line) for line in lines),
-        arrows="\n".join(f"<li>{note}</li>" for note in _arrow_notes(scales)),
+        scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
+        arrows=f"<li>compressed beyond {LINEAR_M * forces:g} N; the number tells</li>"
+        "<li>arrows: by the payload on the arm, at its grasp</li>",
         data=json.dumps(page).replace("<", "\\u003c"),
     )
 
@@ -160,16 +162,6 @@ def _legend_line(icon: str, colour: str, text: str, layer: str) -> str:
         return f"<li>{content}</li>"
     pressed = "false" if layer == "moments" else "true"
     return f'<li><button data-layer="{layer}" aria-pressed="{pressed}">{content}</button></li>'
-
-
-def _arrow_notes(scales: ArrowScales) -> list[str]:
-    """Return the notes on arrows: scales, compression, convention."""
-    forces, moments = scales
-    return [
-        f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
-        f"compressed beyond {LINEAR_M * forces:g} N; the number tells",
-        "arrows: by the payload on the arm, at its grasp",
-    ]
 
 
 def _viewer_file(name: str) -> str:

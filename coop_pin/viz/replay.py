@@ -128,9 +128,8 @@ def _told(runs: list[RunResult]) -> str:
     lines = []
     for run in runs:
         name = f"{run.scenario.name}: " if len(runs) > 1 else ""
-        told = (
-            ("verdict" if run.trustworthy else "verdict broken", run.verdict()),
-            ("told", telling_instant(run).text),
-        )
+        verdict = "trustworthy: it keeps the thresholds of its scenario" if run.trustworthy else run.verdict()
+        kind = "verdict" if run.trustworthy else "verdict broken"
+        told = ((kind, verdict), ("told", telling_instant(run).text))
         lines += [f'<p class="{kind}">{html.escape(name + text)}</p>' for kind, text in told]
     return "\n".join(lines)

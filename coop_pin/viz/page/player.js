@@ -138,7 +138,7 @@
   }
 
   window.coopPin = {
-    ...stage, plots, runs, seek, play: () => setPlaying(true), duration: page.duration,
+    ...stage, plots, runs, seek, play: () => setPlaying(true), duration: page.duration, instants: page.instants,
     get count() { return count; }, get time() { return time; }, get playing() { return playing; },
   };
   trails();

@@ -1,6 +1,8 @@
 "use strict";
 // Time plots on one clock: cursors follow the play, a click seeks, a drag zooms, a double click shows all again.
-const coopPinNumber = (value) => (Math.abs(value) < 1e-6 ? "0" : Math.abs(value) >= 99.5 ? value.toFixed(0) : Number(value.toPrecision(2)).toString()).replace("-", "−");
+const coopPinTick = (value) => Number(value.toPrecision(3)).toString().replace("-", "−");
+// A value that is read: two digits, and never more than three decimals.
+const coopPinNumber = (value) => coopPinTick(Math.abs(value) >= 99.5 ? Math.round(value) : Number(Number(value.toPrecision(2)).toFixed(3)));
 
 // Index of the last time that is not later.
 function coopPinIndex(count, timeOf, time) {
@@ -116,12 +118,12 @@ function coopPinPlots(place, page, runs, seek) {
     };
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
     const u = new uPlot({
-      width: 300, height: 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 6, last ? 0 : 4, 0],
+      width: 300, height: 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
         { ...axis, show: !bare, size: last ? 22 : 4, values: (_, all) => all.map((time) => (last ? `${time} s` : "")) },
-        { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map(coopPinNumber), filter: (_, all) => all },
+        { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
       hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves)] },
