@@ -211,7 +211,8 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
 INSIDE = """() => {
     coopPin.viewer.render();
     const { camera } = coopPin.viewer;
-    return Object.values(coopPin.arrows).filter(({ object }) => object.visible).map(({ name, tip, object }) => {
+    const shown = Object.values(coopPin.arrows).filter(({ object }) => object.visible);
+    return shown.map(({ name, tip, object }) => {
         const ends = [tip, object.position].map(end => end.clone().project(camera));
         return [name, Math.max(...ends.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]))];
     }); }"""

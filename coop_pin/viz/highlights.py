@@ -146,4 +146,5 @@ def _motion(result: RunResult, sample: int) -> str:
     distance, angle = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
     if distance <= POSITION_BAND_M and angle <= ORIENTATION_BAND_RAD:
         return f"nothing in the motion shows it (the payload is {1e3 * distance:.2g} mm off its path)"
-    return f"the payload is {read_number(1e3 * distance)} mm and {read_number(1e3 * angle)} mrad off its path"
+    millimetres, milliradians = (read_number(1e3 * float(one)) for one in (distance, angle))
+    return f"the payload is {millimetres} mm and {milliradians} mrad off its path"

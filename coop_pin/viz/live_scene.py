@@ -15,6 +15,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
+from coop_pin.results.quantities import GROUPS
 from coop_pin.spatial import rotate_vector6
 from coop_pin.viz.arrows import expected_scales
 from coop_pin.viz.cell_scene import cell_scene
@@ -68,6 +69,8 @@ def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialSc
     snapshot = _initial_snapshot(
         scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches
     )
+    if GROUPS["force path"](scenario):  # f_m[0] = f_d
+        snapshot = snapshot._replace(measured_internal_wrench=snapshot.desired_internal_wrench)
     return InitialScene(scenario.name, scenario.cell, scenario.plant, snapshot, path)
 
 
