@@ -22,7 +22,7 @@ import psutil
 
 import coop_pin as cp
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
-from coop_pin.sweeps.backend import LocalPool
+from coop_pin.sweeps.backend import LocalBackend, outcomes
 from coop_pin.sweeps.job import Job, Outcome, run_job
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
@@ -104,8 +104,8 @@ def worker_start() -> float:
     """Return the time from nothing to a worker that has everything loaded, s."""
     start = time.perf_counter()
     job = Job("key", plan(1, 0.0125).scenario(0).model_dump_json())
-    with contextlib.closing(LocalPool(1)) as pool:
-        list(pool.outcomes(iter([job])))
+    with contextlib.closing(LocalBackend(1)) as pool:
+        list(outcomes(pool, iter([job])))
         return time.perf_counter() - start
 
 

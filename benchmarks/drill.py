@@ -185,7 +185,7 @@ class Drill:
     def records(self) -> dict[str, Record]:
         """Return every undamaged record, without times."""
         records = SweepStore(self.folder).records()
-        return {record.key: dataclasses.replace(record, times={}) for record in records}
+        return {record.key: dataclasses.replace(record, wall_s=0.0, cpu_s=0.0) for record in records}
 
     def make_work(self) -> None:
         """Remove a part of the records when few runs are missing."""

@@ -60,16 +60,19 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
-    sizes_match = all(
-        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=False)
-    )
-    if array.ndim != len(shape) or not sizes_match:
+    if array.shape != shape and not _sizes_match(array.shape, shape):
         raise ShapeError(name, array.shape, shape)
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise OutOfRangeError(name, float(array[index]), "a finite number", index)
     return array
+
+
+def _sizes_match(sizes: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
+    """Return whether sizes are those wanted, of which a string stands for any."""
+    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, wanted, strict=False))
+    return len(sizes) == len(wanted) and all(matches)
 
 
 def as_positive(name: str, value: ArrayLike) -> float:

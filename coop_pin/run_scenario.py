@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -160,16 +161,24 @@ def _users_controller(scenario: Scenario, chosen: UserController) -> CellControl
 
     An ArmController is called as ``Class(scenario, arm, **options)`` for each arm, a CellController as
     ``Class(scenario, **options)``.
+
+    Raises:
+        FieldError: the class is neither, or it does not take the options.
+        NameNotFoundError: there is no such module or class.
     """
     kind: Any = load_class(chosen.target)
-    if issubclass(kind, CellController):
+    if not issubclass(kind, CellController | ArmController):
+        detail = f"is {chosen.target!r}, which is neither an ArmController nor a CellController"
+        raise FieldError(detail, "controller.target")
+    of_cell = issubclass(kind, CellController)
+    try:
+        inspect.signature(kind).bind(scenario, *([] if of_cell else [""]), **chosen.options)
+    except TypeError as error:
+        raise FieldError(f"do not fit {chosen.target!r}: {error}", "controller.options") from None
+    if of_cell:
         return kind(scenario, **chosen.options)
-    if issubclass(kind, ArmController):
-        return DecentralisedController(
-            {name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms}
-        )
-    raise FieldError(
-        f"is {chosen.target!r}, which is neither an ArmController nor a CellController", "controller.target"
+    return DecentralisedController(
+        {name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms}
     )
 
 

@@ -68,6 +68,10 @@ def answer(result):
     return {"answer": 42.0, "ticks": float(result.data.sizes["time"])}
 
 
+def number(_result):
+    return {"number": 1.0}
+
+
 def stiffness(result):
     return {"stiffness": abs(result.scenario.controller.gains.pose_gain - 3.0)}
 

@@ -10,14 +10,17 @@ from coop_pin.control.bounds import force_loop_is_stable
 from coop_pin.errors import FieldError, OutOfRangeError
 
 
-def is_stable(anchor_gain, pole=0.0, delay=0, every=1, force_gain=0.0):
+def is_stable(anchor_gain, pole=0.0, delay=0, every=1, force_gain=0.0, lag=0.0):
     """The scalar internal loop, tick by tick from f = 1, with nothing but the law's own update."""
     f, Z, f_m = [1.0] * (delay + 1), 1.0, 0.0
+    left = np.exp(-1.0 / lag) if lag else 0.0  # of the last torque at the end of a tick
     for tick in range(6000):
         if tick % every == 0:
             f_m = pole * f_m + (1.0 - pole) * f[-1 - delay]
             Z -= anchor_gain * f_m
-        f.append(Z - force_gain * f_m)
+        if abs(Z) > 1e100:
+            return False
+        f.append(left * f[-1] + (1.0 - left) * (Z - force_gain * f_m))
     late = np.abs(f[-1000:]).max()
     return late < np.abs(f[1000:2000]).max() or late < 1e-12
 
@@ -52,6 +55,9 @@ LOOPS = [
     {"every": 3, "delay": 5, "pole": 0.4},
     {"pole": 0.95, "force_gain": 9.0},
     {"pole": 0.5, "delay": 1, "force_gain": 0.4},
+    *({"lag": lag, "delay": D} for lag, D in ((0.5, 0), (10.0, 0), (3.0, 2))),
+    {"lag": 10.0, "pole": 0.9},
+    {"lag": 2.0, "pole": 0.5, "delay": 2, "every": 4, "force_gain": 0.3},
 ]
 
 
@@ -60,6 +66,35 @@ def test_bound_is_sharp_on_the_scalar_recursion(loop):
     bound = anchor_gain_bound(**loop)
     assert is_stable(0.95 * bound, **loop)
     assert not is_stable(1.05 * bound, **loop)
+
+
+@pytest.mark.parametrize(("pole", "delay", "lag"), [(0.0, 2, 3.0), (0.9, 0, 3.0), (0.9, 4, 10.0)])
+def test_the_force_gain_bound_with_a_lag_is_sharp_on_the_scalar_recursion(pole, delay, lag):
+    bound = force_gain_bound(pole, delay, lag=lag)
+    for factor in (0.97, 1.03):
+        assert force_loop_is_stable(0.0, pole=pole, delay=delay, force_gain=factor * bound, lag=lag) == (
+            factor < 1.0
+        )
+
+
+def test_a_lag_of_the_drives_counts_in_the_bound_that_a_scenario_is_refused_at():
+    """Filter and lag alone allow 38 and 40; together, with poles of 0.9 and exp(-0.1), 0.228."""
+    lag = {"controller.force_path": {"kind": "low-pass", "pole": 0.9}, "actuators.lag": 10.0 / 80.0}
+    bound = anchor_gain_bound(pole=0.9, lag=10.0)
+    assert_allclose(bound, 0.228, atol=5e-4)
+    assert cp.Scenario.load("adept-anchored", lag).actuator_lag == 10.0
+    with pytest.raises(FieldError) as caught:
+        cp.Scenario.load("adept-anchored", lag | {"controller.gains.anchor_gain": 0.23})
+    assert caught.value.path == "controller.gains.anchor_gain"
+    assert f"{bound:.4g}" in str(caught.value)
+    # One arm's lag counts, and what it would allow without any is not exceeded.
+    own = {"arm_actuators.left": {"lag": 0.125}, "controller.gains.anchor_gain": 2.1}
+    with pytest.raises(FieldError):
+        cp.Scenario.load("adept-anchored", own)
+    filtered = {"controller.gains.anchor_gain": 0.3, "controller.force_path": lag["controller.force_path"]}
+    assert cp.Scenario.load("adept-anchored", filtered).actuator_lag == 0.0
+    with pytest.raises(FieldError):
+        cp.Scenario.load("adept-anchored", filtered | {"arm_actuators": {"right": {"lag": 0.125}}})
 
 
 def test_a_slow_sensor_allows_as_much_as_one_at_the_control_rate_until_its_delay_exceeds_its_period():
@@ -102,6 +137,34 @@ def test_a_gain_beyond_the_bound_is_refused_with_both_numbers_unless_insisted_on
     assert cp.Scenario.load("adept-anchored", beyond | {"beyond_bound": True}).beyond_bound
     filtered = {"controller.force_path": {"kind": "low-pass", "pole": 0.5}}
     assert cp.Scenario.load("adept-anchored", beyond | filtered).controller.force_path.pole == 0.5
+
+
+@pytest.mark.parametrize(
+    ("fields", "loop"),
+    [
+        ({"controller.force_path": {"kind": "late", "delay": 2}}, {"delay": 2}),
+        (
+            {
+                "controller.force_path": {"kind": "low-pass", "pole": 0.5, "delay": 1},
+                "sensors.wrist.delay": 1,
+            },
+            {"pole": 0.5, "delay": 2},
+        ),
+        ({"sensors.wrist": {"delay": 5, "rate_hz": 20.0}}, {"delay": 5, "every": 4}),
+        (
+            {"controller.force_path.kind": "none", "controller.payload_mass": 9.0, "sensors.wrist.delay": 3},
+            {"delay": 3},
+        ),
+    ],
+    ids=["delay", "pole and delay", "slow sensor", "own wrist"],
+)
+def test_gains_are_refused_from_the_bound_of_the_scenarios_own_loop_on(fields, loop):
+    bound = anchor_gain_bound(**loop)
+    below, beyond = ({"controller.gains.anchor_gain": factor * bound} for factor in (0.999, 1.001))
+    assert cp.Scenario.load("adept-anchored", fields | below).controller.measures
+    with pytest.raises(FieldError) as caught:
+        cp.Scenario.load("adept-anchored", fields | beyond)
+    assert caught.value.path == "controller.gains.anchor_gain"
 
 
 def test_anchor_gains_that_differ_between_arms_are_refused():

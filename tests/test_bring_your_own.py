@@ -17,6 +17,7 @@ from coop_pin.control import CellController
 from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
 from coop_pin.description.cell import grasps_from_configuration
+from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import (
@@ -27,6 +28,7 @@ from coop_pin.errors import (
     ScenarioError,
     ShapeError,
     UrdfError,
+    WrongTypeError,
 )
 from coop_pin.figures import error_figure, torque_figure, tracking_figure
 from coop_pin.model import ArmModel
@@ -163,6 +165,39 @@ def test_xacro_is_expanded_with_its_arguments_and_its_own_includes(tmp_path):
     (tmp_path / "arm.urdf.xacro").write_text(arm.replace("body.xacro", "none.xacro"))
     with pytest.raises(UrdfError, match="cannot be expanded"):
         Arm.from_urdf(tmp_path / "arm.urdf.xacro")
+
+
+def test_packages_and_arguments_of_a_xacro_reach_mechanisms_and_payloads(tmp_path):
+    """Also from a scenario's file, whose folders are its own."""
+    pytest.importorskip("xacrodoc")
+    head = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="mass" default="1"/>'
+    (tmp_path / "parts" / "bodies").mkdir(parents=True)
+    (tmp_path / "parts" / "bodies" / "package.xml").write_text("<package><name>bodies</name></package>")
+    (tmp_path / "parts" / "bodies" / "body.xacro").write_text(
+        f'{head}<link name="a">{BODY.format(m="$(arg mass)")}</link></robot>'
+    )
+    path = tmp_path / "far" / "single.xacro"
+    path.parent.mkdir()
+    path.write_text(f'{head}<xacro:include filename="$(find bodies)/body.xacro"/></robot>')
+    search = {"package_dirs": [str(tmp_path / "parts")], "xacro_args": {"mass": "3.5"}}
+    bar = (
+        '<link name="b">'
+        + BODY.format(m="$(arg mass)")
+        + """</link><joint name="j" type="continuous">
+        <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+    )
+    assert cp.Payload.from_urdf(path, **search).mass == 3.5
+    table = {
+        "cell": {"payload": {"kind": "urdf", "path": "far/single.xacro", **search, "package_dirs": ["parts"]}}
+    }
+    anchor_files(table, tmp_path)
+    assert cp.Payload(**table["cell"]["payload"]).mass == 3.5
+    mechanism = tmp_path / "far" / "two.xacro"
+    mechanism.write_text(path.read_text().replace("</robot>", bar))
+    assert cp.ClosedChain.from_urdf(mechanism, **search).model.inertias[1].mass == 3.5
+    for wrong in ({"package_dirs": 3}, {"package_dirs": [3]}, {"xacro_args": [1]}):
+        with pytest.raises(WrongTypeError):
+            cp.ClosedChain.from_urdf(mechanism, **wrong)
 
 
 # ---------------------------------------------------------------- locked and mimicking joints

@@ -10,9 +10,17 @@ from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain, ClosedChain, Closure, solve_ik
 from coop_pin.chain.integrators import RungeKutta, configuration_space
-from coop_pin.chain.kkt_solver import constraint_svd
+from coop_pin.chain.kkt_solver import KKTSolver, constraint_svd
+from coop_pin.chain.proximal_solver import ProximalSolver
 from coop_pin.description import PlantOptions, Stabilisation
-from coop_pin.errors import ConstraintSolveError, OutOfRangeError, ShapeError
+from coop_pin.errors import (
+    ArgumentError,
+    ConstraintSolveError,
+    NotEnoughMemoryError,
+    OpenClosureError,
+    OutOfRangeError,
+    ShapeError,
+)
 from coop_pin.model import ArmModel
 from coop_pin.model.pinocchio_model import symmetric
 
@@ -355,6 +363,55 @@ def test_bad_states_are_named(case):
             plant.mechanism.forward_dynamics(*arguments)
     with pytest.raises(OutOfRangeError, match=r"^tau\[0\] is nan"):
         plant.mechanism.forward_dynamics(q, v, np.full(model.nv, np.nan))
+
+
+def test_formulations_have_their_solvers_and_anything_else_is_refused():
+    plant, _ = chain_of(("planar", "welded"))
+    model, closures = plant.mechanism.model, plant.mechanism.closures.closures
+    kinds = {name: type(ClosedChain(model, closures, formulation=name).solver) for name in ("auto", "kkt")}
+    assert kinds == {"auto": ProximalSolver, "kkt": KKTSolver}
+    with pytest.raises(ArgumentError):
+        ClosedChain(model, closures, formulation=np.array(["kkt", "auto"]))
+
+
+def test_the_kkt_solver_has_no_wrenches_before_its_first_solution():
+    chain = kkt_of(chain_of(("planar", "welded"))[0].mechanism)
+    assert chain.solver.wrenches().tolist() == [[0.0] * 6]
+
+
+def test_the_rank_counts_singular_values_beyond_a_part_of_the_largest():
+    for scale in (1e-7, 1.0, 1e7):
+        for smallest, rank in ((2e-5, 3), (0.5e-5, 2)):
+            svd = constraint_svd(np.eye(4), scale * np.diag([1.0, 0.1, smallest, 0.0])[:3])
+            assert (svd.rank, svd.left.shape, svd.right.shape) == (rank, (3, rank), (4, rank))
+            assert_close(svd.dropped, 0.0 if rank == 3 else scale * smallest, atol=1e-9 * scale)
+    assert constraint_svd(np.eye(4), np.zeros((0, 4))).rank == 0
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_start_is_open_beyond_a_millimetre_or_a_milliradian(case):
+    """The last joint of an arm turns its tip about a point a lever away: an angle of that size, and less."""
+    plant, q = chain_of(case)
+    chain, still = plant.mechanism, np.zeros(plant.mechanism.model.nv)
+    for turn, is_open in ((0.8e-3, False), (1.3e-3, True)):
+        off = still.copy()
+        off[plant.model.arms[1].v_slice.stop - 1] = turn
+        start = pin.integrate(chain.model, q, off)
+        assert_close(max(max(gap) for gap in chain.closure_errors(start)), turn, atol=0.2 * turn)
+        if is_open:
+            with pytest.raises(OpenClosureError):
+                chain.integrate(start, still, duration=1e-3, step=1e-3)
+        else:
+            chain.integrate(start, still, duration=1e-3, step=1e-3)
+
+
+def test_a_motion_needs_eight_bytes_for_each_number_of_each_step():
+    chain = chain_of(("spatial", "free"))[0].mechanism
+    q, v = np.array(pin.neutral(chain.model)), np.zeros(chain.model.nv)
+    assert chain.model.nq == chain.model.nv + 1 == 19
+    with pytest.raises(NotEnoughMemoryError) as caught:
+        chain.integrate(q, v, duration=1e9, step=1e-9)
+    assert caught.value.needed == pytest.approx(1e18 * 8 * (1 + 19 + 18), rel=1e-6)
 
 
 def test_closures_that_contradict_each_other_are_refused():

@@ -229,7 +229,40 @@ def test_a_state_does_not_change_when_the_closures_are_asked_again(tree):
         assert_allclose(again, copy, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("rows", ["welded", (True, False), (False,) * 6, (True,) * 7], ids=str)
+@pytest.mark.parametrize(
+    ("rows", "held"),
+    [
+        ("full", (1, 1, 1, 1, 1, 1)),
+        ("point", (1, 1, 1, 0, 0, 0)),
+        ("planar", (1, 1, 0, 0, 0, 1)),
+        ("axis", (1, 1, 1, 1, 1, 0)),
+        ([0, 1, 0, 0, 1, 0], (0, 1, 0, 0, 1, 0)),
+    ],
+)
+def test_the_rows_that_each_name_holds(rows, held):
+    assert Closure("a", "b", rows).mask == held
+
+
+def test_a_closure_is_named_after_its_frames_unless_it_has_a_name():
+    assert Closure("a", "b").name == "a - b"
+    assert Closure("a", "b", name="loop").name == "loop"
+
+
+def test_the_pose_of_a_closure_is_that_in_its_frame(tree):
+    """Also where the frame itself is placed on its link."""
+    model, q = tree
+    data, X = model.createData(), pin.SE3(pin.exp3(np.array((0.3, -0.2, 0.5))), np.array((0.1, 0.2, 0.3)))
+    pin.framesForwardKinematics(model, data, q)
+    a, b = (data.oMf[model.getFrameId(name)] for name in PAIRS["arm"])
+    closures = ClosureSet(model, [Closure(*PAIRS["arm"], X_AC=X.homogeneous)])
+    error = pin.log6((a * X).actInv(b)).vector
+    ((distance, angle),) = closures.closure_errors(q)
+    assert_close((distance, angle), (np.linalg.norm(error[:3]), np.linalg.norm(error[3:])), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "rows", ["welded", (True, False), (False,) * 6, (True,) * 7, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)], ids=str
+)
 def test_rows_that_mean_nothing_are_refused(tree, rows):
     with pytest.raises(FieldError, match="rows"):
         ClosedChain(tree[0], [Closure("left/grasp", "payload/left", rows)])

@@ -121,7 +121,7 @@ def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, c
     assert main(["view", str(tmp_path), "--image", str(tmp_path / "end.png"), "--time", "0.2"]) == 0
     assert capsys.readouterr().out.strip() == str((tmp_path / "end.png").resolve())
     assert (tmp_path / "end.png").read_bytes() == b"\x89PNG"
-    assert drawn == [([0.2], 1200, 720)]
+    assert drawn == [([0.2], 1400, 900)]
 
 
 def test_view_compares_two_runs_and_refuses_what_is_none(result, tmp_path, monkeypatch, capsys):

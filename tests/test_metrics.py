@@ -15,6 +15,11 @@ from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.metrics import LimitViolation, Window
 from coop_pin.results.quantities import allocate, quantities
 from coop_pin.spatial import make_pose
+from coop_pin.spatial.internal_wrench import (
+    minimum_norm_internal_wrenches,
+    nonsqueezing_internal_wrenches,
+    virtual_linkage_internal_wrenches,
+)
 
 SCENARIO = SCENARIOS["planar"]()
 PLATE = cp.Scenario.load("three-ur5-plate")
@@ -116,8 +121,8 @@ def test_a_result_of_two_megabytes_is_read_back(tmp_path):
     """What a file unpacks to is bounded by its size; the slack for small files does not cover this one."""
     result = made(np.arange(2000.0))
     assert result.data.nbytes > 2e6
-    result.save(tmp_path / "result.nc")
-    assert cp.RunResult.load(tmp_path / "result.nc").data.identical(result.data)
+    result.save(tmp_path / "new" / "folder" / "result.nc")
+    assert cp.RunResult.load(tmp_path / "new" / "folder" / "result.nc").data.identical(result.data)
 
 
 # ------------------------------------------------------------ tracking
@@ -275,6 +280,23 @@ def test_rows_that_rigid_bodies_do_not_determine_count_as_zero():
     assert data.wrench_is_determined.values.tolist() == [True, True, False, False, False, True]
 
 
+def test_every_definition_takes_undetermined_rows_as_zero():
+    """Forces along z would turn about x and y; without them the tips lie in one plane."""
+    rng = np.random.default_rng(8)
+    F, tips = rng.normal(size=(2, 2, 6)), rng.normal(size=(2, 2, 3))
+    F[..., 2] = np.nan
+    found = made([0.0, 1.0], interaction_wrench=F, tip_position=tips).internal_wrench_definitions()
+    known, plane = np.nan_to_num(F), tips * (1.0, 1.0, 0.0)
+    for name, definition in {
+        "minimum_norm": minimum_norm_internal_wrenches,
+        "nonsqueezing": nonsqueezing_internal_wrenches,
+        "virtual_linkage": virtual_linkage_internal_wrenches,
+    }.items():
+        expected = definition(known, plane)
+        expected[..., 2] = np.nan
+        assert_close(found[name], expected, atol=1e-12)
+
+
 def test_the_internal_wrench_is_what_the_load_shares_leave():
     scenario = SCENARIO.replace(cell=SCENARIO.cell.replace(load_shares={"left": 0.25, "right": 0.75}))
     wrench = np.zeros((2, 2, 6))
@@ -317,6 +339,45 @@ def test_a_run_that_did_not_settle_states_its_last_errors_and_saturated_drives()
     assert "saturate" not in free
     limits[list(LIMITS).index("torque_limit")] = 1.0
     assert "saturate" in made(STEADY, payload_pose=away, limits=limits, commanded_torque=2.0).summary()
+
+
+def test_the_band_has_its_edges():
+    data = made([0.0, 1.0]).data
+    data["pose_error"][:, 0] = data["pose_error"][:, 4] = 5e-3
+    assert metrics.in_band(data).all()
+    data["pose_error"][1, 4] = math.nextafter(5e-3, 1.0)
+    assert metrics.in_band(data).tolist() == [True, False]
+
+
+def test_a_summary_says_how_long_the_run_was_and_whether_that_was_all():
+    for end, is_whole in ((7.0, True), (7.0 - 1e-10, True), (6.5, False)):
+        result = made([*STEADY[:-1], end])
+        second = cp.RunResult(result.scenario.replace(duration=7.0), result.data).summary().splitlines()[1]
+        assert second.split(";")[0].split()[:2] == [f"{end:g}", "s"]
+        assert ("ended before its 7 s" in second) is not is_whole
+
+
+@pytest.mark.parametrize(
+    ("times", "missing"), [((), False), ((1.0,), False), ((1.0, 5.0), True), ((3.0,), True)], ids=str
+)
+def test_a_summary_says_that_a_run_ends_too_soon_after_its_events(times, missing):
+    """Four seconds after the last one to the end at 7 s; without events nothing is missing."""
+    summary = made(STEADY, events=tuple(map(event, times))).summary()
+    assert ("no steady metrics after the events" in summary) is missing
+
+
+def test_a_torque_beyond_its_limit_is_what_was_asked_with_the_compensation_of_gravity():
+    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.GravityCompensation())
+    limits = np.full((4, 2, 2), NO_LIMIT)
+    limits[list(LIMITS).index("torque_limit")] = 10.0
+    result = made(
+        [0.0, 1.0],
+        scenario=SCENARIO.replace(actuators=actuators),
+        limits=limits,
+        commanded_torque=12.0,
+        requested_torque=[[(9.0, 11.0), (9.0, 9.0)]],
+    )
+    assert result.limit_violations() == (LimitViolation("left", "two", "torque", 11.0, 10.0, 0.0),)
 
 
 def test_a_metric_that_is_no_number_is_a_word():

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start
 from close import assert_close
+from linkages import four_bar
 from numpy.testing import assert_allclose
 from scipy.linalg import null_space
 
@@ -165,3 +166,80 @@ def test_a_nan_is_never_closed():
         plant.mechanism.project_configuration(np.full_like(q, np.nan))
     with pytest.raises(ShapeError, match=r"^q"):
         plant.mechanism.project_configuration(q[:-1])
+
+
+# ---------------------------------------------------------------- number and length of the steps
+
+
+@pytest.fixture
+def looks(monkeypatch):
+    """Configurations at which the closures of a chain are looked at."""
+
+    def record(chain):
+        seen, state = [], chain.closures.state
+        monkeypatch.setattr(chain.closures, "state", lambda q, v: seen.append(q) or state(q, v))
+        return seen
+
+    return record
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_newton_steps_and_the_descent_converge_quadratically(case, looks):
+    plant, q_open = opened(case, 0.1)
+    seen = looks(plant.mechanism)
+    plant.mechanism.project_configuration(q_open)
+    assert len(seen) <= 7
+    for gap, most in ((0.1, 8), (0.8, 12)):
+        _, q_open = opened(case, gap)
+        seen.clear()
+        near = plant.mechanism._projection.descend(q_open)
+        assert len(seen) <= most
+        seen.clear()
+        assert plant.mechanism._projection.descend(near) is near
+        assert len(seen) == 1
+
+
+@pytest.mark.parametrize("loops", [1, 2])
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-4])
+def test_steps_end_where_rounding_stops_them(loops, angle, looks):
+    """In and near a singular pose rounding moves the configuration by more than what counts as at rest."""
+    chain = four_bar.four_bars(loops)
+    q, v = four_bar.start(chain, loops, angle=angle)
+    seen = looks(chain)
+    for size in (1e-4, 1e-2):
+        seen.clear()
+        projected = chain._projection.state(q + size * np.cos(np.arange(len(q))), v, 1e-6)
+        assert len(seen) <= 12
+        assert max(max(error) for error in chain.closure_errors(projected.q)) < 1e-11
+
+
+def test_steps_at_a_lower_rank_are_followed_by_one_at_the_full_rank(looks):
+    """The first step leaves one row out; that it is short says nothing about that row."""
+    plant, q = closed(("spatial", "welded"))
+    model = plant.mechanism.model
+    svd = plant.mechanism._projection.svd(q, plant.mechanism.closures.state(q, np.zeros(model.nv)))
+    off = pin.integrate(model, q, 1e-5 * svd.solve_LT(svd.right[:, -1]))
+    seen = looks(plant.mechanism)
+    projected = plant.mechanism._projection.state(off, np.zeros(model.nv), 1e-9, svd.rank - 1)
+    assert projected.rank == svd.rank
+    assert len(seen) <= 6
+    assert_close(plant.closure_errors(projected.q), np.zeros((2, 2)), atol=1e-12)
+
+
+def test_a_descent_moves_no_joint_by_more_than_half_a_radian_at_once_and_ends_at_the_least_error(looks):
+    plant, q = closed(("planar", "welded"))
+    model = plant.mechanism.model.copy()
+    model.addFrame(
+        pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME)
+    )
+    chain = ClosedChain(model, [Closure("right/grasp", "far", "point")])
+    seen = looks(chain)
+    nearest = chain._projection.descend(q)
+    assert len(seen) < 150
+    first = np.abs(seen[1] - seen[0]).max()
+    assert_close(first, 0.5, atol=1e-12)
+    error = chain.closures.state(nearest, np.zeros(model.nv))
+    assert_close(error.jacobian.T @ error.position, np.zeros(model.nv), atol=1e-5)
+    seen.clear()
+    chain._projection.descend(nearest)
+    assert len(seen) <= 30

@@ -1,16 +1,18 @@
 """Sampled stability: against the closed form of square arms, and against runs on both sides of the limit."""
 
+import importlib
 import re
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from cells import ANCHORED, SCENARIOS
 from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.linalg import eigvalsh
 
 import coop_pin as cp
-from coop_pin.analysis import SampledStability, sampled_stability, step_stability
+from coop_pin.analysis import SampledStability, loop_stability, sampled_stability, step_stability
 from coop_pin.analysis.sampled_stability import REAL_STABILITY
 from coop_pin.chain import CellChain, solve_ik
 from coop_pin.chain.integrators import INTEGRATORS, VectorSpace
@@ -35,10 +37,12 @@ def with_damping(factor, changes=()):
 
 
 def closed_form(cell, X, damping_gains, period):
-    """T lambda_max(A^-1 B) in the task rows, for arms with as many joints as the cell has task rows.
+    """T lambda_max(A^-1 B) in the task rows, for arms with as many joints as the cell has task rows."""
+    return period * float(eigvalsh(*damping_and_inertia(cell, X, damping_gains))[-1])
 
-    A = M_0 + sum_i J_i^-T M_i J_i^-1 is the inertia, B = sum_i J_i^-T K_d_i J_i^-1 the damping.
-    """
+
+def damping_and_inertia(cell, X, damping_gains):
+    """B = sum_i J_i^-T K_d_i J_i^-1 and A = M_0 + sum_i J_i^-T M_i J_i^-1 in the task rows."""
     rows, world_inertia = cell.task_rows, np.zeros((6, 6))
     world_inertia[:3, :3] = cell.payload.mass * np.eye(3)
     world_inertia[3:, 3:] = X[:3, :3] @ cell.payload.inertia_matrix @ X[:3, :3].T
@@ -51,7 +55,7 @@ def closed_form(cell, X, damping_gains, period):
         J_inverse = np.linalg.inv(rows.select(model.payload_jacobian(q)) @ to_drive)
         inertia = inertia + J_inverse.T @ to_drive.T @ model.mass_matrix(q) @ to_drive @ J_inverse
         damping = damping + J_inverse.T @ damping_gains[name] @ J_inverse
-    return period * float(eigvalsh(damping, inertia)[-1])
+    return damping, inertia
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
@@ -248,3 +252,80 @@ def test_check_and_run_tell_friction_that_the_steps_cannot_integrate(tmp_path, c
     out = ["--out", str(tmp_path / "out"), "--quiet", "--no-replay", "--no-figures", "--duration", "0.05"]
     with pytest.warns(ScenarioWarning, match="friction of"):
         assert main(["run", str(tmp_path / "stiff.toml"), *out]) in (1, 3)
+
+
+# ------------------------------------------------------------ all gains under the lag of the drives
+
+
+def pushed(name, lag, **fields):
+    """A test cell without friction that holds its start with the anchored law, pushed gently once."""
+    scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], **fields)
+    push = {"kind": "wrench-pulse", "time": 0.1, "duration": 0.1, "wrench": (0.5, 0.2, 0.0, 0.0, 0.0, 0.02)}
+    still = {
+        "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
+        "events": [push],
+        "clock.steps_per_tick": 1,
+        "actuators.lag": lag,
+    }
+    return scenario.override(still | {f"cell.arms.{arm}.friction": "none" for arm in scenario.cell.arms})
+
+
+def loop_of(scenario):
+    return loop_stability(Simulation(scenario, build_controller(scenario)))
+
+
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_the_largest_lag_is_sharp_on_the_plant(cell, factor):
+    duration = 20.0 if cell == "planar" else 10.0
+    scenario = pushed(cell, 0.0, duration=duration)
+    lag = factor * loop_of(scenario).largest_lag
+    scenario = scenario.override({"actuators.lag": lag})
+    found = loop_of(scenario)
+    assert found.ok == (factor < 1.0)
+    assert_allclose(found.lag, lag)
+    result = cp.run(scenario)
+    error, time = np.linalg.norm(result.data.pose_error.values, axis=1), result.data.time.values / duration
+    early, late = (error[(time >= at) & (time < at + 0.2)].max() for at in (0.4, 0.8))
+    assert (late < early) == (factor < 1.0)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03, 0.2])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_at_a_fast_rate_its_modes_are_those_of_continuous_time(cell, lag):
+    """lag s^4 + s^3 + lambda (s + gamma)(s + k_I) for every eigenvalue lambda of A^-1 K, without gravity."""
+    scenario = pushed(cell, lag).override({"clock.rate_hz": 2e4, "cell.gravity": [0.0, 0.0, 0.0]})
+    gains, start = scenario.controller.gains, scenario.start.matrix
+    none = dict.fromkeys(scenario.cell.arms, np.zeros((len(gains.sliding_gain),) * 2))
+    _, A = damping_and_inertia(scenario.cell, start, none)
+    gamma, k_I = gains.pose_gain, gains.sign_gain / scenario.controller.switching.width
+    slowest = max(
+        np.roots([lag, 1.0, rate, rate * (gamma + k_I), rate * gamma * k_I]).real.max()
+        for rate in eigvalsh(np.diag(gains.sliding_gain), A)
+    )
+    found = loop_of(scenario)
+    assert_allclose(2e4 * np.log(found.radius), slowest, rtol=0.01, atol=0.003)
+    assert found.ok == (slowest < 0.0)
+
+
+def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):
+    lag = loop_of(paper()).largest_lag
+    assert loop_of(paper({"controller.gains.sign_gain": 5.0})).largest_lag == pytest.approx(lag)
+    scenario = pushed("planar", 0.2)
+    scenario.save(tmp_path / "lagging.toml")
+    assert main(["check", str(tmp_path / "lagging.toml"), "--poses", "3"]) == 1
+    assert "the motion is unstable (stable with lags up to" in capsys.readouterr().out
+    slow = loop_of(paper({"clock.rate_hz": 25.0}))
+    assert (slow.ok, slow.largest_lag) == (False, 0.0)
+    assert "without any lag" in slow.summary()
+
+
+def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
+    """Modes by hand: the second decays worst."""
+    module = importlib.import_module("coop_pin.analysis.sampled_stability")
+    simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
+    modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
+    monkeypatch.setattr(module, "_decay", lambda *_: (np.array([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]), modes))
+    names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
+    for found in (module.start_stability(simulation), module.step_stability(simulation)):
+        assert found.joints == (names[3], names[4], names[1])

@@ -50,6 +50,13 @@ def test_own_wrist_law_trades_force_for_sag_of_the_weight_error():
     )
     assert_allclose(found.force * found.sag, found.product)
     assert found.wrenches == 0
+    # beta from the weight's error and the bias: the load sags by c b, and (1 - c) D is left.
+    balanced = own | {"controller.gains.anchor_gain": found.balanced}
+    assert_allclose(found.balanced, 0.5 * 1e-4 * GAMMA * K_I * K / 20.0 / RATE)
+    found = errors(balanced, bias=1e-4, load=20.0)
+    assert_allclose([found.sag, found.force], [0.5e-4, 10.0])
+    assert f"anchor_gain {found.balanced:.3g}" in found.summary()
+    assert math.isnan(errors().balanced)
     assert errors(own, load=1e6).sag == math.inf  # beyond what the saturated integral can hold
 
 
@@ -104,6 +111,28 @@ def test_laws_in_joint_space_say_what_they_need_and_the_product_bound():
     assert (found.wrenches, found.delay, found.product) == (2, math.inf, 0.0)
     filtered = {"controller.force_path": {"kind": "low-pass"}, "controller.gains.force_gain": 9.0}
     assert 0 <= errors(filtered, scenario="adept-paper").delay < 10
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_product_bound_holds_for_any_increasing_characteristic(seed):
+    """P2: force times (sag + bias) >= c_1 c_2 b D; a phi that knows b has less force times sag."""
+    rng, b, c = np.random.default_rng(seed), 1e-3, np.array([0.3, 0.7])
+    knots = np.sort(rng.uniform(-20.0 * b, 20.0 * b, 40))
+    phi_at = np.cumsum(rng.exponential(size=40) ** 3)
+    if seed == 0:  # steep at 0 and at b alone
+        knots = np.array([-1.0, -1e-6, 1e-6, b - 1e-6, b + 1e-6, 1.0])
+        phi_at = np.array([-1e-9, 0.0, 1.0, 1.0 + 1e-9, 2.0, 2.0 + 1e-9])
+    x = np.linspace(-10.0 * b, 10.0 * b, 200_001)
+    first, second = np.interp(x + b, knots, phi_at), np.interp(x, knots, phi_at)
+    load = c[0] * first + c[1] * second
+    half = len(x) // 2 if seed == 0 else rng.integers(60_000, 140_000)
+    reach = 200 if seed == 0 else rng.integers(500, 50_000)
+    held = slice(half - reach, half + reach + 1)
+    D, e = (load[held][-1] - load[held][0]) / 2.0, (x[held][-1] - x[held][0]) / 2.0
+    force = c.prod() * (first - second)[held].max()
+    assert force * (e + b) >= c.prod() * b * D
+    if seed == 0:
+        assert force * e < 0.1 * c.prod() * b * D
 
 
 def test_what_cannot_be_asked_is_refused():

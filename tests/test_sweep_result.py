@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
 from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
-from coop_pin.sweeps.job import Failure, Outcome, Record
+from coop_pin.sweeps.job import Outcome, Record
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
@@ -20,8 +20,8 @@ def filled(folder, plan, metrics, fails=lambda _: False):
     store.write_plan(plan)
     runs = []
     for point, key, *_ in keyed_points(plan):
-        failure = Failure("DivergedError", "gone", {"time": 0.5}) if fails(point.parameters) else None
-        runs.append(Outcome(Record(key, {}, {} if failure else metrics(point.parameters), failure)))
+        failure = ("DivergedError", "gone", 0.5) if fails(point.parameters) else ()
+        runs.append(Outcome(Record(key, {}, {} if failure else metrics(point.parameters), *failure)))
     store.append(runs)
     return SweepResult.load(folder)
 
@@ -173,7 +173,7 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
         (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
         (2, "ScenarioError", "no"),
     ):
-        store.append([Outcome(Record(keys[number], {}, {}, Failure(kind, message)))])
+        store.append([Outcome(Record(keys[number], {}, {}, kind, message))])
     lines = SweepResult(plan, store).summary().splitlines()
     assert lines[-4:] == [
         "  2 ScenarioError; run 1: 2 mistakes:",

@@ -15,19 +15,14 @@ import coop_pin as cp
 from coop_pin.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.sweeps import SweepResult, sweep
-from coop_pin.sweeps.job import Failure, Outcome, Record, checked_content, checksummed
+from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
-RECORD = Record(KEY, {"name": "a"}, NUMBERS, None, {"wall_s": 0.1, "cpu_s": 0.2})
-FAILED = Record(
-    OTHER,
-    {},
-    {},
-    Failure("DivergedError", "it ran away: \u03b1 \u2192 \u221e", {"time": 0.5, "value": float("inf")}),
-)
+RECORD = Record(KEY, {"name": "a"}, NUMBERS, wall_s=0.1, cpu_s=0.2)
+FAILED = Record(OTHER, {}, {}, "DivergedError", "it ran away: \u03b1 \u2192 \u221e", 0.5)
 
 
 @pytest.fixture
@@ -79,11 +74,9 @@ def test_any_cut_is_seen_and_so_are_other_files():
 def test_a_failure_keeps_numbers_and_never_the_result():
     error = DivergedError(0.5, "speed", 1e4, 1e3)
     error.result = object()
-    failure = Failure.of(error)
-    assert failure.numbers == {"time": 0.5, "value": 1e4, "limit": 1e3}
-    assert failure.kind == "DivergedError"
-    assert failure.trace == ""
-    assert "ZeroDivisionError" in Failure.of(ZeroDivisionError("x")).trace
+    record = Record.of_failure(KEY, {}, error)
+    assert record == Record(KEY, {}, {}, "DivergedError", str(error), 0.5)
+    assert "ZeroDivisionError" in Record.of_failure(KEY, {}, ZeroDivisionError("x")).trace
 
 
 # ---------------------------------------------------------------- the folder

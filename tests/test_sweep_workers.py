@@ -1,21 +1,24 @@
 """Local workers: the same bits in every process, runs that kill or hang their workers, ports."""
 
 import contextlib
+import pickle
 import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
 import pytest
 from faulty import law
+from pebble import ProcessExpired
 
 import coop_pin as cp
-from coop_pin.errors import CodeChangedError, WorkersLostError
-from coop_pin.sweeps import SweepPlan, linspace, sweep
-from coop_pin.sweeps.backend import LocalPool
-from coop_pin.sweeps.job import Job
+from coop_pin.errors import CodeChangedError, WorkerDiedError, WorkersLostError
+from coop_pin.sweeps import SweepPlan, backend, linspace, sweep
+from coop_pin.sweeps.backend import LocalBackend, Worker, outcomes
+from coop_pin.sweeps.job import Job, Outcome, Record
 
 PLAN = SweepPlan(
     base="adept-paper",
@@ -132,9 +135,7 @@ def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_
     seen = {failure.number: failure.kind for failure in result.failures}
     assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
     assert result.counts()["missing"] == 0
-    (died,) = [record.failure for record in result.store.records()
-               if record.key == result.table["key"][modes.index("exit")]]  # fmt: skip
-    assert died.numbers == {"deaths": 3, "code": 3}
+    assert result.table["message"][modes.index("exit")] == str(WorkerDiedError(3, 3))
 
 
 def job(mode, **limits):
@@ -143,8 +144,8 @@ def job(mode, **limits):
 
 
 def computed(pool, *jobs):
-    found = [outcome.record for batch in pool.outcomes(iter(jobs)) for outcome in batch]
-    return {record.key: record.failure and record.failure.kind for record in found}
+    found = [outcome.record for batch in outcomes(pool, iter(jobs)) for outcome in batch]
+    return {record.key: record.failure or None for record in found}
 
 
 @contextlib.contextmanager
@@ -157,14 +158,13 @@ def meanwhile(action):
 
 def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_killed_are_replaced():
     """Also while they start, and between two runs; no run is lost or recorded as failed."""
-    with contextlib.closing(LocalPool(1)) as pool:
+    with contextlib.closing(LocalBackend(1)) as pool:
         with meanwhile(lambda: wait_until(workers_of)[0].kill()):  # starting
             assert computed(pool, job("none")) == {"none": None}
         (worker,) = workers_of()
         assert loaded(worker) == {"pinocchio"}
         with pytest.raises(CodeChangedError):
             computed(pool, job("none", code=(("faulty:Faulty", ("other",)),)))
-        pool.under_way.clear()
         assert {worker.environ()[f"{name}_NUM_THREADS"] for name in ("OMP", "MKL", "OPENBLAS")} == {"1"}
         worker.kill()  # idle
         assert computed(pool, job("none")) == {"none": None}
@@ -176,6 +176,66 @@ def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_kille
     assert psutil.wait_procs(processes, timeout=10)[1] == []
 
 
+def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone(monkeypatch):
+    """A run that costs three workers has failed; the others of its batch have not."""
+    tried = []
+
+    def reply(_self, _limit_s, _compute, arguments, *_):
+        keys = [job.key for job in pickle.loads(arguments[0])]
+        tried.append(keys)
+        content = pickle.dumps([Outcome(Record(key)) for key in keys])
+        return (ProcessExpired("", code=-11), b"") if "bad" in keys else (None, content)
+
+    monkeypatch.setattr(Worker, "_start", lambda _: None)
+    monkeypatch.setattr(Worker, "_reply", reply)
+    found = [outcome.record for outcome in Worker().compute([Job(key, "{}") for key in ("a", "bad", "b")])]
+    assert tried == [["a", "bad", "b"], ["a"], ["bad"], ["bad"], ["b"]]
+    assert [(record.key, record.failure) for record in found] == [
+        ("a", ""),
+        ("bad", "WorkerDiedError"),
+        ("b", ""),
+    ]
+    assert found[1].message == str(WorkerDiedError(3, -11))
+
+
+def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only(monkeypatch):
+    """As in a dask worker that serves two sweeps at once."""
+    closed = []
+    monkeypatch.setattr(Worker, "compute", lambda worker, _: [worker])
+    monkeypatch.setattr(Worker, "close", lambda worker: closed.append(worker))
+    monkeypatch.setattr(backend, "_workers", {})
+    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
+        ((first,), (second,)) = (pool.submit(backend.compute, "a", []).result() for pool in (one, other))
+        assert one.submit(backend.compute, "a", []).result() == [first]
+        (third,) = one.submit(backend.compute, "b", []).result()
+        assert first in closed
+        assert second not in closed
+        backend.close_workers("a")
+        assert second in closed
+        assert third not in closed
+
+
+@pytest.mark.parametrize(("wall_s", "largest"), [(0.001, 64), (0.05, 5), (2.0, 1)])
+def test_short_runs_travel_in_batches_of_a_quarter_of_a_second(wall_s, largest):
+    batches = []
+
+    class Here:
+        def slots(self):
+            return 2
+
+        def submit(self, batch):
+            batches.append(len(batch))
+            future = Future()
+            future.set_result([Outcome(Record(job.key, wall_s=wall_s)) for job in batch])
+            return future
+
+    jobs = (Job(str(i), "{}") for i in range(2000))
+    found = [outcome.record.key for batch in outcomes(Here(), jobs) for outcome in batch]
+    assert sorted(found, key=int) == [str(i) for i in range(2000)]
+    assert batches[0] == 1
+    assert max(batches) == largest
+
+
 def loaded(worker):
     """Packages whose shared libraries a process has mapped."""
     return {name for name in ("pinocchio", "meshcat", "matplotlib", "zmq") if any(
@@ -184,15 +244,15 @@ def loaded(worker):
 
 def test_a_host_that_cannot_start_is_a_typed_error(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with contextlib.closing(LocalPool(1)) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
+    with contextlib.closing(LocalBackend(1)) as pool, pytest.raises(WorkersLostError, match="exit code 1"):
         computed(pool, job("none"))
 
 
 UP = """
 import contextlib, sys
 sys.path.insert(0, "TESTS")
-from test_sweep_workers import LocalPool, computed, job
-with contextlib.closing(LocalPool(1)) as pool:
+from test_sweep_workers import LocalBackend, computed, job
+with contextlib.closing(LocalBackend(1)) as pool:
     print("up", flush=True)
     computed(pool, job("hang"))
 """

@@ -208,8 +208,8 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
 @pytest.fixture
 def pools(monkeypatch):
     """The pools of local workers that are opened."""
-    opened, original = [], engine.LocalPool
-    monkeypatch.setattr(engine, "LocalPool", lambda workers: opened.append(workers) or original(workers))
+    opened, original = [], engine.LocalBackend
+    monkeypatch.setattr(engine, "LocalBackend", lambda workers: opened.append(workers) or original(workers))
     return opened
 
 

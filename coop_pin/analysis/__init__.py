@@ -5,6 +5,7 @@ from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_re
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.gain_suggestion import Suggestion, suggest
 from coop_pin.analysis.gain_tuning import GainProposal, gain_proposal
+from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
@@ -34,6 +35,7 @@ __all__ = [
     "FastestJoint",
     "GainProposal",
     "JointLimitMargin",
+    "LoopStability",
     "MotionWrenches",
     "NearlySingular",
     "Reachability",
@@ -47,6 +49,7 @@ __all__ = [
     "cell_summary",
     "closure_problem",
     "gain_proposal",
+    "loop_stability",
     "maximum_reach",
     "motion_wrenches",
     "reachability",

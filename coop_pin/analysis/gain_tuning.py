@@ -136,7 +136,8 @@ def _at_rate(
         force, rest = None, asked.load_range / (K * gamma * (1.0 + k_I / _LEAK))
         tracking = np.maximum(asked.load_rate / (K * gamma * k_I), rest)
     else:
-        bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists)._asdict())
+        lag = scenario.actuator_lag * scenario.clock.period / T
+        bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists, lag)._asdict())
         tracking = asked.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3

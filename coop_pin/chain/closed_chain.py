@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -120,26 +121,31 @@ class ClosedChain:
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
         mimic: Literal["refuse", "ignore"] = "refuse",
+        package_dirs: Sequence[str] = (),
+        xacro_args: Mapping[str, str] = MappingProxyType({}),
     ) -> Self:
         """Close the tree of a URDF, whose root link is fixed in the world.
 
         Its loops become closures with their names in the file; coop_pin.description.urdf.loops has the forms.
 
         Args:
-            path_or_xml: path of a URDF, name of a known robot, or the XML text itself.
+            path_or_xml: path of a URDF or xacro file, name of a known robot, or the XML text itself.
             closures: between its frames, after those of the file.
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: as for the constructor.
             formulation: as for the constructor.
             mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
+            package_dirs: folders that are searched first for the packages of package:// and $(find ...).
+            xacro_args: values of the arguments of a xacro file.
 
         Raises:
+            MissingExtraError: it is a xacro file and xacrodoc is not installed.
             UrdfError: no such file, structural defects, an unreadable loop; MimicJointError: mimic joints.
             ShapeError, OutOfRangeError: gravity is not three finite numbers.
             NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
         require_type("closures", closures, Sequence)
-        model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore")
+        model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore", package_dirs, xacro_args)
         closed = [Closure(*loop) for loop in loops]
         return cls(model, [*closed, *closures], stabilisation=stabilisation, formulation=formulation)
 

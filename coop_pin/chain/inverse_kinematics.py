@@ -123,11 +123,8 @@ def _moved_near(
     solver: IKSolver, target: pin.SE3, found: list[Array], near: Array, steps: int
 ) -> list[Array]:
     """Return solutions moved in their null space towards the posture, the nearest first."""
-    moved = (
-        solver.limits.wrap_near(solver.null_space_descent(target, q, near, steps=steps), near) for q in found
-    )
-    within = [q for q in moved if not solver.limits.violation(q).any()]
-    return sorted(within or found[:1], key=lambda q: solver.distance(q, near))
+    moved = (solver.null_space_descent(target, q, near, steps=steps) for q in found)
+    return sorted((solver.limits.wrap_near(q, near) for q in moved), key=lambda q: solver.distance(q, near))
 
 
 def _unreachable(

@@ -88,7 +88,7 @@ def constraint_svd(mass_matrix: Array, jacobian: Array) -> ConstraintSVD:
         raise MassMatrixError(float(np.linalg.eigvalsh(np.nan_to_num(mass_matrix), "U").min())) from None
     weighted = dtrsm(1.0, factor, jacobian.T, lower=1).T if len(jacobian) else jacobian
     left, values, right = np.linalg.svd(weighted, full_matrices=False)
-    rank = int(np.count_nonzero(values > RANK_TOLERANCE * values[0])) if values.size else 0
+    rank = int(np.count_nonzero(values > RANK_TOLERANCE * values[:1]))
     dropped = float(values[rank]) if rank < values.size else 0.0
     return ConstraintSVD(factor, left[:, :rank], values[:rank], right[:rank].T, dropped)
 

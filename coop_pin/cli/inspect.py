@@ -119,9 +119,9 @@ class Check:
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
     closed chain whose closures lose rank at the start is told.
     For the built-in controllers, also check at the initial pose that the damping gains are stable at the
-    control rate, and the joint friction in the plant's steps; say what the law measures and what a kinematic
-    bias and an unknown load leave; the proposal of 'coop-pin suggest' for these postures follows. Every field
-    of the scenario can be changed as in 'coop-pin run'.
+    control rate, all gains with the lag of the drives, and the joint friction in the plant's steps; say what
+    the law measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
+    for these postures follows. Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -142,6 +142,7 @@ class Check:
         from coop_pin.analysis import (
             closure_problem,
             gain_proposal,
+            loop_stability,
             reachability,
             start_stability,
             statics_along,
@@ -163,10 +164,11 @@ class Check:
         if not found.ok or scenario.controller.kind == "user":
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
-        held, steps = start_stability(simulation), step_stability(simulation)
-        print(f"  {held.summary()}\n  {steps.summary()}\n  {gain_proposal(scenario, found).summary()}")
+        stable = start_stability(simulation), loop_stability(simulation), step_stability(simulation)
+        print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
+        print(f"  {gain_proposal(scenario, found).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
-        return OK if ok and held.ok and steps.ok else FAILED
+        return OK if ok and all(finding.ok for finding in stable) else FAILED
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,9 @@ from coop_pin.control.interface import (
     CellController,
     DecentralisedController,
 )
+from coop_pin.control.leader_follower import LeaderFollowerController
 from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
+from coop_pin.control.prescribed_performance import PrescribedPerformanceController
 from coop_pin.control.sliding_mode import (
     RedundantSlidingModeController,
     SlidingModeController,
@@ -28,9 +30,11 @@ __all__ = [
     "CellCommand",
     "CellController",
     "DecentralisedController",
+    "LeaderFollowerController",
     "PayloadSpaceController",
     "PayloadSpaceState",
     "Posture",
+    "PrescribedPerformanceController",
     "RedundantSlidingModeController",
     "Saturation",
     "Sign",

@@ -12,40 +12,51 @@ from coop_pin.errors import OutOfRangeError
 _BISECTIONS = 50
 
 
-def force_gain_bound(pole: float, delay: int = 0) -> float:
+def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
     """Return the force gain K_f at which sampled internal-force feedback goes unstable.
 
     In a rigid chain f is an algebraic function of the torque: f[k] = c - K_f ftilde_m[k] while the torque of
-    tick k acts. Through the filter f_m[k+1] = p f_m[k] + (1 - p) f[k-D] the error obeys
-    z^D (z - p) + K_f (1 - p) = 0. Its first roots reach the unit circle at z = exp(j a) with
-    D a + arg(z - p) = pi, where K_f = ``|z - p| / (1 - p)``. Without delay that is (1 + p) / (1 - p);
-    without filter it is 1, whatever the delay.
+    tick k acts; drives with a lag add the pole r = exp(-1 / lag). Through the filter f_m[k+1] = p f_m[k] +
+    (1 - p) f[k-D] the error obeys z^D (z - p)(z - r) + K_f (1 - p)(1 - r) z = 0. Its first roots reach the
+    unit circle at z = exp(j a) with D a + arg(z - p) + arg(z - r) - a = pi, where K_f =
+    ``|z - p| |z - r| / ((1 - p)(1 - r))``. Without delay and lag that is (1 + p) / (1 - p); without filter
+    and lag it is 1, whatever the delay.
 
     Args:
         pole: p of the filter, in [0, 1); p = 0 is the wrench of one tick before.
         delay: D, further samples.
+        lag: time constant of the drives, samples.
 
     Raises:
         OutOfRangeError: the pole is not.
     """
     if not 0.0 <= pole < 1.0:
         raise OutOfRangeError("pole", pole, "at least 0 and less than 1")
-    low, high = 0.0, np.pi
-    for _ in range(_BISECTIONS if delay else 0):
+    low, high, r = 0.0, np.pi, lag_pole(lag)
+    for _ in range(_BISECTIONS):  # without delay to high = pi
         angle = (low + high) / 2.0
-        beyond = delay * angle + np.angle(np.exp(1j * angle) - pole) > np.pi
+        z = np.exp(1j * angle)
+        beyond = (delay - 1) * angle + np.angle(z - pole) + np.angle(z - r) > np.pi
         low, high = (low, angle) if beyond else (angle, high)
-    return float(abs(np.exp(1j * high) - pole) / (1.0 - pole))
+    z = np.exp(1j * high)
+    return float(abs(z - pole) * abs(z - r) / ((1.0 - pole) * (1.0 - r)))
+
+
+def lag_pole(lag: float) -> float:
+    """Return exp(-1 / lag), the pole of drives with a lag, samples; 0 for drives without."""
+    return float(np.exp(-1.0 / lag)) if lag else 0.0
 
 
 @cache
-def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0) -> float:
+def anchor_gain_bound(
+    *, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0, lag: float = 0.0
+) -> float:
     """Return the anchor gain g at which the anchored integral of the payload-space law goes unstable.
 
     In a rigid chain the internal error is ftilde[k] = Z[k] - K_f ftilde_m[k] + const while the torque of tick
     k acts, and the anchor is Z[k] = Z[k-1] - g ftilde_m[k] at each new measurement. The bound is the smallest
     g at which an eigenvalue of this linear map over one period of the sensor leaves the unit circle, found
-    by bisection. In closed form, for K_f = 0:
+    by bisection. In closed form, for K_f = 0 and drives without lag:
 
     - a filter alone: 2 (1 + p) / (1 - p);
     - a delay alone: 2 sin(pi / (4 D + 2));
@@ -56,6 +67,8 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
         delay: D, ticks by which the measurement is older than f(t_k^-), the one just before tick k.
         every: ticks from one sample of the sensor to the next.
         force_gain: K_f; from its own bound on, the result is 0.
+        lag: time constant of the drives, the same for all, ticks; at the end of a tick the internal error is
+            r ftilde[k-1] + (1 - r)(Z[k] - K_f ftilde_m[k]) + const with r = exp(-1 / lag).
 
     Raises:
         OutOfRangeError: the pole is not in [0, 1), the delay is negative, or ``every`` is less than 1.
@@ -63,9 +76,11 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
     if delay < 0 or every < 1:
         name, value, least = ("delay", delay, 0) if delay < 0 else ("every", every, 1)
         raise OutOfRangeError(name, value, f"at least {least}")
-    high = 2.0 * force_gain_bound(pole)  # of a filter alone; delay and K_f lower it, a slow sensor does not
-    low = 0.0
-    decays = partial(force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain)
+    # Of filter and lag alone; delay and K_f lower it, a slow sensor does not raise it.
+    low, high = 0.0, 2.0 * force_gain_bound(pole, lag=lag)
+    decays = partial(
+        force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain, lag=lag
+    )
     if not decays(0.0):
         return 0.0
     for _ in range(_BISECTIONS):
@@ -78,21 +93,28 @@ def anchor_gain_bound(*, pole: float = 0.0, delay: int = 0, every: int = 1, forc
 
 
 def force_loop_is_stable(
-    anchor_gain: float, *, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0
+    anchor_gain: float,
+    *,
+    pole: float = 0.0,
+    delay: int = 0,
+    every: int = 1,
+    force_gain: float = 0.0,
+    lag: float = 0.0,
 ) -> bool:
     """Return whether the sampled loop of anchor and force feedback decays; arguments as anchor_gain_bound.
 
     The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z] before
     tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
     """
-    size = delay + 3
+    size, r = delay + 3, lag_pole(lag)
     filtered, integral = delay + 1, delay + 2
     sample: Array = np.eye(size)
     sample[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
     sample[integral] -= anchor_gain * sample[filtered]
     shift: Array = np.eye(size)
     shift[1 : delay + 1] = np.eye(size)[:delay]
-    shift[0] = np.eye(size)[integral] - force_gain * np.eye(size)[filtered]
+    shift[0] = r * np.eye(size)[0]
+    shift[0] += (1.0 - r) * (np.eye(size)[integral] - force_gain * np.eye(size)[filtered])
     period = np.linalg.matrix_power(shift, every) @ sample
     if anchor_gain == 0.0:
         period = period[:integral, :integral]

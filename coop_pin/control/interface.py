@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -97,7 +97,14 @@ class CellCommand(NamedTuple):
 
 
 class ArmController(ABC):
-    """Controller of one arm from its own measurements: the decentralised laws. Immutable."""
+    """Controller of one arm from its own measurements: the decentralised laws. Immutable.
+
+    Attributes:
+        needs: what it uses besides kinematics: "model", "own wrench", "internal wrench" (of which every
+            wrist's wrench is a part), "wrenches of all arms", "states of all arms", "role".
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
@@ -109,7 +116,13 @@ class ArmController(ABC):
 
 
 class CellController(ABC):
-    """Controller of all arms from all measurements: the centralised and model-based laws."""
+    """Controller of all arms from all measurements: the centralised laws.
+
+    Attributes:
+        needs: as of an ArmController.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:

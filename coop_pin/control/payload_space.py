@@ -13,11 +13,8 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.switching import Switching
-from coop_pin.control.terms import Posture, null_space_part, right_inverse
+from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
 from coop_pin.spatial.task_rows import TaskRows
-
-_ROUNDING = 1e-6
-"""Ages are quotients of times; a sample counts as new if its age grew by less than 1 - 1e-6 ticks."""
 
 
 class PayloadSpaceState(NamedTuple):
@@ -143,9 +140,9 @@ class PayloadSpaceController(ArmController):
         f_r = self.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        is_new = age < state.wrench_age + 1.0 - _ROUNDING
-        Z = state.integral - is_new * self.anchor_gain * (fhat - f_r)
-        Z_hold = np.where(is_new, Z, state.anchored)
+        fresh = is_new(age, state.wrench_age)
+        Z = state.integral - fresh * self.anchor_gain * (fhat - f_r)
+        Z_hold = np.where(fresh, Z, state.anchored)
 
         tau = -J.T.dot(c * K.dot(s) + Z + f_r - self.force_gain * (fhat - f_r))
         if self.posture is not None:

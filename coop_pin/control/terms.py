@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, as_array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, SingularJacobianError
 from coop_pin.spatial.scalars import inverse, require_less
@@ -15,6 +16,7 @@ from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""
+_ROUNDING = 1e-6
 
 
 def jacobian_inverse(J: Array, time: float) -> Array:
@@ -62,6 +64,16 @@ def _singular(J: Array, time: float, condition: float) -> Exception:
     return SingularJacobianError(condition, time, CONDITION_LIMIT)
 
 
+def gain_vector(name: str, gain: ArrayLike, size: int) -> Array:
+    """Return the diagonal of a gain: a number for all entries or one for each, shape (size,).
+
+    Raises:
+        ShapeError: it has another number of entries.
+        OutOfRangeError: an entry is NaN or infinite.
+    """
+    return as_array(name, np.full(size, gain) if np.ndim(gain) == 0 else gain, size)
+
+
 def force_term(
     rows: TaskRows, force_gain: float, measurement: ArmMeasurement, reference: ArmReference
 ) -> Array:
@@ -73,6 +85,44 @@ def force_term(
     if measurement.internal_wrench is None:
         return f_d
     return f_d - force_gain * (measurement.internal_wrench - f_d)
+
+
+@dataclass(frozen=True, eq=False)
+class InternalForceIntegral:
+    """Integral control of the internal wrench: ``f_r = f_d + Z``, ``Z <- Z - g (f_m - f_d)``.
+
+    Z moves once for each new measurement, before the torque; without any, f_r = f_d.
+
+    Attributes:
+        rows: the k_0 task rows.
+        gain: g, stable below ``anchor_gain_bound``.
+    """
+
+    rows: TaskRows
+    gain: float
+
+    def start(self) -> tuple[Array, float]:
+        """Return Z = 0, shape (k_0,), and the age of no measurement."""
+        return np.zeros(self.rows.size), np.inf
+
+    def step(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: tuple[Array, float]
+    ) -> tuple[Array, tuple[Array, float]]:
+        """Return f_r in world axes, shape (k_0,), and the next state."""
+        f_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        if measurement.internal_wrench is None:
+            return f_d, state
+        (Z, last), age = state, measurement.internal_wrench_age
+        Z = Z - is_new(age, last) * self.gain * (measurement.internal_wrench - f_d)
+        return f_d + Z, (Z, age)
+
+
+def is_new(age: float, last: float) -> bool:
+    """Return whether a measurement of this age, ticks, was taken since the tick at which it was ``last``.
+
+    Ages are quotients of times: a sample is new if its age grew by less than 1 - 1e-6 ticks.
+    """
+    return age < last + 1.0 - _ROUNDING
 
 
 def null_space_part(torque: Array, J: Array, J_plus: Array) -> Array:
@@ -111,3 +161,21 @@ class Posture:
             J_plus: its right inverse, shape (k, k_0).
         """
         return null_space_part(self.pull(q, v), J, J_plus)
+
+
+def spare_torque(measurement: ArmMeasurement, start: Array, gains: tuple[float, float]) -> Array:
+    """Return the torque that brings the spare joints back to where they started, N m, shape (k,).
+
+    Args:
+        measurement: of the arm; zero for an arm without spare joints.
+        start: drive angles at t_0, rad, shape (k,).
+        gains: stiffness, N m/rad, and damping, N m s/rad, of all joints.
+
+    Raises:
+        SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
+    """
+    J, q, v = measurement.payload_jacobian, measurement.q, measurement.v
+    if J.shape[0] == J.shape[1]:
+        return np.zeros_like(q)
+    spring = Posture(start, np.full(q.size, gains[0]), np.full(q.size, gains[1]))
+    return spring.torque(q, v, J, right_inverse(J, measurement.time))

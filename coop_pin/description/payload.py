@@ -217,15 +217,28 @@ class Payload(Description):
 
     @classmethod
     @_checked
-    def from_urdf(cls, path: str | Path) -> Self:
+    def from_urdf(
+        cls,
+        path: str | Path,
+        *,
+        package_dirs: tuple[str, ...] = (),
+        xacro_args: Mapping[str, str] | None = None,
+    ) -> Self:
         """Return the only link of a URDF; P has the axes of the link.
 
         Its first visual is drawn if it is a box or a cylinder, otherwise a box of 0.1 m.
 
+        Args:
+            path: path of a URDF or xacro file.
+            package_dirs: folders that are searched first for the packages of package:// and $(find ...).
+            xacro_args: values of the arguments of a xacro file.
+
         Raises:
+            MissingExtraError: it is a xacro file and xacrodoc is not installed.
             UrdfError: no such file; the file has defects, physical ones included, or more than one link.
         """
-        links = links_of(load_checked(find_urdf(path), strict=True))
+        file = find_urdf(path, package_dirs=package_dirs, xacro_args=xacro_args or {})
+        links = links_of(load_checked(file, strict=True))
         if len(links) != 1:
             names = listed(link.name for link in links)
             raise UrdfError(f"{path} has {len(links)} links, {names}; a payload must be a single link")

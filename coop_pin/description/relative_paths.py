@@ -15,9 +15,9 @@ def anchor_files(data: dict[str, Any], folder: Path) -> None:
     for table, field in paths:
         if table.get(field):
             table[field] = _anchored(folder, table[field])
-    for arm in arms:
-        if isinstance(arm.get("package_dirs"), list):
-            arm["package_dirs"] = [_anchored(folder, entry) for entry in arm["package_dirs"]]
+    for table in (*arms, payload):
+        if isinstance(table.get("package_dirs"), list):
+            table["package_dirs"] = [_anchored(folder, entry) for entry in table["package_dirs"]]
 
 
 def _table(value: Any) -> dict[str, Any]:

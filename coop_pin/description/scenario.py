@@ -192,8 +192,9 @@ class Scenario(Description):
         late = None if isinstance(path, NoForcePath) else late_delay(path.delay, self.clock, self.duration)
         if late:
             raise FieldError(late, "controller.force_path.delay")
-        if self.wrists and not self.beyond_bound:
-            problems = controller_problems(self.controller, list(self.cell.arms), self.wrists)
+        if (self.wrists or self.actuator_lag) and not self.beyond_bound:
+            arms, lag = list(self.cell.arms), self.actuator_lag
+            problems = controller_problems(self.controller, arms, self.wrists, lag)
             if problems:
                 raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
@@ -203,6 +204,11 @@ class Scenario(Description):
         """Delay and sampling of the wrist sensors that the arms have, in ticks."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+
+    @property
+    def actuator_lag(self) -> float:
+        """Largest lag of the arms' drives, ticks."""
+        return max(self.actuators_of(arm).lag for arm in self.cell.arms) / self.clock.period
 
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""

@@ -6,16 +6,17 @@ this module raise typed errors instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_number, require_type
+from coop_pin.arrays import Array, as_array, as_number, require_path, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.urdf import UrdfFile, UrdfLoop, find_urdf, load_checked, read_loops, text_checked
 from coop_pin.description.urdf.report import listed
@@ -241,7 +242,11 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
 
 
 def mechanism_model(
-    path_or_xml: str | Path, gravity: ArrayLike, ignore_mimic: bool = False
+    path_or_xml: str | Path,
+    gravity: ArrayLike,
+    ignore_mimic: bool = False,
+    package_dirs: Sequence[str] = (),
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[pin.Model, tuple[UrdfLoop, ...]]:
     """Return the model of a URDF tree whose root link is fixed in the world, and the loops of the file.
 
@@ -249,6 +254,8 @@ def mechanism_model(
         path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
         gravity: m/s^2, in world axes, shape (3,).
         ignore_mimic: let mimic joints move independently.
+        package_dirs: as for find_urdf.
+        xacro_args: as for find_urdf.
 
     Raises:
         UrdfError: there is no such file; it has structural defects, or loops that cannot be read;
@@ -257,12 +264,18 @@ def mechanism_model(
     """
     along = as_array("gravity", gravity, 3)
     require_type("path_or_xml", path_or_xml, str, Path)
+    require_type("package_dirs", package_dirs, Sequence)
+    for folder in package_dirs:
+        require_path("package_dirs", folder)
+    require_type("xacro_args", xacro_args, Mapping)
     is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
     name = "the text" if is_text else Path(path_or_xml).name
     if is_text:
         text = text_checked(str(path_or_xml), loops=True)
     else:
-        text = load_checked(find_urdf(path_or_xml), loops=True)
+        text = load_checked(
+            find_urdf(path_or_xml, package_dirs=package_dirs, xacro_args=xacro_args), loops=True
+        )
     followers = Robot(text).mimics
     if followers and not ignore_mimic:
         raise MimicJointError(name, followers, "mimic")

@@ -236,20 +236,16 @@ class TurnMotion(PoseReference):
     centre: Vector3 | None = None
 
     @cached_property
-    def _start(self) -> tuple[Array, Array, Array]:
-        return _about_axis(self.axis, self.pose)
-
-    @cached_property
-    def _centre(self) -> tuple[Array, Array]:
-        """C in world axes, and p_0 - c in payload axes."""
-        X = self.pose.matrix
-        c = X[:3, 3] if self.centre is None else np.array(self.centre)
-        return c, X[:3, :3].T @ (X[:3, 3] - c)
+    def _start(self) -> tuple[Array, Array, Array, Array]:
+        """E, the terms of the rotation about it, c in world axes, and p_0 - c in payload axes."""
+        e, p_0, terms = _about_axis(self.axis, self.pose)
+        c = p_0 if self.centre is None else np.array(self.centre)
+        return e, terms, c, self.pose.matrix[:3, :3].T @ (p_0 - c)
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
-        (axis, _, terms), (c, offset) = self._start, self._centre
-        s, turn = quintic(time, self.start_time, self.duration), self.angle * axis
+        e, terms, c, offset = self._start
+        s, turn = quintic(time, self.start_time, self.duration), self.angle * e
         R = _rotation_about_axis(terms, self.angle * s.value)
         omega, alpha = s.rate * turn, s.acceleration * turn
         r = R @ offset

@@ -138,7 +138,7 @@ class RunResult:
         """Return the largest position error from the first event on, m; NaN without an event."""
         if not self.scenario.events:
             return math.nan
-        return float(self._error_norms(slice(0, 3), self._event_window).max(initial=0.0))
+        return float(self._error_norms(slice(3), self._event_window).max(initial=0.0))
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -214,9 +214,8 @@ class RunResult:
     def summary(self) -> str:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
-        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz"]
-        if end < scenario.duration - 1e-9:
-            lines[-1] += f"; ended before its {scenario.duration:g} s"
+        ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
+        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}"]
         for name, value in self.metrics().items():
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
@@ -250,7 +249,7 @@ class RunResult:
     def _steady_metrics(self, window: Window) -> dict[str, float]:
         if window.is_empty:
             return dict.fromkeys(STEADY_METRICS, math.nan)
-        errors = (metrics.rms(self._error_norms(axes, window)) for axes in (slice(0, 3), slice(3, 6)))
+        errors = (metrics.rms(self._error_norms(axes, window)) for axes in (slice(3), slice(3, None)))
         return dict(zip(STEADY_METRICS, (*errors, *metrics.internal_force(self.data, window)), strict=True))
 
     def _error_norms(self, axes: slice, window: Window) -> Array:

@@ -82,7 +82,7 @@ class TrustMonitor:
         self._lower, self._upper = lower, upper
         self._gross, self._cut_start = 0.0, np.full(lower.shape, np.nan)
         self._last: Array | None = None
-        self._start_energy = 0.0
+        self._start_energy: float  # of the first sample
 
     def breaches(self, samples: Samples) -> tuple[Breach, ...]:
         """Return the breaches in the next samples, in the order of their first times.

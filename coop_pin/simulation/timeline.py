@@ -59,7 +59,8 @@ class Timeline:
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
         edges = (self._edge(tick, i) for i in range(self._per_tick + 1))
-        for left, right in itertools.pairwise(heapq.merge(edges, self._cuts(tick))):
+        cuts = self._cuts(tick)
+        for left, right in itertools.pairwise(heapq.merge(edges, cuts) if cuts else edges):
             yield PlantStep(left, right - left)
 
     def happens_at(self, time: float) -> bool:

@@ -129,7 +129,8 @@ def log3(R: Array) -> Array:
     # Both quotients are formed, and neither may divide by zero.
     by_w_only, by_angle = 2.0 / where(is_small, w, 1.0), 2.0 * atan2(length, w) / where(is_small, 1.0, length)
     factor = sign * where(is_small, by_w_only, by_angle)
-    return np.moveaxis(np.array((factor * x, factor * y, factor * z)), 0, -1)
+    vector = np.array((factor * x, factor * y, factor * z))
+    return vector if vector.ndim == 1 else np.moveaxis(vector, 0, -1)
 
 
 def shift_wrench(F_EA: Array, p_BA: Array) -> Array:

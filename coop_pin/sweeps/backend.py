@@ -1,8 +1,7 @@
-"""Execution backends of a sweep: this process, or local workers of a host process that is fed over a pipe."""
+"""Execution backends of a sweep: this process, or workers that take batches of jobs and return futures."""
 
 from __future__ import annotations
 
-import abc
 import contextlib
 import itertools
 import multiprocessing
@@ -13,17 +12,28 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator
+import uuid
+from collections.abc import Generator, Iterator, Sequence
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
+
+from pebble import ProcessExpired
 
 from coop_pin.errors import CoopPinError, RunTimeoutError, WorkerDiedError, WorkersLostError
-from coop_pin.sweeps.job import CtrlC, Failure, Job, Outcome, Record, run_job
+from coop_pin.sweeps import worker_host
+from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, run_job
 
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
 _LARGEST_BATCH = 64
-_LIVES, _SHORT_LIFE_S, _GRACE_S = 3, 10.0, 2.0
+_START_S, _POLL_S, _GRACE_S = 180.0, 2.0, 2.0
+"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; time
+that a host has to end; s."""
+_STARTS, _DEATHS, _DELAYS = 5, 3, 2
+"""Workers that may die in a row while they start; that die with a job, or are killed at its time limit,
+before it has failed."""
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -40,51 +50,170 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             yield [run_job(job)]
 
 
-class BatchingBackend(abc.ABC):
-    """Execution backend that sends short runs to workers in batches of about a quarter of a second."""
+class Backend(Protocol):
+    """Execution backend with workers."""
 
-    def __init__(self) -> None:
-        self.under_way: dict[int, list[Job]] = {}
-        self._numbers = itertools.count()
-        self._mean_s = BATCH_S
-
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
-        """Yield the outcomes of all jobs, a batch at a time, as they finish.
-
-        Raises:
-            WorkersLostError: workers cannot be started or run no jobs, or the scheduler is gone.
-            CodeChangedError: a worker has loaded other code than a job's key covers.
-        """
-        while True:
-            while len(self.under_way) < 2 * self.slots():
-                size = max(1, min(_LARGEST_BATCH, round(BATCH_S / self._mean_s)))
-                if not (batch := list(itertools.islice(jobs, size))):
-                    break
-                number = next(self._numbers)
-                self.under_way[number] = batch
-                self.submit(number, batch)
-            if not self.under_way:
-                return
-            number, outcomes = self.wait()
-            del self.under_way[number]
-            for outcome in outcomes:
-                self._mean_s += 0.2 * (outcome.record.times["wall_s"] - self._mean_s)
-            yield outcomes
-
-    @abc.abstractmethod
     def slots(self) -> int:
         """Return how many batches the workers compute at once."""
 
-    @abc.abstractmethod
-    def submit(self, number: int, batch: list[Job]) -> None:
-        """Send a batch."""
-
-    @abc.abstractmethod
-    def wait(self) -> tuple[int, list[Outcome]]:
-        """Wait for the next finished batch, and return its number and outcomes."""
+    def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
+        """Send a batch, and return the future of its outcomes."""
 
 
-class LocalPool(BatchingBackend):
+def outcomes(backend: Backend, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+    """Yield the outcomes of jobs as they finish; short ones travel in batches of a quarter of a second.
+
+    Raises:
+        WorkersLostError: workers cannot be started or run no jobs, or the scheduler is gone.
+        CodeChangedError: a worker has loaded other code than a job's key covers.
+    """
+    under_way: set[futures.Future[list[Outcome]]] = set()
+    mean_s = BATCH_S
+    while True:
+        with _reported():
+            free = 2 * backend.slots() - len(under_way)
+        for _ in range(free):
+            size = max(1, min(_LARGEST_BATCH, round(BATCH_S / mean_s)))
+            if batch := list(itertools.islice(jobs, size)):
+                with _reported():
+                    under_way.add(backend.submit(batch))
+        if not under_way:
+            return
+        done, under_way = futures.wait(under_way, _POLL_S, futures.FIRST_COMPLETED)
+        for future in done:
+            with _reported():
+                found = future.result()
+            for outcome in found:
+                mean_s += 0.2 * (outcome.record.wall_s - mean_s)
+            yield found
+
+
+@contextlib.contextmanager
+def _reported() -> Iterator[None]:
+    """Raise one error for lost workers; dask raises several, by version and state."""
+    try:
+        yield
+    except CoopPinError:
+        raise
+    except Exception as error:
+        reason = f"workers cannot run jobs ({type(error).__name__}: {error}), or their scheduler is gone"
+        raise WorkersLostError(f"{reason}; start the same command again: finished runs are kept") from error
+
+
+class Worker:
+    """Worker process, used by one thread at a time; it is started when needed, and anew after its death."""
+
+    def __init__(self) -> None:
+        self._host: subprocess.Popen[bytes] | None = None
+        self._is_closed = False
+
+    def compute(self, jobs: Sequence[Job], deaths: int = 0) -> list[Outcome]:
+        """Return the outcomes of jobs; if the worker dies or is late, they are tried again, each alone.
+
+        Args:
+            jobs: a batch with one time and memory limit.
+            deaths: number of workers that these jobs have cost.
+
+        Raises:
+            WorkersLostError: workers die while they start.
+            Exception: what ``run_job`` raises.
+        """
+        if self._host is None:
+            self._start()
+        limit_s, memory_limit = jobs[0].time_limit_s, jobs[0].memory_limit
+        kill_s = limit_s + max(2.0, 0.5 * limit_s)  # most runs notice their limit by themselves
+        arguments = pickle.dumps(jobs), memory_limit
+        error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
+        if error is None:
+            return pickle.loads(content)
+        is_late, deaths = isinstance(error, TimeoutError), deaths + 1
+        if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
+            raise error
+        code = self._stop()
+        if len(jobs) > 1 or deaths < (_DELAYS if is_late else _DEATHS):
+            return [outcome for job in jobs for outcome in self.compute([job], deaths)]
+        code = getattr(error, "exitcode", code)
+        end = RunTimeoutError(limit_s) if is_late else WorkerDiedError(deaths, code)
+        return [Outcome(Record.of_failure(jobs[0].key, jobs[0].changes, end))]
+
+    def close(self) -> None:
+        """End the worker for good; called by any thread."""
+        self._is_closed = True
+        self._stop()
+
+    def _start(self) -> None:
+        """Start a host in a session of its own, so that Ctrl-C reaches this process only."""
+        path = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # for user modules
+        quiet = "ignore::UserWarning:multiprocessing.resource_tracker"
+        settings = dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": path, "PYTHONWARNINGS": quiet}
+        code = 0
+        for _ in range(_STARTS):
+            self._pipe, theirs = multiprocessing.Pipe()
+            with theirs:
+                self._host = subprocess.Popen(
+                    [sys.executable, "-m", worker_host.__name__, str(theirs.fileno())],
+                    pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=2,  # what user code prints
+                    start_new_session=True,
+                    env=os.environ | settings,
+                )
+            if not self._is_closed and self._reply(0.0)[0] is None:
+                return
+            code = self._stop()
+            if self._is_closed:
+                break
+        reason = f"workers do not start; the last host ended with exit code {code}"
+        raise WorkersLostError(f"{reason}; run with workers = 0 to see why")
+
+    def _reply(self, limit_s: float, *call: Any) -> tuple[Any, bytes]:
+        """Return the error and the value of a call in the worker; of its start without a call."""
+        try:
+            if call:
+                self._pipe.send(call)
+            return self._pipe.recv() if self._pipe.poll(limit_s + _START_S) else (TimeoutError(), b"")
+        except (EOFError, OSError):  # the host has ended
+            return EOFError(), b""
+
+    def _stop(self) -> int:
+        """Let the host and its worker end, kill what is left of them, and return the host's exit code."""
+        if (host := self._host) is None:
+            return 0
+        host.terminate()
+        end = time.monotonic() + _GRACE_S
+        with contextlib.suppress(ProcessLookupError):
+            while time.monotonic() < end:
+                host.poll()
+                os.killpg(host.pid, 0)
+                time.sleep(0.01)
+            os.killpg(host.pid, signal.SIGKILL)
+        self._host = None
+        return host.wait()
+
+
+_workers: dict[int, tuple[str, Worker]] = {}
+"""The sweep and the worker of each thread of this process that computes jobs."""
+
+
+def compute(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs, by the worker that the calling thread keeps for a sweep."""
+    thread = threading.get_ident()
+    known, worker = _workers.get(thread, ("", Worker()))
+    if known != sweep:
+        worker.close()  # other threads may still compute for the other sweep
+        _, worker = _workers[thread] = sweep, Worker()
+    return worker.compute(jobs)
+
+
+def close_workers(sweep: str) -> None:
+    """End the workers of a sweep, also those at work."""
+    for thread, (known, worker) in list(_workers.items()):
+        if known == sweep:
+            del _workers[thread]
+            worker.close()
+
+
+class LocalBackend:
     """Execution backend on local workers, until it is closed.
 
     Args:
@@ -92,83 +221,19 @@ class LocalPool(BatchingBackend):
     """
 
     def __init__(self, workers: int) -> None:
-        super().__init__()
-        self._workers, self._short_lives = workers, 0
-        self._start()
-
-    def _start(self) -> None:
-        """Start the host in a session of its own, so that Ctrl-C reaches this process only."""
-        path = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # for user modules
-        quiet = "ignore::UserWarning:multiprocessing.resource_tracker"
-        self._connection, theirs = multiprocessing.Pipe()
-        with theirs:
-            self._host = subprocess.Popen(
-                [
-                    *(sys.executable, "-m", "coop_pin.sweeps.worker_host"),
-                    *(str(self._workers), str(theirs.fileno())),
-                ],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=2,  # what user code prints
-                start_new_session=True,
-                env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": path, "PYTHONWARNINGS": quiet},
-            )
-        self._started = time.monotonic()
-
-    def close(self) -> int:
-        """Let the host and its workers end, kill what is left of them, and return the host's exit code."""
-        self._connection.close()
-        end = time.monotonic() + _GRACE_S
-        with contextlib.suppress(ProcessLookupError):
-            while time.monotonic() < end:
-                self._host.poll()
-                os.killpg(self._host.pid, 0)
-                time.sleep(0.01)
-            os.killpg(self._host.pid, signal.SIGKILL)
-        return self._host.wait()
+        self._count, self._name = workers, uuid.uuid4().hex
+        self._threads = futures.ThreadPoolExecutor(workers)
 
     def slots(self) -> int:
         """Return the number of workers."""
-        return self._workers
+        return self._count
 
-    def submit(self, number: int, batch: list[Job]) -> None:
-        """Send a batch to the host."""
-        limit_s = batch[0].time_limit_s + max(2.0, 0.5 * batch[0].time_limit_s)  # then the worker is killed
-        with contextlib.suppress(OSError):  # of a host that died, which wait notices
-            self._connection.send((number, [*map(pickle.dumps, batch)], limit_s, batch[0].memory_limit))
+    def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
+        """Send a batch to the next free worker."""
+        return self._threads.submit(compute, self._name, batch)
 
-    def wait(self) -> tuple[int, list[Outcome]]:
-        """Wait for the next reply; a host that died is replaced, and all batches are sent again."""
-        while True:
-            try:
-                number, parts = self._connection.recv()
-                break
-            except (EOFError, OSError):
-                self._restart()
-        if isinstance(parts, CoopPinError):
-            raise parts
-        if isinstance(parts, Exception):
-            raise WorkersLostError(f"a worker cannot run jobs ({type(parts).__name__}: {parts})") from parts
-        batch = self.under_way[number]
-        return number, [outcome for part in parts for outcome in _outcomes(part, batch)]
-
-    def _restart(self) -> None:
-        code, is_short = self.close(), time.monotonic() - self._started < _SHORT_LIFE_S
-        self._short_lives = self._short_lives + 1 if is_short else 0
-        if self._short_lives == _LIVES:
-            reason = f"the host of local workers ended {_LIVES} times at once, at last with exit code {code}"
-            raise WorkersLostError(f"{reason}; run with workers = 0 to see why")
-        self._start()
-        for number, batch in self.under_way.items():
-            self.submit(number, batch)
-
-
-def _outcomes(part: Any, batch: list[Job]) -> list[Outcome]:
-    """Return the outcomes that the host sent, or that of a job that no worker finished."""
-    if isinstance(part, bytes):
-        return pickle.loads(part)
-    number, end, tries, code = part
-    job = batch[number]
-    error = RunTimeoutError(job.time_limit_s) if end == "late" else WorkerDiedError(tries, code)
-    times = {"wall_s": 0.0, "cpu_s": 0.0}
-    return [Outcome(Record(job.key, dict(job.changes), failure=Failure.of(error), times=times))]
+    def close(self) -> None:
+        """End all workers, also those at work."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        close_workers(self._name)
+        self._threads.shutdown()

@@ -24,12 +24,13 @@ from coop_pin.errors import (
 )
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
-from coop_pin.sweeps.backend import LocalPool, outcomes_here
-from coop_pin.sweeps.job import Failure, Job, Outcome, Record, deadline
+from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
+from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.table import require_own_names
 
 _TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
@@ -82,10 +83,12 @@ class Session:
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
+                    for outcome in batch:
+                        require_own_names(plan, outcome.record.metrics)
                     self.store.append(batch)
                     for record in (outcome.record for outcome in batch):
                         for _ in range(under_way.pop(record.key)):
-                            self.bar.count(record.failure is not None)
+                            self.bar.count(bool(record.failure))
         self.store.append(refused)
 
     @functools.cached_property
@@ -94,12 +97,13 @@ class Session:
         if not self._scheduler:
             if not self._workers:
                 return outcomes_here
-            return self.stack.enter_context(contextlib.closing(LocalPool(self._workers))).outcomes
+            local = contextlib.closing(LocalBackend(self._workers))
+            return functools.partial(outcomes, self.stack.enter_context(local))
         try:
             from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
         except ModuleNotFoundError:
             raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
-        return self.stack.enter_context(connected(self._scheduler)).outcomes
+        return functools.partial(outcomes, self.stack.enter_context(connected(self._scheduler)))
 
     def _jobs(
         self, plan: SweepPlan, retry_failed: bool, under_way: Counter[str], refused: list[Outcome]
@@ -112,7 +116,7 @@ class Session:
             again = retry_failed and kind in _TRANSIENT
             if isinstance(scenario, ScenarioError):
                 if kind is None:
-                    refused.append(Outcome(Record(key, point.changes, failure=Failure.of(scenario))))
+                    refused.append(Outcome(Record.of_failure(key, point.changes, scenario)))
                 self.bar.count(True, old=True)
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
                 self.bar.count(bool(kind), old=True)

@@ -42,36 +42,7 @@ def checked_content(line: bytes) -> bytes:
     return found[2]
 
 
-_JSON = ConfigDict(ser_json_inf_nan="strings")  # JSON has no infinity: it becomes text
-
-
-@dataclass(frozen=True, config=_JSON)
-class Failure:
-    """Error of a failed run.
-
-    Attributes:
-        kind: name of the error's class.
-        message: its message.
-        numbers: its numeric attributes, by name.
-        trace: last lines of the traceback of an error that is not coop_pin's own.
-    """
-
-    kind: str
-    message: str
-    numbers: dict[str, float] = dataclasses.field(default_factory=dict)
-    trace: str = ""
-
-    @classmethod
-    def of(cls, error: BaseException) -> Self:
-        """Return text and numbers of an error; not its result up to then, which may be large."""
-        numbers = {name: value for name, value in error.__dict__.items() if isinstance(value, int | float)}
-        foreign = error.__cause__ if isinstance(error, CoopPinError) else error
-        trace = "" if foreign is None else "".join(traceback.format_exception(foreign)[-4:])
-        kind = "MemoryError" if isinstance(foreign, MemoryError) else type(error).__name__  # may be transient
-        return cls(kind, str(error) or kind, numbers, trace)
-
-
-@dataclass(frozen=True, config=_JSON)
+@dataclass(frozen=True, config=ConfigDict(ser_json_inf_nan="strings"))  # JSON has no infinity
 class Record:
     """Stored record of one run, finished or failed.
 
@@ -79,15 +50,34 @@ class Record:
         key: what ``run_key`` returned.
         changes: what was changed in the base scenario, by dotted path.
         metrics: metrics by name; empty if the run failed.
-        failure: its error if it failed.
-        times: wall_s and cpu_s; apart from the metrics, because they differ from run to run.
+        failure: name of its error's class; empty if it finished.
+        message: the error's message.
+        failed_at_s: simulated time of the error if it has one, s.
+        trace: last lines of the traceback of an error that is not coop_pin's own.
+        wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
+        cpu_s: processor time.
     """
 
     key: str
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, float] = dataclasses.field(default_factory=dict)
-    failure: Failure | None = None
-    times: dict[str, float] = dataclasses.field(default_factory=dict)
+    failure: str = ""
+    message: str = ""
+    failed_at_s: float | None = None
+    trace: str = ""
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    @classmethod
+    def of_failure(cls, key: str, changes: Mapping[str, Any], error: BaseException) -> Self:
+        """Return the record of a failed run: text, not the error's result up to then, which may be large."""
+        own = isinstance(error, CoopPinError)
+        foreign = error.__cause__ if own else error
+        trace = "" if foreign is None else "".join(traceback.format_exception(foreign)[-4:])
+        plain = (kind.__name__ for kind in (MemoryError, KeyboardInterrupt) if isinstance(foreign, kind))
+        kind = next(plain, type(error).__name__)
+        failed_at_s = getattr(error, "time", None) if own else None
+        return cls(key, dict(changes), {}, kind, str(error) or kind, failed_at_s, trace)
 
     def to_line(self) -> bytes:
         """Return its line in the store."""
@@ -161,26 +151,22 @@ def run_job(job: Job) -> Outcome:
         KeyboardInterrupt: Ctrl-C.
     """
     require_unchanged(job.code)
-    wall, cpu = time.perf_counter(), time.process_time()
-    metrics: dict[str, float] = {}  # none of a run whose own metric fails
-    failure = content = None
+    content, wall, cpu = None, time.perf_counter(), time.process_time()
     try:
         with contextlib.redirect_stdout(sys.stderr):
             result = run(Scenario.model_validate_json(job.scenario), progress=deadline(job.time_limit_s))
-            found = result.metrics()
+            metrics = result.metrics()
             for name in job.metrics:  # the user's last
-                found |= {own: float(value) for own, value in load_function(name, {})(result).items()}
-            metrics = found
-    except KeyboardInterrupt as error:
+                metrics |= {own: float(value) for own, value in load_function(name, {})(result).items()}
+        record = Record(job.key, dict(job.changes), metrics)
+    except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
         if CtrlC in (type(error), type(error.__context__)):
             raise
-        failure = Failure("KeyboardInterrupt", "user code raised KeyboardInterrupt")
-    except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
-        failure = Failure.of(error)
-    times = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
-    if job.keep and failure is None:
+        record = Record.of_failure(job.key, job.changes, error)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    if job.keep and not record.failure:
         content = to_netcdf(result.data, result.scenario.to_toml())
-    return Outcome(Record(job.key, dict(job.changes), metrics, failure, times), content)
+    return Outcome(dataclasses.replace(record, wall_s=wall, cpu_s=cpu), content)
 
 
 def deadline(limit: float) -> Callable[[int, int], None]:

@@ -194,7 +194,7 @@ class SweepStore:
 
 
 def _kinds(records: Iterable[Record]) -> dict[str, str]:
-    return {record.key: record.failure.kind if record.failure else "" for record in records}
+    return {record.key: record.failure for record in records}
 
 
 def _text(path: Path) -> str:

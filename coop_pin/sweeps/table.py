@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from coop_pin.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
-from coop_pin.sweeps.job import Failure, Record
-from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"
+_STORED = ["key", "failure", "message", "failed_at_s", "wall_s", "cpu_s"]
+"""Parts of a record that are columns, beside its metrics."""
 
 
 class PointResult(NamedTuple):
@@ -36,18 +39,6 @@ class PointResult(NamedTuple):
     message: str = ""
 
 
-def _row(record: Record) -> dict[str, Any]:
-    """Return the columns of a record."""
-    failure = record.failure or Failure("", "")
-    told = {
-        "failure": failure.kind,
-        "message": failure.message,
-        "failed_at_s": failure.numbers.get("time", np.nan),
-    }
-    status = {"key": record.key, "status": FAILED if record.failure else OK}
-    return record.metrics | record.times | told | status
-
-
 def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     """Return all runs of a plan, read from the store in one pass, with the plan's dimensions.
 
@@ -57,24 +48,39 @@ def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
     """
     keys = [each.key for each in keyed_points(plan)]
     wanted = set(keys)
-    rows = (_row(record) for record in store.records() if record.key in wanted)
+    rows = (
+        record.metrics | {name: getattr(record, name) for name in _STORED}
+        for record in store.records()
+        if record.key in wanted
+    )
     chunks = [pd.DataFrame(chunk) for chunk in iter(lambda: list(itertools.islice(rows, 1000)), [])]
-    stored = pd.concat(chunks or [pd.DataFrame(columns=["key"])]).drop_duplicates("key", keep="last")
+    stored = pd.concat(chunks or [pd.DataFrame(columns=_STORED)]).drop_duplicates("key", keep="last")
     table = stored.set_index("key").reindex(keys).reset_index()
-    texts = table.reindex(columns=["status", "failure", "message", "key"]).astype(object)
-    texts = texts.fillna({"status": MISSING}).fillna("")
-    names = sorted({"failed_at_s", "wall_s", "cpu_s", *table} - {*texts, "number"})
-    numbers = table.reindex(columns=names).astype(float)
+    status = np.select([table["failure"].isna(), table["failure"] != ""], [MISSING, FAILED], OK)
+    texts = table[["failure", "message", "key"]].fillna("").astype(object)
+    numbers = table.drop(columns=[*texts]).astype(float).sort_index(axis="columns")
+    require_own_names(plan, set(numbers) - set(_STORED))
     if "trustworthy" in numbers:
-        numbers.loc[texts["status"] == FAILED, "trustworthy"] = 0.0
-    columns = {"number": np.arange(len(plan)), **{name: texts[name].to_numpy(object) for name in texts}}
+        numbers.loc[status == FAILED, "trustworthy"] = 0.0
+    columns = {"number": np.arange(len(plan)), "status": status.astype(object)}
+    columns |= {name: x.to_numpy() for name, x in (*texts.items(), *numbers.items())}
     dims = [dimension.name for dimension in plan.dimensions]
     coordinates: dict[str, Any] = {}
     for dimension in plan.dimensions:
         labels = [dimension.labels(place) for place in range(dimension.size)]
         coordinates |= {name: (dimension.name, np.array([at[name] for at in labels])) for name in labels[0]}
-    columns |= {name: numbers[name].to_numpy() for name in numbers}
     return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in columns.items()}, coordinates)
+
+
+def require_own_names(plan: SweepPlan, metrics: Iterable[str]) -> None:
+    """Refuse metrics with the name of a varied field or of a column that every table has.
+
+    Raises:
+        FieldError: a metric of the user has such a name.
+    """
+    fields = (name for dimension in plan.dimensions for name in dimension.labels(0))
+    if taken := sorted({*COLUMNS, *fields} & {*metrics}):
+        raise FieldError(f"return {taken[0]!r}, which another column of the table has; rename it", "metrics")
 
 
 def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:

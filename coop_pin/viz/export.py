@@ -24,7 +24,7 @@ from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html
 
-WIDTH, HEIGHT = 1200, 720
+WIDTH, HEIGHT = 1400, 900
 _MIN_PIXELS = 64
 _QUALITY = 8
 """Of 10."""

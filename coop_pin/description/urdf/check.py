@@ -92,7 +92,8 @@ def _findings(data: bytes, package_dirs: Sequence[Path] = ()) -> tuple[UrdfFindi
     try:
         robot = read_document(data)
     except DocumentError as error:
-        return (error.finding,)
+        code, line, message = error.args
+        return (UrdfFinding("structural", code, "document", line, message),)
     tree = read_tree(robot)
     found = [*loop_findings(robot, tree.links), *element_findings(robot), *tree.findings]
     found += physical_findings(robot, tree)
@@ -124,7 +125,7 @@ def _findings_of_file(
 
 def _text(urdf: UrdfFile) -> bytes:
     if urdf.path.suffix == ".xacro":
-        return expanded(urdf)
+        return expanded(urdf.path, urdf.package_dirs, dict(urdf.xacro_args), MAX_BYTES)
     try:
         return read_user_file(urdf.path, limit=MAX_BYTES, kind="a URDF")
     except FileReadError as error:

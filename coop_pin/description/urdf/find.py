@@ -6,7 +6,7 @@ import functools
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -122,7 +122,7 @@ def find_urdf(
     """
     given = Path.cwd() / name_or_path
     robots = robot_files()
-    path = given if _is(Path.is_file, given) else robots.get(str(name_or_path))
+    path = given if os.path.isfile(given) else robots.get(str(name_or_path))  # noqa: PTH113
     if path is None:
         raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))
     path, folders = path.resolve(), [Path(folder).absolute() for folder in package_dirs]
@@ -147,16 +147,9 @@ def _not_found(name: str, given: Path, robots: Sequence[str]) -> str:
         found = example_folder() or "not installed"
         return f"no URDF {name!r} in {places} ({found}); {suggestion(name, robots)}"
     path = Path(os.path.normpath(given))
-    if _is(Path.is_dir, path):
+    if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
         return f"{path} is a folder; name the URDF or xacro file in it"
-    files = path.parent.iterdir() if _is(Path.is_dir, path.parent) else ()
+    files = path.parent.iterdir() if os.path.isdir(path.parent) else ()  # noqa: PTH112
     known = [*sorted(file.name for file in files if file.suffix in _SUFFIXES), *(robots if is_name else ())]
     hint = suggestion(path.name, known) if known else "its folder has no URDF or xacro file"
     return f"there is no file {path}; {hint}"
-
-
-def _is(kind: Callable[[Path], bool], path: Path) -> bool:
-    try:
-        return kind(path)
-    except OSError:  # a name too long for the file system is no file
-        return False

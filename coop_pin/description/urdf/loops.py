@@ -20,7 +20,7 @@ revolute or continuous, and prismatic. Limits, friction and damping of a loop ar
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -140,11 +140,7 @@ _DIALECTS = {
 
 
 class _UnreadError(Exception):
-    """Says why an element cannot be read as a closure; never leaves this file."""
-
-    def __init__(self, message: str, at: Element) -> None:
-        self.message, self.at = message, at
-        super().__init__(message)
+    """Why an element cannot be read as a closure, and the element that says so; never leaves this file."""
 
 
 def read_loops(text: str) -> tuple[UrdfLoop, ...]:
@@ -175,8 +171,9 @@ def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFindin
             if name and first.setdefault(name, element) is not element:
                 raise _UnreadError(f"the same name is used on line {first[name].sourceline}", element)
         except _UnreadError as unread:
-            message = f"{says} and cannot be read: {unread.message}; correct it, or {_GIVE}"
-            yield finding(element, "loop_unread", message, at=unread.at)
+            reason, at = unread.args
+            message = f"{says} and cannot be read: {reason}; correct it, or {_GIVE}"
+            yield finding(element, "loop_unread", message, at=at)
         else:
             message = f"{says}, but an arm is a tree; remove it (ClosedChain.from_urdf reads it)"
             yield finding(element, "loop", message)
@@ -242,16 +239,12 @@ def _only(loop: Element, path: str) -> Any:
 
 def _pose(loop: Element, path: str) -> Array:
     """Return the pose that the element at a path says: xyz and rpy, six numbers, or a point; or identity."""
-    xyz: Sequence[float] = (0.0, 0.0, 0.0)
-    rpy: Sequence[float] = (0.0, 0.0, 0.0)
-    for value in loop.xpath(f"({path})/@xyz | ({path})/@value"):
-        xyz = _numbers(value, 3)
-    for value in loop.xpath(f"({path})/@rpy"):
-        rpy = _numbers(value, 3)
-    for value in loop.xpath(f"({path})/self::pose/text()"):
-        *xyz, r, p, y = _numbers(value, 6)
-        rpy = r, p, y
-    return make_pose(xyz, rpy)
+    pose = np.zeros(6)
+    point = "@*[name()='xyz' or name()='value']"
+    for text, places in ((point, slice(3)), ("@rpy", slice(3, 6)), ("self::pose/text()", slice(6))):
+        for value in loop.xpath(f"({path})/{text}"):
+            pose[places] = _numbers(value, len(pose[places]))
+    return make_pose(pose[:3], pose[3:])
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...]:

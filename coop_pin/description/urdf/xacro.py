@@ -1,23 +1,31 @@
-"""Expansion of xacro files, which read no file outside their packages and no environment variable."""
+"""Expansion of xacro files, which read no file outside their packages and no environment variable.
+
+Macros may call themselves and take any time and memory: this file is also the script of a process with
+limits, which ``limited_process`` starts, and imports no more than that needs.
+"""
 
 from __future__ import annotations
 
 import importlib.util
+import io
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from xml.sax.saxutils import escape
 
 from coop_pin import limited_process
-from coop_pin.description.urdf.find import UrdfFile
-from coop_pin.description.urdf.xml import MAX_BYTES
-from coop_pin.errors import MissingExtraError, UrdfError
+from coop_pin.errors import FileReadError, MissingExtraError, UrdfError
+from coop_pin.user_files import read_user_file
 
-_SCRIPT = Path(__file__).with_name("xacro_process.py")
 _CPU_S, _MEMORY = 3, 2**30
 """Limits of an expansion: processor time, s, and memory, bytes; a robot takes a tenth of a second."""
 _PATIENCE_S = 60.0
 
 
-def expanded(urdf: UrdfFile) -> bytes:
-    """Return the URDF of a xacro file, UTF-8.
+def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str], largest: int) -> bytes:
+    """Return the URDF of a xacro file, UTF-8, of at most a number of bytes.
 
     xacro evaluates Python expressions, in a process of its own with limits of time and memory. The files that
     it reads (includes, YAML) must lie in the file's folder or in a package that ``$(find ...)`` finds;
@@ -29,21 +37,83 @@ def expanded(urdf: UrdfFile) -> bytes:
         UrdfError: the file cannot be expanded, or not within the limits.
     """
     if importlib.util.find_spec("xacrodoc") is None:
-        raise MissingExtraError("xacrodoc", "xacro", f"to read {urdf.path.name}")
-    packages = [path.parent for folder in urdf.package_dirs for path in sorted(folder.glob("*/package.xml"))]
-    above = [folder for folder in urdf.path.parents if (folder / "package.xml").is_file()]
+        raise MissingExtraError("xacrodoc", "xacro", f"to read {path.name}")
+    packages = [path.parent for folder in package_dirs for path in sorted(folder.glob("*/package.xml"))]
+    above = [folder for folder in path.parents if (folder / "package.xml").is_file()]
     order = {
-        "path": str(urdf.path),
+        "path": str(path),
         "packages": {folder.name: str(folder) for folder in packages},
-        "roots": list(map(str, (urdf.path.parent, *above, *packages))),
-        "arguments": dict(urdf.xacro_args),
-        "largest": MAX_BYTES,
+        "roots": list(map(str, (path.parent, *above, *packages))),
+        "arguments": dict(arguments),
+        "largest": largest,
     }
-    code, said = limited_process.ask(_SCRIPT, order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S)
+    code, said = limited_process.ask(
+        Path(__file__), order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S
+    )
     if code == 0:
         return said
     reason = f"it takes more than {_CPU_S} s or {_MEMORY / 1e9:.2g} GB; look for a macro that calls itself"
     if code == limited_process.REFUSED:
         advice = "check its arguments (xacro_args) and packages (package_dirs)"
         reason = f"{said.decode(errors='replace')}; {advice}"
-    raise UrdfError(f"{urdf.path} cannot be expanded: {reason}")
+    raise UrdfError(f"{path} cannot be expanded: {reason}")
+
+
+def _expand(
+    path: str, packages: dict[str, str], roots: list[str], arguments: dict[str, str], largest: int
+) -> bytes:
+    """Return the URDF of a xacro file.
+
+    Args:
+        path: the file.
+        packages: their folders by name.
+        roots: folders that may be read.
+        arguments: of the file.
+        largest: most bytes of a file that is read, and of the URDF.
+    """
+    import xacrodoc
+
+    xacrodoc.packages.reset()
+    xacrodoc.packages.update_package_cache({name: Path(place) for name, place in packages.items()})
+    xacrodoc.packages.walk_up_from(Path(path))
+    _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest)
+    # As an include, because a file read as text would not find its own relative includes.
+    document: Any = xacrodoc.XacroDoc.from_includes(
+        [escape(path)], name=Path(path).stem, subargs=arguments, resolve_packages=False
+    )
+    urdf = bytes(document.dom.toxml(encoding="utf-8"))
+    if len(urdf) > largest:
+        raise ValueError(f"it expands to {len(urdf)} bytes; a URDF has at most {largest}")
+    return urdf
+
+
+def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
+    """Let xacro open only files below some folders and found packages, and see an empty environment."""
+    xacro, substitutions = xacrodoc.xacro, xacrodoc.substitution_args
+    find = substitutions._eval_find
+
+    def find_and_allow(package: str) -> str:
+        folder = str(find(package))
+        allowed.append(Path(folder).resolve())
+        return folder
+
+    def open_allowed(name: str) -> io.StringIO:
+        path = Path(name).resolve()
+        if not any(path.is_relative_to(root) for root in allowed):
+            raise FileReadError(
+                "lies outside the folder and packages of the xacro; add its package's parent to package_dirs",
+                str(path),
+            )
+        try:
+            content = read_user_file(path, limit=largest, kind="a file of a xacro")
+        except FileReadError as error:  # an optional include may be missing: xacro looks for an OSError
+            raise error.__cause__ or error from None
+        return io.StringIO(content.decode("utf-8"))
+
+    substitutions._eval_dict["find"] = substitutions._eval_find = find_and_allow
+    substitutions.os = SimpleNamespace(environ={}, path=os.path)
+    xacro.open = open_allowed
+
+
+if __name__ == "__main__":
+    limited_process.answer(_expand)

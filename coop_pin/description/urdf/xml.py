@@ -68,15 +68,7 @@ _REFUSED = (
 
 
 class DocumentError(Exception):
-    """A text that is no URDF; never leaves the package.
-
-    Attributes:
-        finding: why it is none.
-    """
-
-    def __init__(self, code: str, line: int, message: str) -> None:
-        self.finding = UrdfFinding("structural", code, "document", line, message)
-        super().__init__(message)
+    """Code, line and message of why a text is no URDF; never leaves the package."""
 
 
 def read_document(data: bytes) -> Element:
@@ -95,7 +87,7 @@ def read_document(data: bytes) -> Element:
         raise DocumentError("nesting" if is_limit else "not_xml", error.lineno or 0, message) from None
     for code, path, message in _REFUSED:
         for element in robot.xpath(path):
-            raise DocumentError(code, _line(element), message.format(quoted(name_of_tag(element))))
+            raise DocumentError(code, element.sourceline or 0, message.format(quoted(name_of_tag(element))))
     return robot
 
 
@@ -139,10 +131,6 @@ def name_of_tag(element: Element) -> str:
     return element.tag.replace(COLON, ":")
 
 
-def _line(element: Element) -> int:
-    return element.sourceline or 0
-
-
 def finding(
     element: Element, code: str, message: str, *, at: Element | None = None, kind: Kind = "structural"
 ) -> UrdfFinding:
@@ -157,7 +145,7 @@ def finding(
     """
     name = element.get("name", "")
     label = f"{name_of_tag(element)} {quoted(name) if name else '(unnamed)'}"
-    line = _line(element if at is None else at)
+    line = (element if at is None else at).sourceline or 0
     return UrdfFinding(kind, code, "robot" if element.tag == "robot" else label, line, message)
 
 

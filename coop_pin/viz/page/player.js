@@ -32,7 +32,7 @@
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
       const { other } = actual[values.indexOf(worst)];
       const second = other === null ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
-      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small>${second}</b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}`;
+      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
   }
