@@ -1,7 +1,6 @@
 """Tests in a headless browser: live page, replay, report, site and notebooks; all but JupyterLab offline."""
 
 import io
-import json
 import os
 import re
 import shutil
@@ -15,14 +14,15 @@ import matplotlib.image
 import numpy as np
 import pytest
 from browser import PATIENCE_MS, browser_page, offline_page
-from cells import SCENARIOS, planar_scenario
+from cells import SCENARIOS, planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
+from coop_pin.description import scenario_names
 from coop_pin.report import save_report
 from coop_pin.viz import open_view, save_replay
-from coop_pin.viz.arrows import HEAD_LENGTH_M, recorded_scales
+from coop_pin.viz.arrows import recorded_scales
+from coop_pin.viz.highlights import telling_instant
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 
 REPOSITORY = Path(__file__).parents[1]
@@ -30,21 +30,48 @@ NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"
 NOTEBOOKS = sorted(path.stem for path in NOTEBOOK.parent.glob("*.ipynb"))
 
 MESHES = """() => { let meshes = 0;
-    coopPin.viewer.scene_tree.find(["meshcat"]).object.traverse(part => { meshes += part.isMesh ? 1 : 0; });
+    coopPin.viewer.scene.traverse(part => { meshes += part.isMesh ? 1 : 0; });
     return meshes; }"""
-SHOWN = "coopPin.shown.time"
+NOW = "coopPin.time"
+DESIRED = "coopPin.runs[0].columns[2]"
+"""Desired axial internal force of the planar cell over time, N; column 1 is the actual one."""
+STATE = "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.runs[0].columns[1].at(-1)]"
 WRONG = '[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="application/vnd.jupyter.error"]'
+ARROWS = """() => Object.fromEntries(Object.values(coopPin.arrows).map(arrow => [arrow.name,
+    [...arrow.value.toArray(), ...arrow.tip.toArray(), ...arrow.object.position.toArray(),
+     arrow.text.textContent]]))"""
+LINEAR_M, LONGEST_M = 0.25, 0.5
 AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
 
-def arrow(page, path: str, scale: float) -> np.ndarray:
-    """Force or moment of an arrow in the browser's scene."""
-    read = """path => {
-        const node = coopPin.viewer.scene_tree.find(['meshcat', ...path.split('/')]).object;
-        return [...node.quaternion.toArray(), node.position.z, node.scale.z]; }"""
-    along = Rotation.from_quat(page.evaluate(read, path)[:4]).apply((0.0, 0.0, 1.0))
-    *_, position, stretch = page.evaluate(read, f"{path}/head")
-    return scale * (position + HEAD_LENGTH_M * stretch) * along
+def drawn_length(value: np.ndarray, per_metre: float) -> float:
+    """Length of an arrow, m: linear, then with the logarithm, then capped."""
+    length = float(np.linalg.norm(value)) / per_metre
+    if length > LINEAR_M:
+        length = LINEAR_M * (1 + 0.4 * np.log(length / LINEAR_M))
+    return min(length, LONGEST_M)
+
+
+def assert_arrows(page, scales, arms, tips, interaction, internal) -> None:
+    """The arrows of all arms in the browser's scene: values, ends and numbers."""
+    found = page.evaluate(ARROWS)
+    for group, per_metre, rows in zip(("forces", "moments"), scales, (slice(0, 3), slice(3, 6)), strict=True):
+        for index, arm in enumerate(arms):
+            inner = np.nan_to_num(internal)[index, rows]
+            for part, wanted in (
+                ("internal", inner),
+                ("load", np.nan_to_num(interaction)[index, rows] - inner),
+            ):
+                *numbers, text = found[f"{group}/{arm}/{part}"]
+                value, end, start = np.array(numbers).reshape(3, 3)
+                assert_allclose(value, wanted, rtol=1e-5, atol=2e-5)
+                assert_allclose(start, tips[index], atol=1e-6)
+                assert_allclose(np.linalg.norm(end - start), drawn_length(wanted, per_metre), atol=1e-5)
+                if np.linalg.norm(wanted) > 1e-3:
+                    assert_allclose(
+                        np.cross(end - start, value), 0.0, atol=1e-5 * (1 + np.linalg.norm(value))
+                    )
+                    assert_allclose(float(text.split()[0]), np.linalg.norm(wanted), rtol=0.06)
 
 
 def assert_not_blank(image: bytes) -> None:
@@ -65,15 +92,14 @@ def drawn(page) -> bytes:
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_live_page_draws_the_cell_and_follows_the_run(name):
+def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(name):
     scenario = SCENARIOS[name]().replace(duration=1.0, events=())
     scene = LiveScene(initial_scene(scenario))
-    meshes = sum(1 for item in scene.scene.items if type(item.drawable).__name__ != "Segments")
     view = open_view(scenario)
     with browser_page() as page:
         page.goto(view.url)
         page.wait_for_function("window.coopPin !== undefined")
-        assert page.evaluate(MESHES) == meshes + 1  # and the trail
+        assert page.evaluate(MESHES) > len(scene.scene.items)
         assert_not_blank(drawn(page))
         seen = []
 
@@ -83,22 +109,26 @@ def test_the_live_page_draws_the_cell_and_follows_the_run(name):
 
         run = threading.Thread(target=cp.run, args=(scenario,), kwargs={"view": watch, "realtime_rate": 0.5})
         run.start()
-        page.wait_for_function("coopPin.shown.time > 0.99")
+        page.wait_for_function(f"{NOW} > 0.99")
         run.join()
-        page.wait_for_function(f"{SHOWN} === {seen[-1].time!r}")
-        for index, arm in enumerate(scenario.cell.arms):
-            internal = np.nan_to_num(seen[-1].internal_wrench)[index]
-            load = np.nan_to_num(seen[-1].interaction_wrench)[index] - internal
-            for group, per_metre, rows in zip(
-                ("forces", "moments"), scene.scales, (slice(0, 3), slice(3, 6)), strict=True
-            ):
-                assert_allclose(arrow(page, f"{group}/{arm}/internal", per_metre), internal[rows], atol=2e-3)
-                assert_allclose(arrow(page, f"{group}/{arm}/load", per_metre), load[rows], atol=2e-3)
+        page.wait_for_function(f"Math.abs({NOW} - {seen[-1].time!r}) < 1e-5")
+        last = seen[-1]
+        assert_arrows(
+            page,
+            scene.scales,
+            scenario.cell.arms,
+            last.tip_position,
+            last.interaction_wrench,
+            last.internal_wrench,
+        )
         position = page.evaluate("coopPin.node('payload').position.toArray()")
-        assert_allclose(position, seen[-1].payload_pose[:3, 3], atol=1e-6)
+        assert_allclose(position, last.payload_pose[:3, 3], atol=1e-6)
         assert page.evaluate("coopPin.count") > 10
-        assert page.evaluate("coopPin.samples.length") > 10  # the charts have something to draw
         assert_not_blank(drawn(page))
+        page.reload()
+        page.wait_for_function(f"window.coopPin !== undefined && coopPin.count === {len(seen)}")
+        times = page.evaluate("Array.from(coopPin.runs[0].columns[0])")
+        assert_allclose(times, [snapshot.time for snapshot in seen], atol=1e-6)
         view.close()
         page.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
 
@@ -124,27 +154,109 @@ def test_saturated_links_change_their_colour_and_get_it_back():
             start=1,
         ):
             view.show(shown._replace(time=0.1 * number))
-            page.wait_for_function(f"Math.abs({SHOWN} - {0.1 * number}) < 1e-9")
+            page.wait_for_function(f"Math.abs({NOW} - {0.1 * number}) < 1e-6")
             assert page.evaluate(colour) == wanted
     view.close()
 
 
-def test_the_replay_plays_with_the_network_off(tmp_path):
+def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_network_off(tmp_path):
     result = cp.run(planar_scenario().replace(duration=2.0, events=()))
     save_replay(result, tmp_path / "replay.html")
+    time, scales = result.data["time"].values, recorded_scales(result.scenario.cell, result.data)
+    start = telling_instant(result).time
     with offline_page(tmp_path / "replay.html", 1200, 720) as page:
         page.wait_for_function("window.coopPin !== undefined")
-        page.wait_for_function("Number(document.getElementById('time').value) > 0.5")  # it plays by itself
-        page.evaluate("coopPin.seek(1.0)")
-        sample = int(np.argmin(np.abs(result.data["time"].values - 1.0)))
-        internal = np.nan_to_num(result.data["internal_wrench"].values)[sample, 0]
-        scales = recorded_scales(result.scenario.cell, result.data)
-        assert_allclose(arrow(page, "forces/left/internal", scales.newtons_per_metre), internal[:3], atol=1.0)
-        assert_allclose(
-            arrow(page, "moments/left/internal", scales.newton_metres_per_metre), internal[3:], atol=0.1
-        )
-        assert page.locator("#clock").text_content().startswith("t = 1.00 s")
+        assert page.evaluate("[coopPin.time, coopPin.playing]") == [start, False]
         assert_not_blank(drawn(page))
+        sample = int(np.searchsorted(time, start))
+        names = ("tip_position", "interaction_wrench", "internal_wrench")
+        values = [result.data[name].values[sample] for name in names]
+        assert_arrows(page, scales, result.scenario.cell.arms, *values)
+        tile = page.locator("#tiles div").first.inner_text()
+        assert float(tile.split("\n")[1].split()[0].replace("−", "-")) == pytest.approx(
+            result.data["internal_axial"].values[sample, 0], rel=0.06
+        )
+
+        page.locator("#play").click()
+        page.wait_for_function(f"{NOW} > {start} + 0.1 || {NOW} >= 2")
+        page.locator("#chips button", has_text="start").click()
+        assert page.evaluate(NOW) == 0.0
+        over = page.locator("#plots .u-over").nth(1)
+        over.click(position={"x": over.bounding_box()["width"] / 2, "y": 10})
+        assert page.evaluate(NOW) == pytest.approx(1.0, abs=0.03)
+        assert page.locator("#clock").text_content().startswith(f"t = {page.evaluate(NOW):.2f} s")
+
+        page.evaluate("document.querySelector('#plots .u-over').scrollIntoView()")
+        box = page.locator("#plots .u-over").first.bounding_box()
+        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 5)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 5, steps=4)
+        page.mouse.up()
+        ranges = "coopPin.plots.plots.slice(0, 5).map(({ u }) => [u.scales.x.min, u.scales.x.max])"
+        page.wait_for_function(f"{ranges}.every(([low, high]) => Math.abs(low - 0.5) < 0.05 && high < 1.6)")
+        assert page.evaluate(NOW) == pytest.approx(1.0, abs=0.03)  # a drag does not seek
+
+        shown = "coopPin.arrows['forces/left/internal'].object.visible"
+        assert page.evaluate(shown)
+        page.locator("[data-layer=internal]").click()
+        assert not page.evaluate(shown)
+        assert not page.evaluate("coopPin.arrows['moments/left/internal'].object.visible")
+        page.locator("[data-view=top]").click()
+        above = page.evaluate(
+            "coopPin.viewer.camera.position.clone().sub(coopPin.viewer.controls.target).toArray()"
+        )
+        assert above[2] > 10 * abs(above[0]) + 10 * abs(above[1])
+
+
+INSIDE = """() => {
+    coopPin.viewer.render();
+    const { camera } = coopPin.viewer;
+    const shown = Object.values(coopPin.arrows).filter(({ object }) => object.visible);
+    return shown.map(({ name, tip, object }) => {
+        const ends = [tip, object.position].map(end => end.clone().project(camera));
+        return [name, Math.max(...ends.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]))];
+    }); }"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_names())
+def test_the_pages_of_the_catalogue_are_light_and_have_all_arrows_in_view_at_the_worst_moments(
+    name, tmp_path
+):
+    save_replay(cp.run(name), tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size < 4e6
+    with offline_page(tmp_path / "replay.html") as page:
+        page.wait_for_function("window.coopPin !== undefined")
+        for time in [page.evaluate(NOW), *page.evaluate("coopPin.instants.map(({ time }) => time)")]:
+            page.evaluate(f"coopPin.seek({time})")
+            ends = dict(page.evaluate(INSIDE))
+            assert ends
+            assert max(ends.values()) < 1.0, ends
+
+
+def test_two_runs_are_compared_on_one_clock_and_fit_a_phone(tmp_path):
+    scenario = spatial_scenario().replace(duration=0.5)
+    result, other = cp.run(scenario), cp.run(scenario.override({"cell.payload.mass": 5.0}))
+    save_replay(result, tmp_path / "both.html", other)
+    with offline_page(tmp_path / "both.html", 420, 900) as page:
+        page.wait_for_function("window.coopPin !== undefined")
+        page.evaluate("coopPin.seek(0.4)")
+        for node, run in (("payload", result), ("ghost/payload", other)):
+            position = page.evaluate(f"coopPin.node('{node}').position.toArray()")
+            sample = int(np.searchsorted(run.data["time"].values, 0.4 - 1e-9))
+            assert_allclose(position, run.data["payload_position"].values[sample], atol=1e-4)
+        curves = page.evaluate("coopPin.plots.plots[0].u.series.length")
+        assert curves == 1 + 3  # time; actual and desired of the first run, actual of the second
+        assert page.locator("#tiles s").count() == 4
+        assert_fits(page)
+        page.set_viewport_size({"width": 900, "height": 420})
+        assert_fits(page)
+        assert_not_blank_anywhere(drawn(page))
+
+
+def assert_not_blank_anywhere(image: bytes) -> None:
+    pixels = np.round(255 * matplotlib.image.imread(io.BytesIO(image))[..., :3]).astype(int).reshape(-1, 3)
+    assert len(np.unique(pixels, axis=0)) > 500
 
 
 def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tmp_path):
@@ -182,9 +294,9 @@ def assert_plays(element) -> None:
     """The replay in an iframe draws the arms and plays."""
     element.scroll_into_view_if_needed()
     frame = element.element_handle().content_frame()
-    frame.wait_for_function(
-        "window.coopPin !== undefined && Number(document.getElementById('time').value) > 0.1"
-    )
+    frame.wait_for_function("window.coopPin !== undefined")
+    start = frame.evaluate("() => { coopPin.seek(0); coopPin.play(); return coopPin.time; }")
+    frame.wait_for_function(f"coopPin.time > {start} + 0.1")
     assert frame.evaluate(MESHES) > 10
 
 
@@ -331,28 +443,21 @@ def test_the_sliders_of_the_live_notebook_change_the_run(lab):
         run_cells(page, *AS_FAR_AS_THE_PANEL)
         frame = live_frame(page)
         page.locator(".jupyter-button", has_text="Start").click()
-        paused = frame.evaluate(SHOWN)
-        frame.wait_for_function(f"{SHOWN} > {paused} + 0.5")
-        before = frame.evaluate(
-            "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
-        )
+        paused = frame.evaluate(NOW)
+        frame.wait_for_function(f"{NOW} > {paused} + 0.5")
+        before = frame.evaluate(STATE)
         handle = page.locator(".widget-slider", has_text="squeeze, N").locator(".noUi-handle")
         handle.focus()
         for _ in range(30):
             handle.press("ArrowRight")
-        frame.wait_for_function("coopPin.shown.desired_internal > 12")
-        asked = frame.evaluate(SHOWN)
-        frame.wait_for_function(f"{SHOWN} > {asked} + 1")
-        after = frame.evaluate(
-            "[coopPin.node('arms/left/joint_1').quaternion.toArray(), coopPin.shown.internal]"
-        )
-        samples = json.loads(frame.evaluate("JSON.stringify(coopPin.samples)"))
+        frame.wait_for_function(f"{DESIRED}.at(-1) < -12")
+        asked = frame.evaluate(NOW)
+        frame.wait_for_function(f"{NOW} > {asked} + 1")
+        after = frame.evaluate(STATE)
+        desired = frame.evaluate(f"Array.from({DESIRED})")
         assert np.abs(np.subtract(before[0], after[0])).max() > 1e-4  # the arm moves on
-        assert after[1] > before[1] + 1.5  # and squeezes harder
-        assert {round(sample["desired_internal"], 6) for sample in samples} >= {
-            10.0,
-            round(samples[-1]["desired_internal"], 6),
-        }
+        assert after[1] < before[1] - 1.5  # and squeezes harder
+        assert {round(value, 4) for value in desired} >= {-10.0, round(desired[-1], 4)}
         page.locator(".jupyter-button", has_text="Pause").click()
         if folder := os.environ.get("COOP_PIN_PICTURES"):  # to keep a screenshot
             page.screenshot(path=Path(folder) / "lab.png")
@@ -375,8 +480,7 @@ def test_a_new_kernel_of_the_live_notebook_has_a_new_view(lab):
         frame = live_frame(page)
         assert frame.url != old
         page.locator(".jupyter-button", has_text="Start").click()
-        frame.wait_for_function("coopPin.shown.time > 0.5")
-        assert frame.evaluate("coopPin.shown.time") > 0.5
+        frame.wait_for_function(f"{NOW} > 0.5")
 
 
 @pytest.mark.slow

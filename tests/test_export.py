@@ -121,7 +121,20 @@ def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, c
     assert main(["view", str(tmp_path), "--image", str(tmp_path / "end.png"), "--time", "0.2"]) == 0
     assert capsys.readouterr().out.strip() == str((tmp_path / "end.png").resolve())
     assert (tmp_path / "end.png").read_bytes() == b"\x89PNG"
-    assert drawn == [([0.2], 1200, 720)]
+    assert drawn == [([0.2], 1400, 900)]
+
+
+def test_view_compares_two_runs_and_refuses_what_is_none(result, tmp_path, monkeypatch, capsys):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        result.save(tmp_path / name / "result.nc")
+    monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
+    assert main(["view", str(tmp_path / "first"), str(tmp_path / "second"), "--no-open"]) == 0
+    page = tmp_path / "first" / "against-second.html"
+    assert capsys.readouterr().out.strip() == str(page.resolve())
+    assert page.read_text(encoding="utf-8") == replay_html(result, result)
+    assert main(["view", str(tmp_path / "first"), str(tmp_path / "third"), "--no-open"]) == 2
+    assert "third" in capsys.readouterr().err
 
 
 def test_frame_times_are_on_the_clock_of_the_run():
@@ -223,7 +236,7 @@ def test_an_incomplete_video_is_an_error_and_the_old_one_stays(result, ffmpeg, t
 
 
 def test_an_incomplete_video_ends_the_command_with_an_error(result, tmp_path, monkeypatch, capsys):
-    def fail(_, path: Path) -> None:
+    def fail(_result, path: Path, _other) -> None:
         raise FileWriteError(str(path), f"the encoder wrote {3} of {31} frames (its message is above)")
 
     result.save(tmp_path / "run.nc")

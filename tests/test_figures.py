@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin import run
-from coop_pin.figures import error_figure, save_figure, torque_figure, tracking_figure
+from coop_pin.figures import error_figure, internal_force_figure, save_figure, torque_figure, tracking_figure
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import energy_balance
 
@@ -44,17 +45,21 @@ def titles(figure: mpl.figure.Figure) -> list[str]:
 # ---------------------------------------------------------------- tracking
 
 
-def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunResult) -> None:
+def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(planar: RunResult) -> None:
     figure, data = tracking_figure(planar), planar.data
-    x, y, psi, axial = figure.axes
+    x, y, psi, moment, axial, shear = figure.axes
     assert titles(figure) == [
         "payload x",
         "payload y",
         "payload $\\psi$",
-        "internal force on arm left, axial",
+        "arm left: internal moment",
+        "arm left: internal force, axial",
+        "arm left: internal force, shear",
     ]
-    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "m", "deg", "N"]
-    assert [panel.get_xlabel() for panel in (psi, axial)] == ["time (s)"] * 2
+    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "m", "deg", "N m", "N", "N"]
+    assert [panel.get_xlabel() for panel in (axial, shear)] == ["time (s)"] * 2
+    for part, panel in (("moment", moment), ("axial", axial), ("shear", shear)):
+        assert_array_equal(data_lines(panel)[0], data[f"internal_{part}"].values[:, 0])
     for axis, panel in enumerate((x, y)):
         actual, desired = data_lines(panel)
         assert_array_equal(actual, data["payload_position"].values[:, axis])
@@ -69,7 +74,7 @@ def test_planar_tracking_shows_x_y_psi_and_the_axial_internal_force(planar: RunR
 
 
 def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(planar: RunResult) -> None:
-    actual, desired = data_lines(tracking_figure(planar).axes[3])
+    actual, desired = data_lines(tracking_figure(planar).axes[4])
     time, window = planar.data["time"].values, planar.steady_window
     inside = (time >= window.start) & (time < window.end - 1e-9)
     metrics = planar.internal_force()  # of both arms: their internal forces and axial directions are opposite
@@ -78,14 +83,49 @@ def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(pla
     assert_allclose(desired, -10.0, atol=0.6)  # the squeeze turns with the payload, the line with the tips
 
 
-def test_peaks_out_of_the_picture_are_told(planar: RunResult) -> None:
-    panel = tracking_figure(planar).axes[3]
-    actual = data_lines(panel)[0]
-    low, high = panel.get_ylim()
-    assert actual.min() < low or actual.max() > high
-    assert f"peaks cut off: {actual.min():.3g} to {actual.max():.3g} N" in [
-        text.get_text() for text in panel.texts
+@pytest.mark.parametrize("panel", [3, 4, 5])
+def test_a_peak_that_would_flatten_the_rest_is_whole_in_an_inset(planar: RunResult, panel: int) -> None:
+    drawn, time = tracking_figure(planar).axes[panel], planar.data["time"].values
+    actual = data_lines(drawn)[0]
+    low, high = drawn.get_ylim()
+    (inset,) = drawn.child_axes
+    start, end = inset.get_xlim()
+    least, most = inset.get_ylim()
+    assert start < 10.0 < end
+    inside = (time >= start) & (time <= end)
+    assert ((low < actual) & (actual < high))[~inside].all()
+    assert ((least < actual) & (actual < most))[inside].all()
+    assert actual.max() > high  # so that the inset is needed
+
+
+def test_a_run_without_a_peak_has_no_inset(spatial: RunResult) -> None:
+    quiet = spatial.data.isel(time=slice(spatial.data.sizes["time"] // 2, None))
+    panel = tracking_figure(RunResult(spatial.scenario, quiet)).axes[0]
+    assert panel.child_axes == []
+
+
+def test_internal_forces_that_mirror_each_other_have_one_column(planar: RunResult) -> None:
+    figure = internal_force_figure(planar)
+    assert [panel.get_title(loc="left") for panel in figure.axes] == [
+        f"arms left and right, {part}" for part in ("axial", "shear", "moment about P")
     ]
+    data = planar.data.copy(deep=True)
+    data["internal_axial"][:, 1] *= 1.1
+    assert len(internal_force_figure(RunResult(planar.scenario, data)).axes) == 6
+
+
+def test_a_figure_for_a_paper_has_its_width_no_title_and_fonts_that_can_be_searched(
+    planar: RunResult, tmp_path: Path
+) -> None:
+    (path,) = save_figure(tracking_figure(planar), tmp_path / "figure", paper=True)
+    page = path.read_bytes()
+    width = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", page)[1])
+    assert path.suffix == ".pdf"
+    assert_allclose(width, 7.16 * 72.0, atol=0.1)
+    assert b"/Type3" not in page
+    assert b"/CIDFontType2" in page
+    again = save_figure(tracking_figure(planar), tmp_path / "again", paper=True)
+    assert again[0].read_bytes() == page
 
 
 def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_of_the_internal_force(
@@ -147,12 +187,15 @@ def test_errors_stand_on_logarithmic_axes_with_their_bands(planar: RunResult) ->
 
 
 @pytest.mark.parametrize("figure_of", FIGURES)
-def test_events_are_marked_in_every_panel(figure_of, planar: RunResult) -> None:
+def test_events_and_windows_are_marked_in_every_panel(figure_of, planar: RunResult) -> None:
     for panel in figure_of(planar).axes:
         marks = [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == ":"]
         assert marks == [10.0, 10.0]  # the change of mass and the push
-        (pulse,) = panel.patches
+        *windows, pulse = panel.patches
         assert_allclose((pulse.get_x(), pulse.get_width()), (10.0, 0.2))
+        known = (planar.steady_window, planar.after_event_window)
+        spans = [(window.get_x(), window.get_x() + window.get_width()) for window in windows]
+        assert_allclose(spans, [(window.start, window.end) for window in known])
 
 
 @pytest.mark.parametrize("figure_of", FIGURES)

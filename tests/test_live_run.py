@@ -257,6 +257,29 @@ def test_every_slider_of_the_panel_acts_on_the_running_loop(panel):
     assert panel.run.time == pytest.approx(0.0125)  # one tick, so that the view shows the start
 
 
+def test_sliders_follow_changes_made_by_code_and_do_not_act_again(panel):
+    run, sliders, calls = panel.run, panel.sliders, []
+    damping = quiet_paper().controller.gains.damping_gain
+    run.change(
+        {"controller.gains.pose_gain": 3.0, "controller.gains.damping_gain": tuple(2 * np.array(damping))}
+    )
+    run.change_mass(5.0)
+    run.change_squeeze(25.0)
+    found = [sliders[name].value for name in ("controller.gains.pose_gain", "mass", "squeeze")]
+    assert_allclose(found, (3.0, 5.0, 25.0))
+    assert sliders["controller.gains.damping_gain"].value == 1.0  # of the gain that code has set
+    change, run.change = run.change, lambda fields: (calls.append(fields), change(fields))
+    run.change({"controller.gains.pose_gain": 300.0})  # beyond the slider's end, which moves
+    assert sliders["controller.gains.pose_gain"].value == pytest.approx(300.0)
+    assert len(calls) == 1
+    sliders["controller.gains.damping_gain"].value = 0.5
+    assert_allclose(run.scenario.controller.gains.damping_gain, damping)
+    run.change_squeeze(0.0)
+    assert (sliders["squeeze"].value, run.squeeze) == (0.0, 0.0)
+    run.reset()  # starts with the last squeeze that had a direction
+    assert sliders["squeeze"].value == run.squeeze == pytest.approx(25.0)
+
+
 def test_a_panel_shows_the_error_of_a_refused_change(panel):
     panel.run.change = lambda _: (_ for _ in ()).throw(FieldError("is <nonsense>", "squeeze"))
     panel.sliders["controller.gains.pose_gain"].value = 3.0

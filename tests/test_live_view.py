@@ -2,7 +2,6 @@
 
 import asyncio
 import http.client
-import json
 import math
 import os
 import signal
@@ -20,7 +19,6 @@ import numpy as np
 import pytest
 from cells import SCENARIOS, SPATIAL_START, planar_scenario, spatial_cell
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial.transform import Rotation
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -28,7 +26,6 @@ import coop_pin as cp
 from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
 from coop_pin.run_scenario import build_controller
 from coop_pin.viz import LiveView, open_view
-from coop_pin.viz.arrows import HEAD_LENGTH_M
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer
 
@@ -100,9 +97,13 @@ async def listen(url: str, count: int, **headers: str) -> list[bytes]:
     return messages
 
 
-def unpacked(frame: bytes) -> tuple[dict, np.ndarray]:
-    (length,) = struct.unpack_from("<I", frame)
-    return json.loads(frame[4 : 4 + length]), np.frombuffer(frame, "<f4", offset=4 + length).reshape(-1, 10)
+def unpacked(scene: LiveScene, frame: bytes) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Blocks of a frame, and time and values of the curves."""
+    values, blocks, start = np.frombuffer(frame, "<f4").astype(float), {}, 0
+    for name, width in scene.frames.blocks.items():
+        blocks[name] = values[start : start + width]
+        start += width
+    return blocks, values[start:]
 
 
 # ---------------------------------------------------------------- frames
@@ -168,33 +169,31 @@ def test_an_observer_does_not_change_the_result(scenario):
     assert watched.data.identical(alone.data)
 
 
-def test_arrows_of_a_frame_are_the_wrenches_of_its_snapshot(scenario):
+def test_a_frame_has_the_wrenches_poses_and_curves_of_its_snapshot(scenario):
     scene = LiveScene(initial_scene(scenario))
-    seen, _ = snapshots(scenario)
-    header, rows = unpacked(scene.frame(seen[-1]))
-    row = dict(zip(scene.nodes, rows, strict=True))
-    for group, per_metre, axes in (
-        ("forces", scene.scales[0], slice(0, 3)),
-        ("moments", scene.scales[1], slice(3, 6)),
+    seen, result = snapshots(scenario)
+    last = seen[-1]
+    blocks, curves = unpacked(scene, scene.frame(last))
+    for block, wrench in (
+        ("interaction", last.interaction_wrench),
+        ("internal", last.internal_wrench),
+        ("wanted", last.desired_internal_wrench),
+        ("external", last.external_wrench),
     ):
-        for index, arm in enumerate(scenario.cell.arms):
-            internal = np.nan_to_num(seen[-1].internal_wrench)[index, axes]
-            load = np.nan_to_num(seen[-1].interaction_wrench)[index, axes] - internal
-            for part, wanted in (("internal", internal), ("load", load)):
-                path = f"{group}/{arm}/{part}"
-                along = Rotation.from_quat(row[path][3:7]).apply((0.0, 0.0, 1.0))
-                length = row[f"{path}/head"][2] + HEAD_LENGTH_M * row[f"{path}/head"][9]
-                assert_allclose(length * along, wanted / per_metre, rtol=1e-5, atol=1e-6)
-                assert_allclose(row[path][:3], seen[-1].tip_position[index], atol=1e-6)
-            assert np.linalg.norm(internal) > 0.01  # there was something to draw
-    assert_allclose(row["payload"][:3], seen[-1].payload_pose[:3, 3], atol=1e-6)
-    assert header["time"] == seen[-1].time
-    assert_allclose(
-        header["position_error"], np.linalg.norm(seen[-1].payload_pose[:3, 3] - seen[-1].desired_pose[:3, 3])
-    )
-    assert_allclose(
-        header["internal"], np.linalg.norm(np.nan_to_num(seen[-1].internal_wrench)[:, :3], axis=1).max()
-    )
+        assert_allclose(blocks[block], np.nan_to_num(wrench).ravel(), rtol=1e-6, atol=1e-12)
+    assert np.abs(blocks["internal"]).max() > 1.0  # there was something to draw
+    assert_allclose(blocks["tips"], last.tip_position.ravel(), atol=1e-6)
+    poses = dict(zip(scene.frames.nodes, blocks["poses"].reshape(-1, 7), strict=True))
+    assert_allclose(poses["payload"][:3], last.payload_pose[:3, 3], atol=1e-6)
+    assert_allclose(poses["desired"][:3], last.desired_pose[:3, 3], atol=1e-6)
+    assert_allclose([blocks["time"][0], curves[0]], last.time, rtol=1e-6)
+    end = result.data.isel(time=-1)
+    found = {(curve.plot, curve.role): value for curve, value in zip(scene.curves, curves[1:], strict=True)}
+    for part in ("axial", "shear", "moment"):
+        assert_allclose(found[part, "actual"], end[f"internal_{part}"].values[0], rtol=1e-5, atol=1e-6)
+        assert_allclose(
+            found[part, "desired"], end[f"desired_internal_{part}"].values[0], rtol=1e-5, atol=1e-6
+        )
 
 
 def test_the_initial_snapshot_has_nan_in_the_rows_that_a_run_does_not_determine(scenario):
@@ -212,8 +211,7 @@ def test_a_cell_without_determined_moments_has_no_arrows_for_them(scenario):
     scene, view = LiveScene(initial), LiveView(initial)
     view.close()
     assert scene.scales.newton_metres_per_metre is None
-    assert not [path for path in scene.nodes if path.startswith("moments/")]
-    assert "moment: " not in view.page()
+    assert 'data-layer="moments"' not in view.page()
 
 
 def test_a_view_opens_for_a_cell_a_scenario_and_a_result(scenario):
@@ -314,10 +312,13 @@ def test_a_foreign_page_gets_no_frames(server, origin):
     assert asyncio.run(listen(server.url, 1, Origin=f"http://{own[2]}")) == [b"frame"]
 
 
-def test_a_new_browser_gets_the_latest_frame_at_once(server):
-    for number in range(5):
-        server.send(b"%d" % number)
-    assert eventually(lambda: asyncio.run(listen(server.url, 1)) == [b"4"])
+def test_a_new_browser_gets_the_run_so_far_at_once(server):
+    frames = [struct.pack("<ff", 0.1 * number, number) for number in range(5)]
+    for frame in frames:
+        server.send(frame)
+    assert eventually(lambda: asyncio.run(listen(server.url, 1)) == [b"".join(frames)])
+    server.send(frames[1])  # earlier than the last one: a new run
+    assert eventually(lambda: asyncio.run(listen(server.url, 1)) == [frames[1]])
 
 
 # ---------------------------------------------------------------- failures of the viewer
@@ -365,7 +366,7 @@ def test_frames_come_whole_after_a_hang(server):
     assert not server.send(b"dropped")
     os.kill(server.pid, signal.SIGCONT)
     assert eventually(lambda: server.send(b"last"))
-    assert eventually(lambda: asyncio.run(listen(server.url, 1)) == [b"last"])
+    assert eventually(lambda: asyncio.run(listen(server.url, 1))[0].endswith(b"last"))
 
 
 def test_a_run_goes_on_with_a_warning_if_no_process_can_be_started(scenario, monkeypatch):

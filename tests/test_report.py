@@ -160,9 +160,9 @@ def test_the_curves_are_the_recorded_ones(name):
     """Axial and shear are the parts of each internal force; condition numbers are as recorded."""
     data = result(name).data
     axes = internal_force_figure(result(name)).axes
-    arms = len(data.arm)
-    curves = np.array([panel.lines[0].get_ydata() for panel in axes]).reshape(3, arms, -1)
-    wrench = np.nan_to_num(data.internal_wrench.values)
+    arms, columns = len(data.arm), len(axes) // 3  # one column if two arms mirror each other
+    curves = np.array([panel.lines[0].get_ydata() for panel in axes]).reshape(3, columns, -1)
+    wrench = np.nan_to_num(data.internal_wrench.values)[:, :columns]
     np.testing.assert_allclose(
         np.hypot(curves[0], curves[1]), np.linalg.norm(wrench[..., :3], axis=2).T, atol=1e-9
     )

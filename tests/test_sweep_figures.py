@@ -38,7 +38,7 @@ def test_a_map_has_every_finished_run_in_its_cell(grid):
     expected = grid.values(METRIC).values.T
     assert_array_equal(np.ma.getmaskarray(mesh), np.isnan(expected))
     assert_allclose(mesh.compressed(), expected[np.isfinite(expected)], rtol=0, atol=0)
-    assert (panel.get_xlabel(), panel.get_ylabel()) == (GAIN, RATE)
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("sign gain", "clock rate (Hz)")
 
 
 def test_a_map_hatches_failed_runs_and_draws_the_boundary_once_around_them(grid):
@@ -46,11 +46,15 @@ def test_a_map_hatches_failed_runs_and_draws_the_boundary_once_around_them(grid)
     failed = (grid.data["status"] == "failed").values
     assert len(panel.patches) == failed.sum()
     sides = np.count_nonzero(failed[1:] != failed[:-1]) + np.count_nonzero(failed[:, 1:] != failed[:, :-1])
-    assert len(panel.lines) == sides
+    assert len([drawn for drawn in panel.lines if len(drawn.get_xdata())]) == sides
 
 
 def test_the_boundary_lies_between_the_last_stable_and_the_first_unstable_value(grid):
-    level = [side for side in sweep_figure(grid, METRIC).axes[0].lines if np.ptp(side.get_ydata()) == 0.0]
+    level = [
+        side
+        for side in sweep_figure(grid, METRIC).axes[0].lines
+        if len(side.get_ydata()) and np.ptp(side.get_ydata()) == 0.0
+    ]
     found = sorted((np.mean(side.get_xdata()), side.get_ydata()[0]) for side in level)
     known = grid.stability_boundary(RATE)
     between = np.sqrt(known["last_stable"] * known["first_unstable"]).values
@@ -70,7 +74,9 @@ def test_one_field_makes_one_line_through_its_runs_and_crosses_where_they_failed
     result = line(
         tmp_path, {GAIN: [0.4, 0.0, 0.2]}, lambda p: {METRIC: p[GAIN] ** 2}, lambda p: p[GAIN] == 0.2
     )
-    curve, crosses, _ = sweep_figure(result, METRIC).axes[0].lines
+    panel = sweep_figure(result, METRIC).axes[0]
+    curve, crosses, *_ = panel.lines
+    assert_allclose(panel.get_xticks(), [0.0, 0.2, 0.4])
     assert_allclose(curve.get_xdata(), [0.0, 0.2, 0.4])
     assert_allclose(curve.get_ydata(), [0.0, np.nan, 0.16])
     assert_allclose(crosses.get_xdata(), [0.2])
@@ -84,6 +90,16 @@ def test_cases_are_lines_of_their_own_with_their_names(tmp_path):
     assert [(c.get_label(), c.get_ydata()[0]) for c in curves] == [("first", 1.0), ("second", 2.0)]
 
 
+@pytest.mark.parametrize("axes", [{GAIN: GAINS}, {GAIN: GAINS, RATE: RATES}])
+def test_runs_that_are_not_trustworthy_have_rings_and_a_line_in_the_legend(tmp_path, axes):
+    trusted = lambda p: {METRIC: 1.0 + p[GAIN], "trustworthy": float(p[GAIN] < 0.3)}  # noqa: E731
+    panel = sweep_figure(line(tmp_path, axes, trusted, lambda p: p[GAIN] == 0.6), METRIC).axes[0]
+    (rings,) = (drawn for drawn in panel.lines if drawn.get_fillstyle() == "none" and len(drawn.get_xdata()))
+    assert set(rings.get_xdata()) == {0.4}  # 0.6 failed
+    texts = [text.get_text() for text in panel.get_legend().get_texts()]
+    assert texts == ["failed", "not trustworthy"]
+
+
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
     plan = {GAIN: GAINS, RATE: RATES}
     figure = sweep_figure(line(tmp_path, plan, lambda p: {METRIC: 10.0 ** (p[RATE] / 100.0)}), METRIC)
@@ -94,7 +110,8 @@ def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
 
 def test_lines_along_a_chosen_field_and_no_more_than_a_figure_tells_apart(grid, tmp_path):
     panel = sweep_figure(grid, METRIC, over=RATE).axes[0]
-    assert panel.get_xlabel() == RATE
+    assert panel.get_xlabel() == "clock rate (Hz)"
+    assert panel.get_ylabel() == "internal force along the line, rms of its error (N)"
     many = line(tmp_path / "many", {GAIN: np.linspace(0, 1, 9), RATE: RATES})
     with pytest.raises(FieldError, match="9 lines"):
         sweep_figure(many, METRIC, over=RATE)

@@ -4,84 +4,87 @@ from __future__ import annotations
 
 import base64
 import html
+import itertools
 import json
 import re
 import subprocess
 import sys
 import warnings
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import trimesh
-import umsgpack
 import yourdfpy
 import zmq
 from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from coop_pin import run
-from coop_pin.description import Arm, Cell, Payload, Pose
+from coop_pin import run, viz
+from coop_pin.description import Arm, Cell, Payload, Pose, scenario_names
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import UrdfWarning
-from coop_pin.model import geometry
-from coop_pin.model.shapes import Mesh
+from coop_pin.model import geometry, visuals
+from coop_pin.model.pinocchio_model import load_unreduced_arm
+from coop_pin.model.shapes import Box, Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
-from coop_pin.viz.arrows import HEAD_LENGTH_M, ArrowScales, quaternions_from_z, recorded_scales
-from coop_pin.viz.cell_scene import LINK_VERTICES, cell_scene, replay_samples
-from coop_pin.viz.scene import decimated, tube
+from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
+from coop_pin.viz.cell_scene import LINK_FACES
+from coop_pin.viz.curves import thinned_rows
+from coop_pin.viz.frames import frame_samples
+from coop_pin.viz.highlights import telling_instant
+from coop_pin.viz.live_scene import LiveScene, initial_scene
+from coop_pin.viz.scene import Grid
 
+SCRIPTS = ("stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
-"""Keyframes are single precision: relative error of a number."""
+"""Frames are single precision: relative error of a number."""
 
 
 class Replay:
-    """Replay page read back: its meshcat commands, by node."""
+    """Replay page read back: its data, and the frames of its first run by blocks."""
 
-    def __init__(self, result: RunResult) -> None:
-        self.result, self.page = result, replay_html(result)
-        self.run = json.loads(
-            re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1]
-        )
-        self.commands = [umsgpack.unpackb(base64.b64decode(message)) for message in self.run["messages"]]
-        self.animations = next(command for command in self.commands if command["type"] == "set_animation")[
-            "animations"
-        ]
+    def __init__(self, result: RunResult, other: RunResult | None = None) -> None:
+        self.result, self.page = result, replay_html(result, other)
+        text = re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1]
+        self.data = json.loads(text)
+        self.run = self.data["runs"][0]
+        width = sum(self.run["blocks"].values())
+        self.frames = floats(self.run["frames"]).reshape(-1, width)
+        self.curves = floats(self.run["curves"]).reshape(-1, self.run["columns"])
 
-    def objects(self, below: str) -> dict[str, dict]:
-        chosen = (
-            command
-            for command in self.commands
-            if command["type"] == "set_object" and command["path"].startswith(f"/meshcat/{below}")
-        )
-        return {command["path"].removeprefix("/meshcat/"): command["object"] for command in chosen}
+    def block(self, name: str) -> np.ndarray:
+        start = 0
+        for block, width in self.run["blocks"].items():
+            if block == name:
+                return self.frames[:, start : start + width]
+            start += width
+        raise KeyError(name)
 
-    def tracks(self, path: str) -> dict[str, dict]:
-        clip = next(
-            animation["clip"] for animation in self.animations if animation["path"] == f"/meshcat/{path}"
-        )
-        assert clip["fps"] == 1  # times are seconds
-        return {track["name"]: track for track in clip["tracks"]}
+    def poses(self, node: str) -> np.ndarray:
+        return self.block("poses").reshape(len(self.frames), -1, 7)[:, self.run["nodes"].index(node)]
 
-    def values(self, path: str, name: str) -> np.ndarray:
-        track = self.tracks(path)[f".{name}"]
-        return floats(track["values"]).reshape(len(floats(track["times"])), -1)
+    def items(self, below: str) -> list[dict]:
+        return [item for item in self.run["scene"]["items"] if item["node"].startswith(below)]
 
-    @property
-    def scales(self) -> ArrowScales:
-        return recorded_scales(self.result.scenario.cell, self.result.data)
+    def curve(self, plot: str, role: str = "actual", number: int = 0) -> np.ndarray:
+        (found,) = (one for one in self.data["plots"] if one["key"] == plot)
+        curves = [curve for curve in found["curves"] if curve["role"] == role]
+        return self.curves[:, curves[number]["column"]]
 
     def samples(self) -> np.ndarray:
-        return replay_samples(self.result.data["time"].values, 30.0)
+        """Recorded samples that the frames show."""
+        time = self.result.data["time"].values
+        return np.searchsorted(time, self.block("time")[:, 0] - 1e-5)
 
 
-def floats(packed: umsgpack.Ext) -> np.ndarray:
-    assert packed.type == 0x17  # what meshcat's viewer reads as a Float32Array
-    return np.frombuffer(packed.data, dtype="<f4").astype(float)
+def floats(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype="<f4").astype(float)
 
 
 @pytest.fixture(scope="module")
@@ -102,33 +105,149 @@ def replay(request: pytest.FixtureRequest) -> Replay:
 # ---------------------------------------------------------------- clock
 
 
-def test_every_keyframe_is_at_a_recorded_time_and_the_last_at_the_end(replay: Replay) -> None:
-    recorded = replay.result.data["time"].values
-    assert replay.run["duration"] == recorded[-1] == replay.result.end
-    for animation in replay.animations:
-        for track in animation["clip"]["tracks"]:
-            times = floats(track["times"])
-            assert_allclose(times, recorded[replay.samples()], rtol=FLOAT32, atol=0.0)
-            assert times[0] == 0.0
-            assert_allclose(times[-1], recorded[-1], rtol=FLOAT32)
-
-
-def test_a_20_s_run_has_600_frames_and_no_gap_is_longer_than_a_frame_and_a_tick(planar: Replay) -> None:
-    kept = planar.result.data["time"].values[planar.samples()]
-    assert len(kept) == 601
-    assert np.diff(kept).max() <= 1 / 30 + 1 / 80 + 1e-9
+def test_frames_are_at_recorded_times_evenly_with_start_end_and_instants(replay: Replay) -> None:
+    recorded, kept = replay.result.data["time"].values, replay.samples()
+    assert replay.data["duration"] == recorded[-1] == replay.result.end
+    assert_allclose(replay.block("time")[:, 0], recorded[kept], rtol=FLOAT32, atol=1e-9)
+    assert (kept[0], kept[-1]) == (0, len(recorded) - 1)
+    assert np.diff(recorded[kept]).max() <= 1 / 30 + 1.5 * recorded[1] + 1e-9
+    for instant in [replay.data["start"], *(chip["time"] for chip in replay.data["instants"])]:
+        assert np.abs(recorded[kept] - instant).min() < 1e-6
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
 def test_a_recording_slower_than_the_frame_rate_is_kept_whole(count: int) -> None:
-    assert_array_equal(replay_samples(np.arange(count) * 0.1, 30.0), np.arange(count))
+    assert_array_equal(frame_samples(np.arange(count) * 0.1, 30.0), np.arange(count))
 
 
-def test_events_are_on_the_clock_of_the_run(planar: Replay) -> None:
-    change, push = planar.run["events"]
+def test_frame_samples_have_the_sample_that_holds_at_an_instant() -> None:
+    kept = frame_samples(np.arange(1001) * 0.001, 10.0, [0.1234])
+    assert 123 in kept
+    assert len(kept) == 12
+
+
+def test_events_and_windows_are_on_the_clock_of_the_run(planar: Replay) -> None:
+    change, push = [span for span in planar.data["spans"] if span["kind"] == "event"]
     assert (change["start"], change["text"]) == (10.0, "mass 11.2 → 5.6 kg")
     assert (push["start"], push["end"]) == (10.0, 10.2)
     assert "(200, 100, 0) N" in push["text"]
+    windows = [(span["start"], span["end"]) for span in planar.data["spans"] if span["kind"] == "window"]
+    assert windows == [(4.0, 10.0), (pytest.approx(14.2), 20.0)]
+
+
+# ---------------------------------------------------------------- highlights
+
+
+def test_the_page_opens_at_the_largest_error_of_the_internal_force(planar: Replay) -> None:
+    data = planar.result.data
+    error = np.linalg.norm((data.internal_wrench - data.desired_internal_wrench).values[:, 0, :2], axis=1)
+    late = data.time.values >= 4.0
+    worst = float(data.time.values[late][np.argmax(error[late])])
+    assert planar.data["start"] == worst
+    sample = int(np.searchsorted(data.time.values, worst))
+    pull = float(data.internal_axial.values[sample, 0])
+    text = telling_instant(planar.result).text
+    assert f"{worst:.2f} s" in text
+    assert f"pull the payload apart with {pull:.2g} N" in text
+    assert "a squeeze of 10 N" in text
+    assert "push" in text
+    assert text in html.unescape(planar.page)
+
+
+def test_chips_lead_to_the_extremes(planar: Replay) -> None:
+    data = planar.result.data
+    chips = {chip["text"]: chip["time"] for chip in planar.data["instants"]}
+    axial, shear, time = data.internal_axial.values, data.internal_shear.values, data.time.values
+    assert next(iter(chips)) == "start"
+    assert chips["push"] == chips["new mass"] == 10.0
+    assert chips[f"worst squeeze {-axial.min():.2g} N"] == time[axial.min(axis=1).argmin()]
+    assert chips[f"worst pull {axial.max():.2g} N"] == time[axial.max(axis=1).argmax()]
+    assert chips[f"worst shear {shear.max():.2g} N"] == time[shear.max(axis=1).argmax()]
+    assert chips["end"] == 20.0
+
+
+def test_a_force_that_the_motion_hides_is_called_so(spatial: Replay) -> None:
+    data = spatial.result.data.copy(deep=True)
+    data["internal_axial"][100:, 0] += 50.0
+    data["internal_axial_error"][100:, 0] += 50.0
+    data["pose_error"][:] = 1e-4
+    loaded = RunResult(spatial.result.scenario, data)
+    text = telling_instant(loaded).text
+    assert "pull the payload apart with" in text
+    assert "nothing in the motion shows it" in text
+    data["pose_error"][:] = 0.02
+    assert "mm and" in telling_instant(loaded).text
+    data["internal_axial_error"][:] = 0.0
+    data["internal_shear_error"][:] = 0.0
+    assert "stays within 0 N of what is wanted" in telling_instant(loaded).text
+
+
+def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
+    weak = run("adept-paper", {"duration": 0.5, "events": (), "cell.arms.left.torque_limits": 3.0})
+    page = Replay(weak)
+    assert weak.breaches()
+    assert [mark["time"] for mark in page.data["breaches"]] == [breach.time for breach in weak.breaches()]
+    assert html.escape(weak.verdict()) in page.page
+    codes = page.block("warnings")
+    saturated = weak.data["saturated"].values.astype(bool)[page.samples()]
+    assert codes.shape[1] == 8
+    assert_array_equal((codes == 2).any(axis=1), saturated.any(axis=(1, 2)))
+
+
+# ---------------------------------------------------------------- curves
+
+
+def test_curves_are_the_recorded_quantities_and_mirrored_ones_appear_once(replay: Replay) -> None:
+    data = replay.result.data
+    samples = np.searchsorted(data["time"].values, replay.curves[:, 0] - 1e-5)
+    for part in ("axial", "shear", "moment"):
+        for role, prefix in (("actual", ""), ("desired", "desired_")):
+            wanted = data[f"{prefix}internal_{part}"].values[samples, 0]
+            assert_allclose(replay.curve(part, role), wanted, rtol=1e-6, atol=1e-6)
+        (plot,) = (one for one in replay.data["plots"] if one["key"] == part)
+        assert [curve["role"] for curve in plot["curves"]] == ["actual", "desired"]
+    error = data["pose_error"].values[samples]
+    assert_allclose(replay.curve("tracking"), 1e3 * np.linalg.norm(error[:, :3], axis=1), rtol=1e-6)
+    torque = data["torque"].values[samples].reshape(len(samples), -1)
+    for number in range(torque.shape[1]):
+        assert_allclose(replay.curve("torque", number=number), torque[:, number], rtol=1e-6)
+    (plot,) = (one for one in replay.data["plots"] if one["key"] == "torque")
+    limits = [curve["limit"] or np.nan for curve in plot["curves"]]
+    assert_allclose(limits, data["torque_limit"].values.ravel())
+
+
+def test_thinned_curves_keep_their_extremes_and_ends() -> None:
+    rows = np.column_stack((np.arange(30_000.0), np.random.default_rng(1).normal(size=(30_000, 3))))
+    thin = thinned_rows(rows)
+    assert len(thin) < 3000
+    assert (np.diff(thin[:, 0]) > 0).all()
+    assert_array_equal(thin.min(axis=0), rows.min(axis=0))
+    assert_array_equal(thin.max(axis=0), rows.max(axis=0))
+    assert_array_equal(thinned_rows(rows[:1000]), rows[:1000])
+
+
+def test_what_was_measured_and_the_rate_of_the_proof_are_plotted_where_recorded(planar: Replay) -> None:
+    data = planar.result.data.copy()
+    for part in ("axial", "shear", "moment"):
+        data[f"measured_internal_{part}"] = 1.1 * data[f"internal_{part}"]
+    data["V_rate_3_sum"] = ("time", -np.arange(data.sizes["time"], dtype=float))
+    page = Replay(RunResult(planar.result.scenario, data))
+    assert_allclose(page.curve("axial", "measured"), 1.1 * page.curve("axial"), rtol=1e-5)
+    assert page.curve("V_rate_3").min() == 1.0 - data.sizes["time"]
+    assert "V_rate_3" not in [plot["key"] for plot in planar.data["plots"]]
+
+
+def test_two_runs_share_the_meshes_and_the_plots(spatial: Replay) -> None:
+    second = run(spatial_scenario().override({"cell.payload.mass": 4.0}))
+    both = Replay(spatial.result, second)
+    assert both.data["runs"][1]["scene"]["meshes"] is None
+    width = both.data["runs"][1]["columns"]
+    curves = floats(both.data["runs"][1]["curves"]).reshape(-1, width)
+    (axial,) = (plot for plot in both.data["plots"] if plot["key"] == "axial")
+    actual = next(curve for curve in axial["curves"] if curve["role"] == "actual")
+    assert_allclose(curves[:, actual["other"]], second.data["internal_axial"].values[:, 0], rtol=1e-6)
+    for result in (spatial.result, second):
+        assert html.escape(telling_instant(result).text) in both.page
 
 
 # ---------------------------------------------------------------- bodies
@@ -137,15 +256,14 @@ def test_events_are_on_the_clock_of_the_run(planar: Replay) -> None:
 def test_every_visual_of_both_urdfs_is_drawn(planar: Replay) -> None:
     count = len(ElementTree.parse(find_urdf("adept_3dof").path).findall(".//visual"))
     for arm in ("left", "right"):
-        assert len(planar.objects(f"arms/{arm}/")) == count
-    kinds = {shape["geometries"][0]["type"] for shape in planar.objects("arms/").values()}
-    assert kinds == {"BoxGeometry", "CylinderGeometry"}
+        assert len(planar.items(f"arms/{arm}/")) == count
+    assert {item["drawable"]["kind"] for item in planar.items("arms/")} == {"box", "cylinder"}
 
 
 def test_quill_of_a_planar_arm_is_at_its_recorded_tip(planar: Replay) -> None:
     data = planar.result.data.isel(time=planar.samples())
     for index, arm in enumerate(("left", "right")):
-        quill = planar.values(f"arms/{arm}/joint_3", "position")
+        quill = planar.poses(f"arms/{arm}/joint_3")
         assert_allclose(quill[:, :2], data["tip_position"].values[:, index, :2], atol=1e-6)
         assert_allclose(quill[:, 2], 0.375, atol=1e-6)
 
@@ -153,21 +271,30 @@ def test_quill_of_a_planar_arm_is_at_its_recorded_tip(planar: Replay) -> None:
 def test_a_tip_stays_fixed_in_the_last_body_of_its_arm(spatial: Replay) -> None:
     data = spatial.result.data.isel(time=spatial.samples())
     for index, arm in enumerate(("left", "right")):
-        path = f"arms/{arm}/wrist_3_joint"
-        turn = Rotation.from_quat(spatial.values(path, "quaternion"))
-        seen = turn.inv().apply(data["tip_position"].values[:, index] - spatial.values(path, "position"))
+        body = spatial.poses(f"arms/{arm}/wrist_3_joint")
+        turn = Rotation.from_quat(body[:, 3:])
+        seen = turn.inv().apply(data["tip_position"].values[:, index] - body[:, :3])
         assert_allclose(seen, np.tile(seen[0], (len(seen), 1)), atol=2e-6)
         assert_allclose(np.linalg.norm(seen[0]), 0.0823, atol=1e-4)  # the length of a UR5's last link
 
 
 def test_payload_and_ghost_follow_the_recorded_poses(replay: Replay) -> None:
     data = replay.result.data.isel(time=replay.samples())
-    for path, name in (("payload", "payload"), ("desired", "desired")):
-        assert_allclose(replay.values(path, "position"), data[f"{name}_position"].values, atol=1e-6)
-        assert_allclose(replay.values(path, "quaternion"), data[f"{name}_quaternion"].values, atol=1e-6)
-    ghost = replay.objects("desired/shape")["desired/shape"]["materials"][0]
-    assert ghost["transparent"]
+    for path in ("payload", "desired"):
+        assert_allclose(replay.poses(path)[:, :3], data[f"{path}_position"].values, atol=1e-6)
+        assert_allclose(replay.poses(path)[:, 3:], data[f"{path}_quaternion"].values, atol=1e-6)
+    (ghost,) = replay.items("desired")
     assert ghost["opacity"] < 0.5
+
+
+def test_wrenches_of_frames_are_those_of_the_result(replay: Replay) -> None:
+    data = replay.result.data.isel(time=replay.samples())
+    names = ("interaction_wrench", "internal_wrench", "desired_internal_wrench", "external_wrench")
+    for block, name in zip(("interaction", "internal", "wanted", "external"), names, strict=True):
+        wanted = np.nan_to_num(data[name].values).reshape(len(replay.frames), -1)
+        assert_allclose(replay.block(block), wanted, rtol=FLOAT32, atol=1e-12)
+    tips = data["tip_position"].values.reshape(len(replay.frames), -1)
+    assert_allclose(replay.block("tips"), tips, rtol=FLOAT32, atol=1e-7)
 
 
 def test_welded_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
@@ -180,104 +307,82 @@ def test_welded_and_free_payload_show_the_same_arms(spatial: Replay) -> None:
     assert_allclose(free, CellVisuals(cell, "welded").poses(q), atol=1e-12)
 
 
-def test_decimated_links_are_light_and_keep_their_extent(spatial: Replay) -> None:
+def test_thinned_links_are_light_keep_their_extent_and_are_stored_once(spatial: Replay) -> None:
     bodies = CellVisuals(spatial.result.scenario.cell, "welded").bodies
-    meshes = [visual.shape for body in bodies for visual in body.visuals]
-    assert len(meshes) == 14
-    for mesh in meshes:
+    meshes = [visual.shape for body in bodies[: len(bodies) // 2] for visual in body.visuals]
+    tables = spatial.run["scene"]["meshes"]
+    assert len(tables) == len(meshes) > 7  # two equal arms, with a piece for every colour
+    for mesh, table in zip(meshes, tables, strict=True):
         assert isinstance(mesh, Mesh)
-        thin = decimated(mesh, LINK_VERTICES)
-        assert 300 < len(thin.vertices) <= LINK_VERTICES
-        assert_allclose(thin.vertices.min(axis=0), mesh.vertices.min(axis=0), atol=0.012)
-        assert_allclose(thin.vertices.max(axis=0), mesh.vertices.max(axis=0), atol=0.012)
-        assert thin.faces.max() < len(thin.vertices)
+        vertices, faces = floats(table["vertices"]).reshape(-1, 3), floats(table["faces"]).reshape(-1, 3)
+        assert len(faces) <= max(LINK_FACES, 0.97 * len(mesh.faces))
+        assert faces.max() < len(vertices)
+        assert_allclose(vertices.min(axis=0), mesh.vertices.min(axis=0), atol=0.005)
+        assert_allclose(vertices.max(axis=0), mesh.vertices.max(axis=0), atol=0.005)
 
 
-def test_tube_keeps_its_radius_around_the_path() -> None:
-    angle = np.linspace(0.0, 2.0, 80)
-    path = np.column_stack((np.cos(angle), np.sin(angle), 0.3 * angle))
-    around = tube(path, 0.01, 1e-4)
-    assert around is not None
-    distance = np.linalg.norm(around.vertices.reshape(80, -1, 3) - path[:, None], axis=2)
-    assert_allclose(distance, 0.01, rtol=1e-9)
-    assert tube(np.zeros((5, 3)), 0.01, 1e-4) is None
+ROBOTS = ("adept-paper", "kinova-pair", "panda-ur5-bar")
+"""Scenarios of the catalogue that have all its robots."""
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in scenario_names() if name not in ROBOTS]
 
 
-def test_the_camera_has_every_joint_and_the_whole_path_in_view(replay: Replay) -> None:
-    scene = cell_scene(replay.result)
-    eye, target, field = scene.camera
-    moved = [
-        track.position
-        for track in scene.tracks
-        if track.position is not None and not track.path.startswith(("forces/", "moments/"))
-    ]
-    rays = np.concatenate(moved) - eye
+@pytest.mark.parametrize("name", [*ROBOTS, *OTHERS])
+def test_arms_stand_on_the_floor(name: str) -> None:
+    """The lowest drawn point of every base is on the floor or on a plate on it, but of one that hangs."""
+    initial = initial_scene(name)
+    items = LiveScene(initial).scene.items
+    grid = next(item for item in items if isinstance(item.drawable, Grid))
+    plates = [item for item in items if item.node == "floor" and isinstance(item.drawable, Box)][1:]
+    heights = [grid.pose[2, 3], *(plate.pose[2, 3] + plate.drawable.size[2] / 2 for plate in plates)]
+    for plate in plates:
+        assert_allclose(plate.pose[2, 3] - plate.drawable.size[2] / 2, grid.pose[2, 3], atol=1e-9)
+    lowest = {}
+    for item in items:
+        if item.node.startswith("arms/") and item.node.endswith("/base"):
+            X = initial.cell.arms[item.node.split("/")[1]].base.matrix @ item.pose
+            corners = (
+                item.drawable.vertices if isinstance(item.drawable, Mesh) else box_corners(item.drawable)
+            )
+            low = float((corners @ X[2, :3]).min() + X[2, 3])
+            lowest[item.node] = min(low, lowest.get(item.node, np.inf))
+    hanging = {f"arms/{arm}/base" for arm, one in initial.cell.arms.items() if one.base.matrix[2, 2] < 0.0}
+    assert set(lowest) == {f"arms/{arm}/base" for arm in initial.cell.arms}
+    for node, low in lowest.items():
+        if node not in hanging:
+            assert np.abs(np.subtract(heights, low)).min() < 1e-3
+
+
+def box_corners(shape) -> np.ndarray:
+    """Corners of the box around an upright box or cylinder."""
+    half = half_extents(shape)
+    return half * np.array(list(itertools.product((-1, 1), repeat=3)))
+
+
+def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay) -> None:
+    camera = replay.run["scene"]["camera"]
+    eye, target = np.array(camera["eye"]), np.array(camera["target"])
+    scales, tips = replay.data["scales"], replay.block("tips").reshape(-1, 3)
+    k = int(np.argmin(np.abs(replay.block("time")[:, 0] - replay.data["start"])))
+    forces = replay.block("internal")[k].reshape(-1, 6)[:, :3] / scales["forces"]
+    length = np.linalg.norm(forces, axis=1, keepdims=True)
+    ends = tips.reshape(len(replay.frames), -1, 3)[k] + forces * np.minimum(1, scales["longest"] / length)
+    rays = np.concatenate((tips, ends, replay.poses("payload")[:, :3])) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
-    angle = np.degrees(np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1)))
-    assert angle.max() < field / 2
+    cosine = rays @ ahead / np.linalg.norm(rays, axis=1)
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    assert angle.max() < camera["field_of_view"] / 2
+    assert np.linalg.norm(eye - target) < 6.0
 
 
 # ---------------------------------------------------------------- forces
 
 
-def drawn_vector(replay: Replay, path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Start and vector of an arrow, m, as three.js draws it."""
-    along = Rotation.from_quat(replay.values(path, "quaternion")).apply((0.0, 0.0, 1.0))
-    head = (
-        replay.values(f"{path}/head", "position")[:, 2]
-        + HEAD_LENGTH_M * replay.values(f"{path}/head", "scale")[:, 2]
-    )
-    return replay.values(path, "position"), head[:, None] * along
-
-
-@pytest.mark.parametrize("index", [0, 1])
-@pytest.mark.parametrize(
-    ("group", "rows", "least"), [("forces", slice(0, 3), 10.0), ("moments", slice(3, 6), 0.2)]
-)
-def test_arrows_are_the_wrenches_of_the_result(
-    replay: Replay, group: str, rows: slice, least: float, index: int
-) -> None:
-    data, arm = replay.result.data.isel(time=replay.samples()), ("left", "right")[index]
-    scale = replay.scales.newtons_per_metre if group == "forces" else replay.scales.newton_metres_per_metre
-    origin, internal = drawn_vector(replay, f"{group}/{arm}/internal")
-    _, load = drawn_vector(replay, f"{group}/{arm}/load")
-    wanted_internal = np.nan_to_num(data["internal_wrench"].values)[:, index, rows]
-    wanted_load = np.nan_to_num(data["interaction_wrench"].values)[:, index, rows] - wanted_internal
-    assert_allclose(origin, data["tip_position"].values[:, index], atol=1e-6)
-    assert_allclose(
-        internal, wanted_internal / scale, rtol=1e-5, atol=3e-6
-    )  # the smallest an arrow can be is 1e-6 of its head
-    assert_allclose(load, wanted_load / scale, rtol=1e-5, atol=3e-6)
-    assert np.linalg.norm(wanted_internal, axis=1).max() > least  # there was something to draw
-
-
 def test_the_legend_has_the_scales_of_the_arrows(replay: Replay) -> None:
-    assert f"force: 0.1 m is {0.1 * replay.scales.newtons_per_metre:g} N<" in replay.page
-    assert f"moment: 0.1 m is {0.1 * replay.scales.newton_metres_per_metre:g} N m<" in replay.page
-
-
-def test_moments_of_planar_arms_are_vertical(planar: Replay) -> None:
-    for arm in ("left", "right"):
-        _, moment = drawn_vector(planar, f"moments/{arm}/internal")
-        assert_allclose(moment[:, :2], 0.0, atol=1e-6)
-        assert np.abs(moment[:, 2]).max() > 0.2
-
-
-def test_forces_and_moments_have_different_heads(replay: Replay) -> None:
-    for group, points in (("forces", 1), ("moments", 2)):
-        heads = replay.objects(f"{group}/left/internal/head/")
-        assert len(heads) == points
-        assert_allclose(
-            [shape["geometries"][0]["height"] for shape in heads.values()],
-            HEAD_LENGTH_M / points,
-            rtol=FLOAT32,
-        )
-    force, moment = (
-        replay.objects(f"{group}/left/internal/shaft/")[f"{group}/left/internal/shaft/body"]
-        for group in ("forces", "moments")
-    )
-    assert moment["materials"][0]["color"] == force["materials"][0]["color"]
-    assert moment["geometries"][0]["radiusTop"] < force["geometries"][0]["radiusTop"]
+    scales = replay.data["scales"]
+    assert f"0.1 m of arrow: {0.1 * scales['forces']:g} N, {0.1 * scales['moments']:g} N m<" in replay.page
+    assert f"compressed beyond {scales['linear'] * scales['forces']:g} N" in replay.page
+    recorded = recorded_scales(replay.result.scenario.cell, replay.result.data)
+    assert (scales["forces"], scales["moments"]) == recorded
 
 
 def test_undetermined_moments_have_neither_arrow_nor_legend(spatial: Replay) -> None:
@@ -289,61 +394,15 @@ def test_undetermined_moments_have_neither_arrow_nor_legend(spatial: Replay) -> 
     ):
         data[name][..., 3:] = value
     bare = Replay(RunResult(spatial.result.scenario, data))
-    assert not bare.objects("moments/")
-    assert bare.objects("forces/")
-    assert "moment: " not in bare.page
+    assert bare.data["scales"]["moments"] is None
+    assert 'data-layer="moments"' not in bare.page
+    assert 'data-layer="moments"' in spatial.page
+    assert np.isfinite(bare.frames).all()
 
 
-@pytest.mark.parametrize("group", ["forces", "moments"])
-def test_shaft_and_head_meet(replay: Replay, group: str) -> None:
-    path = f"{group}/left/internal"
-    shaft, head = (
-        replay.values(f"{path}/shaft", "scale")[:, 2],
-        replay.values(f"{path}/head", "position")[:, 2],
-    )
-    assert_allclose(shaft, head, atol=2e-6)
-
-
-@pytest.mark.parametrize("group", ["forces", "moments"])
-def test_internal_arrows_of_two_arms_are_opposite(replay: Replay, group: str) -> None:
-    left, right = (drawn_vector(replay, f"{group}/{arm}/internal")[1] for arm in ("left", "right"))
-    assert_allclose(left, -right, atol=1e-5)
-
-
-@pytest.mark.parametrize(("group", "push"), [("forces", (200.0, 100.0, 0.0)), ("moments", (0.0, 0.0, 2.0))])
-def test_the_push_is_drawn_on_the_payload_while_it_lasts(
-    planar: Replay, group: str, push: tuple[float, ...]
-) -> None:
-    scale = planar.scales.newtons_per_metre if group == "forces" else planar.scales.newton_metres_per_metre
-    origin, drawn = drawn_vector(planar, f"{group}/external")
-    time = planar.result.data["time"].values[planar.samples()]
-    during = (time >= 10.0) & (time < 10.2)
-    assert_allclose(origin, planar.result.data["payload_position"].values[planar.samples()], atol=1e-6)
-    assert_allclose(scale * drawn[during], np.tile(push, (during.sum(), 1)), rtol=1e-5, atol=1e-3)
-    assert_allclose(drawn[~during], 0.0, atol=1e-6)
-
-
-def test_a_run_without_a_push_has_no_arrow_for_it(spatial: Replay) -> None:
-    assert not spatial.objects("forces/external")
-    assert not spatial.objects("moments/external")
+def test_a_run_without_a_push_has_no_line_for_it_in_the_legend(planar: Replay, spatial: Replay) -> None:
+    assert "push on the payload" in planar.page
     assert "push on the payload" not in spatial.page
-
-
-def test_forces_are_held_between_ticks_and_bodies_are_interpolated(replay: Replay) -> None:
-    hold = 2300  # three.js: InterpolateDiscrete
-    for arrow in ("forces/left/internal", "forces/right/load", "moments/left/internal", "moments/right/load"):
-        for path in (arrow, f"{arrow}/shaft", f"{arrow}/head"):
-            assert {track.get("interpolation") for track in replay.tracks(path).values()} == {hold}
-    assert {track.get("interpolation") for track in replay.tracks("payload").values()} == {None}
-
-
-def test_quaternions_rotate_z_to_any_vector() -> None:
-    vectors = np.concatenate(
-        (np.random.default_rng(1).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1e-7, 0.0, -1.0]])
-    )
-    turned = Rotation.from_quat(quaternions_from_z(vectors)).apply((0.0, 0.0, 1.0))
-    assert_allclose(turned, vectors / np.linalg.norm(vectors, axis=1, keepdims=True), atol=1e-7)
-    assert_array_equal(quaternions_from_z(np.zeros((1, 3))), [[0.0, 0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.3, 1.0, 7.0, 1e4])
@@ -354,7 +413,7 @@ def test_the_scales_of_arrows_are_round_and_fit_the_run(spatial: Replay, factor:
     assert f"{forces:.6e}"[0] in "125"
     assert f"{moments:.6e}"[0] in "125"
     typical = np.median(np.linalg.norm(data["internal_wrench"].values[..., :3], axis=-1)) / forces
-    assert 0.07 < typical <= 0.2 + 1e-9
+    assert 0.05 < typical <= TYPICAL_M + 1e-9
     lever = max(np.linalg.norm(grasp.xyz) for grasp in cell.grasps.values())
     assert (
         0.4 * lever - 1e-9 <= moments / forces <= lever + 1e-9
@@ -388,8 +447,9 @@ def test_the_page_refers_to_nothing_outside_itself(replay: Replay) -> None:
     style = re.search(r"<style>(.*?)</style>", replay.page, re.DOTALL)[1]
     assert "url(" not in style
     assert "@import" not in style
-    ours = replay.page[replay.page.rindex("<script>") :]
-    assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|import\(|https?://", ours)
+    ours = "".join(Path(viz.__file__).parent.joinpath("page", name).read_text() for name in SCRIPTS)
+    assert not re.search(r"fetch\(|XMLHttpRequest|import\(|https?://", ours)
+    assert replay.data["live"] is False  # so that no WebSocket is opened
 
 
 def test_the_page_is_light_and_the_same_each_time(replay: Replay) -> None:
@@ -398,32 +458,32 @@ def test_the_page_is_light_and_the_same_each_time(replay: Replay) -> None:
 
 
 def test_building_the_page_starts_no_process_and_opens_no_port(
-    spatial: Replay, monkeypatch: pytest.MonkeyPatch
+    planar: Replay, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a replay must not do this")
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
     monkeypatch.setattr(zmq.Context, "socket", refuse)
-    assert replay_html(spatial.result) == spatial.page
+    assert replay_html(planar.result) == planar.page
 
 
-def test_names_are_text_and_not_markup(spatial: Replay) -> None:
-    scenario = spatial.result.scenario.replace(name="<b>&'\"", summary="</script><i>$viewer")
-    page = replay_html(RunResult(scenario, spatial.result.data))
+def test_names_are_text_and_not_markup(planar: Replay) -> None:
+    scenario = planar.result.scenario.replace(name="<b>&'\"", summary="</script><i>$viewer")
+    page = replay_html(RunResult(scenario, planar.result.data))
     assert "<h1>&lt;b&gt;&amp;&#x27;&quot;</h1>" in page
     assert "&lt;/script&gt;&lt;i&gt;$viewer" in page
 
 
-def test_saving_leaves_the_page_and_nothing_else(spatial: Replay, tmp_path) -> None:
-    save_replay(spatial.result, tmp_path / "out" / "replay.html")
+def test_saving_leaves_the_page_and_nothing_else(planar: Replay, tmp_path) -> None:
+    save_replay(planar.result, tmp_path / "out" / "replay.html")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["replay.html"]
-    assert (tmp_path / "out" / "replay.html").read_text(encoding="utf-8") == spatial.page
+    assert (tmp_path / "out" / "replay.html").read_text(encoding="utf-8") == planar.page
 
 
-def test_a_notebook_gets_the_same_page_in_a_frame(spatial: Replay) -> None:
-    shown = notebook_view(spatial.result, height=321)._repr_html_()
-    assert html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1]) == spatial.page
+def test_a_notebook_gets_the_same_page_in_a_frame(planar: Replay) -> None:
+    shown = notebook_view(planar.result, height=321)._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1]) == planar.page
     assert "height: 321px" in shown
 
 
@@ -434,6 +494,20 @@ def test_importing_the_package_loads_no_viewer() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> None:
+    """Pinocchio reads the same file without its materials: an independent check of axes and scale."""
+    locked = {"panda_finger_joint1": 0.03}
+    arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
+    whole = [
+        part for part in visuals._geometries(load_unreduced_arm(arm), arm) if part.name == "panda_link0_0"
+    ]
+    pieces = visuals._coloured_meshes(whole[0])
+    vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), whole[0].geometry.vertices()
+    assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
+    assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)
+    assert len({colour for _, colour in pieces}) == len(pieces) >= 3
+
+
 # ---------------------------------------------------------------- locked joints
 
 
@@ -442,9 +516,9 @@ def test_links_beyond_a_locked_joint_are_drawn_at_the_locked_position() -> None:
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()})
     q = np.array((0.3, -0.4, 0.2, -1.9, 0.1, 1.6, 0.7))
-    visuals = CellVisuals(cell, "welded")
-    drawn = dict(zip((body.name for body in visuals.bodies), visuals.poses(q[None])[0], strict=True))
-    hand = next(body for body in visuals.bodies if body.name == "only/panda_joint7")
+    shown = CellVisuals(cell, "welded")
+    drawn = dict(zip((body.name for body in shown.bodies), shown.poses(q[None])[0], strict=True))
+    hand = next(body for body in shown.bodies if body.name == "only/panda_joint7")
     fingers = {visual.name: visual.pose for visual in hand.visuals if "finger" in visual.name}
 
     robot = yourdfpy.URDF.load(str(arm.file.path), load_meshes=False, build_scene_graph=True)

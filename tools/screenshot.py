@@ -4,8 +4,10 @@
 
 ``coop-pin view RESULT --image FILE.png --time T`` does the same from a result. The README's image:
 
-    coop-pin run adept-paper --out out
-    coop-pin view out --image docs/images/adept-paper.png --time 0.1
+    BIAS="--events [] --cell.arms.left.calibration_error.tip.xyz [1e-3,0,0]"
+    coop-pin run adept-paper $BIAS --name "printed law" --out out/printed
+    coop-pin run adept-anchored $BIAS --name "anchored law" --out out/anchored
+    coop-pin view out/printed out/anchored --image docs/images/replay.png
 """
 
 from __future__ import annotations

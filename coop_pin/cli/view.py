@@ -9,7 +9,7 @@ import sys
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -23,6 +23,7 @@ class View:
     """Show a run or a cell in 3-D, or write an image or a video of a run.
 
     For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
+    A second run is compared with it on one clock, as ghost arms and dashed curves.
     For a scenario, this opens a live view of the cell in its initial state on an address of this machine
     only, until Ctrl-C; with --run the scenario is simulated. Every field of the scenario can be changed as in
     'coop-pin run'.
@@ -32,6 +33,7 @@ class View:
 
     Attributes:
         what: folder or result file of a run, or a scenario: a name listed by 'coop-pin list', or a TOML file.
+        against: folder or result file of a second run.
         open: open a browser; without a screen only the address is printed.
         run: simulate the scenario, over and over; nothing is written.
         realtime_rate: simulated seconds in one second of wall time.
@@ -43,6 +45,7 @@ class View:
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
+    against: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SECOND_RUN")] = None
     open: bool = True
     run: bool = False
     realtime_rate: float = 1.0
@@ -70,28 +73,30 @@ class View:
         if self.time is not None and self.image is None:
             raise FieldError("is the time that an image shows; add --image FILE", "--time")
         pictures = self.image is not None or self.video is not None
-        if not pictures and (self.what in scenario_names() or (path.suffix == ".toml" and path.is_file())):
+        if (
+            not pictures
+            and self.against is None
+            and (self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()))
+        ):
             self._view_until_interrupted()
             return OK
         refuse_fields(self.fields, self.what)
         if pictures:
             self._write_images(path)
         else:
-            replay = _replay(path).resolve()
+            replay = (_replay(path) if self.against is None else _comparison(path, self.against)).resolve()
             self._show(str(replay), replay.as_uri())
         return OK
 
     def _write_images(self, path: Path) -> None:
-        from coop_pin.results import RunResult
-        from coop_pin.run_folder import RunFolder
         from coop_pin.viz import save_image, save_video
 
-        result = RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
+        result, other = _result(path), None if self.against is None else _result(self.against)
         if self.image is not None:
-            save_image(result, self.image, time=self.time)
+            save_image(result, self.image, other, time=self.time)
             print(self.image.resolve(), flush=True)
         if self.video is not None:
-            save_video(result, self.video)
+            save_video(result, self.video, other)
             print(self.video.resolve())
 
     def _view_until_interrupted(self) -> None:
@@ -121,18 +126,35 @@ class View:
             webbrowser.open(address)
 
 
+def _result(path: Path) -> Any:
+    """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
+    from coop_pin.results import RunResult
+    from coop_pin.run_folder import RunFolder
+
+    return RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
+
+
+def _comparison(path: Path, against: Path) -> Path:
+    """Write the page that compares two runs beside the first one's result, and return its file."""
+    from coop_pin.viz import save_replay
+
+    name = against.name if against.is_dir() else against.parent.name or against.stem
+    page = (path if path.is_dir() else path.parent) / f"against-{name}.html"
+    save_replay(_result(path), page, _result(against))
+    return page
+
+
 def _replay(path: Path) -> Path:
     """Return the replay of a run's folder or result file; a missing one is written."""
     from coop_pin.run_folder import RunFolder
 
     if not path.is_file() or path.name == RunFolder.RESULT:
         return RunFolder(path.parent if path.is_file() else path).replay()
-    from coop_pin.results import RunResult
     from coop_pin.viz import save_replay
 
     replay = path.with_suffix(".html")
     if not replay.is_file():
-        save_replay(RunResult.load(path), replay)
+        save_replay(_result(path), replay)
     return replay
 
 

@@ -19,8 +19,8 @@ from coop_pin.figures.style import (
     DESIRED,
     MEASURED,
     as_written,
-    frame_bulk,
     frame_decades,
+    inset_peak,
     label,
     legend_above,
     run_figure,
@@ -31,21 +31,22 @@ from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, ener
 
 
 def tracking_figure(result: RunResult) -> Figure:
-    """Return actual and desired payload pose, and the first arm's internal force along its axial direction.
+    """Return actual and desired payload pose, and the first arm's internal force along and across its axis.
 
-    Planar cells show x, y and psi (degrees); others x, y, z, the rotation-vector error (mrad), and the
-    internal force across the axial direction too.
+    Planar cells show x, y, psi (degrees) and the internal moment; others x, y, z and the rotation-vector
+    error (mrad).
 
     Args:
         result: the run.
     """
     data, planar = result.data, result.scenario.cell.rows == "planar"
     n = 2 if planar else 3
-    with run_figure(n, 2, result, "payload and internal force") as (figure, axes):
+    with run_figure(3, 2, result, "payload and internal force") as (figure, axes):
         panels = list(axes.flat)
         _draw_positions(data, panels[:n])
         (_draw_heading if planar else _draw_rotation_error)(data, panels[n])
-        for part, panel in zip(("axial", "shear"), panels[n + 1 :], strict=False):
+        parts = ("moment", "axial", "shear") if planar else ("axial", "shear")
+        for part, panel in zip(parts, panels[n + 1 :], strict=True):
             _draw_internal(data, part, panel)
     return figure
 
@@ -80,13 +81,13 @@ def _draw_rotation_error(data: xr.Dataset, panel: Axes) -> None:
 
 
 def _draw_internal(data: xr.Dataset, part: str, panel: Axes) -> None:
-    """Draw a part of the internal force on the first arm, actual and desired."""
+    """Draw a part of the internal wrench on the first arm, actual and desired."""
     time, actual = data["time"].values, data[f"internal_{part}"].values[:, 0]
     panel.plot(time, actual, **ACTUAL)
     panel.plot(time, data[f"desired_internal_{part}"].values[:, 0], **DESIRED)
-    label(panel, f"internal force on arm {as_written(data['arm'].values[0])}, {part}", "N")
-    if part == "axial":
-        frame_bulk(panel, actual, "N")
+    text, unit = ("moment", "N m") if part == "moment" else (f"force, {part}", "N")
+    label(panel, f"arm {as_written(data['arm'].values[0])}: internal {text}", unit)
+    inset_peak(panel, time)
 
 
 def torque_figure(result: RunResult) -> Figure:
@@ -150,32 +151,52 @@ def _draw_band(panel: Axes, limit: float, text: str) -> None:
 def internal_force_figure(result: RunResult) -> Figure:
     """Return axial force, shear force and moment of the internal wrench: a column for each arm.
 
-    Axial is along the line from the arm's tip to the middle of the other tips, negative where the arms
-    squeeze; shear is the norm of the force across that line; moment is the norm of the moment about P. Rows
-    that rigid bodies do not determine count as zero. What the controller measured is drawn where it differs.
+    Two arms whose parts mirror each other have one column. Axial is along the line from the arm's tip to the
+    middle of the other tips, negative where the arms squeeze; shear is the norm of the force across that
+    line; moment is the norm of the moment about P. Rows that rigid bodies do not determine count as zero.
+    What the controller measured is drawn where it differs.
 
     Args:
         result: the run.
     """
-    data, arms = result.data, result.data["arm"].values
+    data, arms = result.data, [as_written(arm) for arm in result.data["arm"].values]
     parts = (("axial", "axial", "N"), ("shear", "shear", "N"), ("moment", "moment about P", "N m"))
-    title = "internal wrench on each arm"
-    with run_figure(3, len(arms), result, title, panel=(3.6, 1.6)) as (figure, axes):
+    has_measured = "measured_internal_axial" in data
+    names = [f"arm {arm}" for arm in arms]
+    if not has_measured and _mirrors(data):
+        names = [f"arms {' and '.join(arms)}"]
+    size, title = (3.6 if len(names) > 1 else 7.2, 1.6), "internal wrench on each arm"
+    with run_figure(3, len(names), result, title, panel=size) as (figure, axes):
         for (part, text, unit), row in zip(parts, axes, strict=True):
             actual, desired = (data[f"{which}internal_{part}"].values for which in ("", "desired_"))
-            measured = data.get(f"measured_internal_{part}")
-            for arm, panel in enumerate(row):
-                if measured is not None:
-                    panel.plot(data["time"].values, measured.values[:, arm], label="measured", **MEASURED)
+            for arm, (name, panel) in enumerate(zip(names, row, strict=True)):
+                if has_measured:
+                    measured = data[f"measured_internal_{part}"].values[:, arm]
+                    panel.plot(data["time"].values, measured, label="measured", **MEASURED)
                 panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
                 panel.plot(data["time"].values, desired[:, arm], label="desired", **DESIRED)
-                frame_bulk(panel, actual[:, arm], unit)
-                label(panel, f"arm {as_written(arms[arm])}, {text}", unit)
-        if "measured_internal_axial" in data:  # three entries are too wide beside a title
+                inset_peak(panel, data["time"].values)
+                label(panel, f"{name}, {text}", unit)
+        if has_measured:  # three entries are too wide beside a title
             figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
         else:
             legend_above(axes[0, 0])
     return figure
+
+
+def _mirrors(data: xr.Dataset) -> bool:
+    """Return whether two arms have the same axial force, shear force and moment, to rounding."""
+    parts = [data[f"internal_{part}"].values for part in ("axial", "shear", "moment")]
+    return parts[0].shape[1] == 2 and all(
+        np.allclose(
+            part[:, 0],
+            part[:, 1],
+            rtol=1e-6,
+            atol=1e-9 + 1e-6 * np.nanmax(np.abs(part), initial=0.0),
+            equal_nan=True,
+        )
+        for part in parts
+    )
 
 
 def singularity_figure(result: RunResult) -> Figure:

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -43,6 +44,9 @@ ACTUAL: dict[str, Any] = {"color": palette.ACTUAL}
 DESIRED: dict[str, Any] = {"color": palette.DESIRED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
 MEASURED: dict[str, Any] = {"color": palette.MEASURED, "linewidth": 0.8}
 
+_WINDOW: dict[str, Any] = {"alpha": 0.06, "linewidth": 0.0, "zorder": 0.3}
+"""Shade of the windows that the metrics are taken over."""
+
 Grid: TypeAlias = NDArray[Any]
 """Axes in rows and columns."""
 
@@ -58,7 +62,8 @@ def run_figure(
 ) -> Iterator[tuple[Figure, Grid]]:
     """Yield an empty figure of a run and its axes, shape (rows, columns), which share the time axis.
 
-    At the end, the events are marked in every panel and the time axes are labelled.
+    At the end, the events and the windows of the metrics are marked in every panel, and the time axes are
+    labelled.
 
     Args:
         rows: of panels.
@@ -72,11 +77,15 @@ def run_figure(
         figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6), layout="constrained")
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
         figure.suptitle(f"{as_written(scenario.name)}: {title}")
-        if scenario.summary:
-            figure.supxlabel(as_written(scenario.summary), fontsize=7.5, color=palette.CAPTION)
+        windows = [one for one in (result.steady_window, result.after_event_window) if not one.is_empty]
+        shaded = ("blue shade: the windows of the metrics",) if windows else ()
+        caption = "; ".join((*((scenario.summary,) if scenario.summary else ()), *shaded))
+        figure.supxlabel(as_written(caption), fontsize=7.5, color=palette.CAPTION)
         yield figure, axes
         figure.align_ylabels()
         for panel_axes in axes.flat:
+            for window in windows:
+                panel_axes.axvspan(window.start, window.end, color=palette.ACTUAL, **_WINDOW)
             for event in scenario.events:
                 _mark_event(panel_axes, event)
             panel_axes.set_xlim(0.0, max(result.end, scenario.clock.period))
@@ -108,22 +117,45 @@ def legend_above(panel: Axes) -> None:
     )
 
 
-def frame_bulk(panel: Axes, values: Array, unit: str) -> None:
-    """Limit a panel to the middle 98 % of its values, and note the range of the peaks that it cuts off."""
-    finite = values[np.isfinite(values)]
-    if finite.size == 0:
+_PEAK_S = (0.3, 0.9)
+"""Time that an inset shows before and after a peak, s."""
+_PEAK_RATIO = 1.8
+"""Ratio of all values' range to that without the peak above which the peak gets an inset."""
+
+
+def inset_peak(panel: Axes, time: Array) -> None:
+    """Show the curves without their highest peak, and the peak in an inset, if it would flatten the rest.
+
+    Args:
+        panel: axes with curves over time.
+        time: of their samples, s, shape (n,).
+    """
+    curves = [line for line in panel.lines if np.size(line.get_xdata()) == time.size]
+    values = np.array([np.asarray(line.get_ydata(), dtype=float) for line in curves])
+    if not np.isfinite(values).any():
         return
-    low, high = (float(edge) for edge in np.percentile(finite, (1.0, 99.0)))
-    margin = max(0.25 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
-    if finite.min() >= low - margin and finite.max() <= high + margin:
+    away = np.nanmax(np.abs(values - np.nanmedian(values, axis=1, keepdims=True)), axis=0)
+    peak = float(time[np.nanargmax(away)])
+    inside = (time >= peak - _PEAK_S[0]) & (time <= peak + _PEAK_S[1])
+    rest = values[:, ~inside]
+    if not np.isfinite(rest).any() or np.nanmax(rest) - np.nanmin(rest) < 1e-9:
         return
-    panel.set_ylim(low - margin, high + margin)
-    ends = np.array((finite.min(), finite.max()))
-    least, most = np.where(np.abs(ends) < 1e-6 * np.abs(finite).max(), 0.0, ends)
-    style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 7.0, "color": palette.CAPTION}
-    box = {"facecolor": "white", "alpha": 0.85, "linewidth": 0.0, "pad": 1.5}
-    text = f"peaks cut off: {least:.3g} to {most:.3g} {unit}"
-    panel.text(0.99, 0.03, text, transform=panel.transAxes, bbox=box, **style)
+    low, high = float(np.nanmin(rest)), float(np.nanmax(rest))
+    if np.nanmax(values) - np.nanmin(values) < _PEAK_RATIO * (high - low):
+        return
+    panel.set_ylim(low - 0.1 * (high - low), high + 1.3 * (high - low))  # with room for the inset
+    left = 0.62 if peak < 0.55 * time[-1] else 0.1
+    inset = panel.inset_axes((left, 0.55, 0.36, 0.4))
+    for line in curves:
+        inset.plot(
+            time[inside],
+            np.asarray(line.get_ydata())[inside],
+            color=line.get_color(),
+            linestyle=line.get_linestyle(),
+            linewidth=0.9,
+        )
+    inset.tick_params(labelsize=6.0, length=2.0, pad=1.5)
+    inset.set_xlim(max(peak - _PEAK_S[0], 0.0), min(peak + _PEAK_S[1], float(time[-1])))
 
 
 def frame_decades(panel: Axes, values: Array) -> None:
@@ -142,7 +174,7 @@ def _mark_event(panel: Axes, event: PayloadChange | WrenchPulse) -> None:
 _LARGE_RATIO = 30.0
 """Ratio of the largest to the smallest value above which a scale is logarithmic."""
 _MAX_TICKS = 8
-"""Up to so many values of a field have ticks of their own on a logarithmic scale."""
+"""Up to so many values of a field have ticks of their own."""
 
 
 def scale_to_metric(panel: Axes, axis: str, values: Array) -> None:
@@ -158,16 +190,15 @@ def scale_to_metric(panel: Axes, axis: str, values: Array) -> None:
 
 
 def scale_to_field(panel: Axes, axis: str, values: Array) -> None:
-    """Make an axis logarithmic if the values of a field are spaced so; a few values have a tick each.
+    """Make an axis logarithmic if the values of a field are spaced so; up to eight have a tick each.
 
     Args:
         panel: the axes.
         axis: "x" or "y".
         values: shape (n,).
     """
-    if not is_log_spaced(values):
-        return
-    panel.set(**{f"{axis}scale": "log"})
+    if is_log_spaced(values):
+        panel.set(**{f"{axis}scale": "log"})
     if np.unique(values).size <= _MAX_TICKS:
         side = panel.xaxis if axis == "x" else panel.yaxis
         side.set_ticks(values.tolist(), [f"{value:g}" for value in values])
@@ -190,27 +221,40 @@ def is_log_spaced(values: Array) -> bool:
 
 
 _DPI = 150
+_COLUMN, _PAGE = 3.5, 7.16
+"""Widths of one and of two columns of a paper, inches."""
+_CANVASES: dict[str, Any] = {".png": FigureCanvasAgg, ".svg": FigureCanvasSVG, ".pdf": FigureCanvasPdf}
+Format: TypeAlias = Literal["png", "svg", "pdf"]
 
 
 def save_figure(
-    figure: Figure, stem: str | Path, *, formats: Sequence[Literal["png", "svg"]] = ("png", "svg")
+    figure: Figure,
+    stem: str | Path,
+    *,
+    formats: Sequence[Format] | None = None,
+    paper: bool = False,
 ) -> tuple[Path, ...]:
-    """Write a figure as PNG, as SVG or as both; if writing fails, older files at these paths stay.
+    """Write a figure as PNG, SVG or PDF; if writing fails, older files at these paths stay.
 
     It is laid out once, and drawn once for each format: Figure.savefig does both twice.
 
     Args:
         figure: the figure.
         stem: path of the files without their suffix.
-        formats: those that are written.
+        formats: those that are written; PNG and SVG when omitted, for a paper PDF.
+        paper: make it as wide as one or two columns of a paper (3.5 or 7.16 inches), without a title inside,
+            with fonts that can be searched; text keeps its size.
 
     Returns:
         The paths.
     """
+    formats = formats or (("pdf",) if paper else ("png", "svg"))
     paths = tuple(Path(f"{stem}.{kind}") for kind in formats)
+    if paper:
+        _fit_paper(figure)
     engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
     # Without a fixed salt, matplotlib makes the ids inside an SVG random.
-    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):
+    with mpl.rc_context({"svg.hashsalt": "coop_pin", "pdf.fonttype": 42}):
         try:
             figure.dpi = _DPI
             if engine is not None:
@@ -225,9 +269,15 @@ def save_figure(
     return paths
 
 
+def _fit_paper(figure: Figure) -> None:
+    figure.suptitle("")
+    figure.supxlabel("")
+    width, height = figure.get_size_inches()
+    fitted = _COLUMN if width < 6.0 else _PAGE
+    figure.set_size_inches(fitted, height * fitted / width)
+
+
 def _write(figure: Figure, part: Path) -> None:
-    canvas: Any = (FigureCanvasAgg if part.suffix == ".png" else FigureCanvasSVG)(figure)
-    if part.suffix == ".png":
-        canvas.print_png(part, metadata={"Software": None})
-    else:
-        canvas.print_svg(part, metadata={"Date": None})
+    canvas: Any = _CANVASES[part.suffix](figure)
+    metadata = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    getattr(canvas, f"print_{part.suffix[1:]}")(part, metadata=metadata[part.suffix])

@@ -24,6 +24,7 @@ from coop_pin.figures.style import (
     spans_large_ratio,
     styled,
 )
+from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import FAILED
 
@@ -31,15 +32,39 @@ from coop_pin.sweeps.table import FAILED
 def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
     """Return the values of a metric over the dimensions of a sweep.
 
-    Its variables are ``value``, NaN for runs that failed, are missing, or have no finite value,
-    and ``failed``.
+    Its variables are ``value``, NaN for runs that failed, are missing, or have no finite value, ``failed``,
+    and ``untrusted`` for finished runs that are not trustworthy.
 
     Raises:
         NameNotFoundError: no run has the metric.
     """
     values, failed = result.values(metric), result.data["status"] == FAILED
     values = values.where(np.isfinite(values))
-    return xr.Dataset({"value": values, "failed": failed}, attrs={"metric": metric})
+    untrusted = xr.zeros_like(failed)
+    if "trustworthy" in result.metric_names:
+        untrusted = (result.values("trustworthy") == 0.0) & ~failed
+    table = {"value": values, "failed": failed, "untrusted": untrusted}
+    return xr.Dataset(table, attrs={"metric": metric_label(metric)})
+
+
+_UNITS = {"Nm": "N m", "N": "N", "m": "m", "rad": "rad", "s": "s", "J": "J", "hz": "Hz", "mass": "kg"}
+"""Units by the last part of a name; the duration of a run is in s."""
+
+
+def metric_label(metric: str) -> str:
+    """Return a metric's text and unit, for an axis; its name if it is one of the user's."""
+    if metric not in METRIC_TEXTS:
+        return metric
+    return f"{METRIC_TEXTS[metric][0]} ({_UNITS[metric.rsplit('_', 1)[-1]]})"
+
+
+def field_label(field: str) -> str:
+    """Return the words of a field and its unit, for an axis: "payload mass (kg)" for cell.payload.mass."""
+    *_, group, last = ("", *field.split("."))
+    words = last.removesuffix("_hz").replace("_", " ")
+    unit = "s" if last == "duration" else _UNITS.get(last.rsplit("_", 1)[-1], "")
+    named = words if group in ("", "gains") else f"{group.replace('_', ' ')} {words}"
+    return f"{named} ({unit})" if unit else named
 
 
 def _numeric_dimensions(table: xr.Dataset) -> list[str]:
@@ -48,11 +73,21 @@ def _numeric_dimensions(table: xr.Dataset) -> list[str]:
 
 
 _MARKERS = "osDv^P"
+_DOUBTED: Any = {
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 9.0,
+    "fillstyle": "none",
+    "color": palette.LIMIT,
+}
+"""Ring around a run that is not trustworthy."""
 _HATCHED: Any = {"facecolor": "#f3f4f6", "edgecolor": palette.EVENT, "hatch": "////", "linewidth": 0.0}
 
 
 def lines_figure(table: xr.Dataset, field: str) -> Figure:
-    """Return a line over a field for each combination of the other dimensions, with crosses for failed runs.
+    """Return a line over a field for each combination of the other dimensions.
+
+    Failed runs have crosses at the top, those that are not trustworthy a ring.
 
     Args:
         table: the metric.
@@ -81,26 +116,32 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
             crosses = x[line["failed"].values]
             at_top: dict[str, Any] = {"transform": panel.get_xaxis_transform(), "clip_on": False}
             panel.plot(crosses, np.full(crosses.size, 0.97), "x", color=colour, **at_top)
+            doubted = line["value"].where(line["untrusted"]).values
+            panel.plot(x[line["untrusted"].values], doubted[line["untrusted"].values], **_DOUBTED)
         scale_to_field(panel, "x", x)
         scale_to_metric(panel, "y", table["value"].values)
-        panel.set_xlabel(as_written(field))
+        panel.set_xlabel(as_written(field_label(field)))
         label(panel, "", as_written(table.attrs["metric"]))
         if table["failed"].any():
             panel.plot([], [], "x", color=palette.EVENT, label="failed")
-        if others or table["failed"].any():
+        if table["untrusted"].any():
+            panel.plot([], [], label="not trustworthy", **_DOUBTED)
+        if panel.get_legend_handles_labels()[0]:
             panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
 
 
 def _written(field: str, value: Any) -> str:
-    """Return a coordinate as text: a case by its name, a number after the last part of its field."""
+    """Return a coordinate as text: a case by its name, a number after the words of its field."""
     if isinstance(value, str):
         return value
-    return f"{field.rsplit('.', 1)[-1]} {value:g}"
+    return f"{field_label(field).partition(' (')[0]} {value:g}"
 
 
 def map_figure(table: xr.Dataset) -> Figure:
     """Return a map over the two dimensions, with failed runs hatched and their boundary drawn.
+
+    Runs that are not trustworthy have a ring.
 
     Args:
         table: the metric; both of its dimensions are numeric.
@@ -123,12 +164,17 @@ def map_figure(table: xr.Dataset) -> Figure:
         for axis, edges, name in (("x", x, across), ("y", y, up)):
             scale_to_field(panel, axis, table[name].values)
             panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
-        panel.set_xlabel(as_written(across))
-        label(panel, "", as_written(up))
+        panel.set_xlabel(as_written(field_label(across)))
+        label(panel, "", as_written(field_label(up)))
         figure.colorbar(mesh, label=as_written(table.attrs["metric"]))
-        if failed.any():
-            failed_patch = Patch(label="failed", **_HATCHED)
-            panel.legend(handles=[failed_patch], loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        rows, columns = np.nonzero(table["untrusted"].values)
+        doubted = panel.plot(table[across].values[columns], table[up].values[rows], **_DOUBTED)
+        handles: list[Any] = [Patch(label="failed", **_HATCHED)] if failed.any() else []
+        if rows.size:
+            doubted[0].set_label("not trustworthy")
+            handles += doubted
+        if handles:
+            panel.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
 
 
@@ -203,7 +249,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
             panel.annotate(f"{run.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
         scale_to_metric(panel, "x", a[shown])
         scale_to_metric(panel, "y", b[shown])
-        panel.set_xlabel(as_written(metric_a))
-        label(panel, "numbers at the front: runs of the sweep", as_written(metric_b))
+        panel.set_xlabel(as_written(metric_label(metric_a)))
+        label(panel, "numbers at the front: runs of the sweep", as_written(metric_label(metric_b)))
         panel.legend(loc="best")
     return figure

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable
-from typing import Any, NamedTuple
+from collections.abc import Hashable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+import trimesh
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
@@ -17,14 +19,16 @@ from coop_pin.errors import UrdfWarning
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import can_be_read, visual_geometry, without_meshes
 from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
-from coop_pin.model.shapes import Shape, half_extents, shape_of
+from coop_pin.model.shapes import Mesh, Shape, half_extents, shape_of
+
+Colour: TypeAlias = tuple[float, float, float, float]
 
 
 class Visual(NamedTuple):
     """Visual shape on a body.
 
     Attributes:
-        name: its name in the URDF, made unique by Pinocchio.
+        name: its name in the URDF, made unique by Pinocchio; the pieces of a mesh share it.
         shape: box, cylinder, sphere or mesh.
         pose: of the shape in the body's frame, shape (4, 4).
         colour: red, green, blue and opacity, from 0 to 1.
@@ -33,7 +37,7 @@ class Visual(NamedTuple):
     name: str
     shape: Shape
     pose: Array
-    colour: tuple[float, float, float, float]
+    colour: Colour
 
 
 class Body(NamedTuple):
@@ -114,18 +118,48 @@ def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
         model, geometry = pin.buildReducedModel(model, geometry, whole.locked, whole.configuration)
     visuals: dict[str, tuple[Visual, ...]] = {}
     for part in geometry.geometryObjects:
-        shape = shape_of(part.geometry)
-        if shape is None:
-            _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
-            continue
-        if not np.isfinite(half_extents(shape)).all():
-            _warn(arm.urdf, part.name, "its size is not finite")
-            continue
-        red, green, blue, opacity = (float(share) for share in part.meshColor)
-        visual = Visual(part.name, shape, np.array(part.placement.homogeneous), (red, green, blue, opacity))
-        joint = str(model.names[part.parentJoint])
-        visuals[joint] = (*visuals.get(joint, ()), visual)
+        pose, joint = np.array(part.placement.homogeneous), str(model.names[part.parentJoint])
+        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm))
+        visuals[joint] = (*visuals.get(joint, ()), *drawn)
     return visuals
+
+
+def _pieces(part: Any, arm: Arm) -> list[tuple[Shape, Colour]]:
+    """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
+    if arm.file.origin != "user" and (pieces := _coloured_meshes(part)):
+        return pieces
+    shape = shape_of(part.geometry)
+    if shape is None:
+        _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
+    elif not np.isfinite(half_extents(shape)).all():
+        _warn(arm.urdf, part.name, "its size is not finite")
+    else:
+        return [(shape, _colour(part.meshColor))]
+    return []
+
+
+def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
+    """Return the pieces of a mesh file by their colours, which Pinocchio does not read; none if it has none.
+
+    Files of users are not read this way: the process that tries them tries Pinocchio's reader only.
+    """
+    if part.overrideMaterial or Path(part.meshPath).suffix.lower() != ".dae":
+        return []
+    pieces: dict[Colour, list[Any]] = {}
+    dumped: Any = trimesh.load_scene(part.meshPath).dump()
+    for piece in dumped:
+        pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
+    meshes: list[tuple[Shape, Colour]] = []
+    for colour, found in pieces.items():
+        whole: Any = trimesh.util.concatenate(found)
+        vertices = part.meshScale.ravel() * np.array(whole.vertices)
+        meshes.append((Mesh(vertices, np.array(whole.faces, dtype=np.int64)), colour))
+    return meshes
+
+
+def _colour(shares: Iterable[float]) -> Colour:
+    red, green, blue, opacity = map(float, shares)
+    return red, green, blue, opacity
 
 
 def _geometries(whole: UnreducedArm, arm: Arm) -> list[Any]:

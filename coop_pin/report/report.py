@@ -13,6 +13,7 @@ from string import Template
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
@@ -26,7 +27,8 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.results.metrics import METRIC_TEXTS
+from coop_pin.viz.highlights import telling_instant
 from coop_pin.viz.replay import replay_html
 
 
@@ -46,29 +48,6 @@ class MetricRow(NamedTuple):
     window: str
 
 
-_ROWS = {
-    "settling_time_s": ("settles to 5 mm and 5 mrad after the start", "s", 1.0),
-    "resettling_time_s": ("settles again after the first event", "s", 1.0),
-    "event_peak_position_error_m": ("largest position error from the first event on", "mm", 1e3),
-    "position_rms_m": ("position error, rms", "mm", 1e3),
-    "orientation_rms_rad": ("orientation error, rms", "mrad", 1e3),
-    "internal_axial_mean_N": ("internal force along the line between the tips, mean", "N", 1.0),
-    "internal_axial_rms_error_N": ("internal force along the line, rms of its error", "N", 1.0),
-    "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
-    "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
-    "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
-    "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
-    "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
-    "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
-}
-"""Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
-
-_ROWS |= {
-    f"after_event_{name}": (f"{text}, after the last event", unit, scale)
-    for name, (text, unit, scale) in _ROWS.items()
-    if name in STEADY_METRICS
-}
-
 _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
 """Metrics of the accuracy of the computation, not of the control."""
 
@@ -81,7 +60,7 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
     metrics = result.metrics()
     return [
         MetricRow(name, text, _number(metrics[name] * scale, unit), str(result.window_of(name)))
-        for name, (text, unit, scale) in _ROWS.items()
+        for name, (text, unit, scale) in METRIC_TEXTS.items()
     ]
 
 
@@ -172,6 +151,8 @@ def report_html(result: RunResult) -> str:
         version=html.escape(__version__),
         broken_off=_broken_off(result),
         verdict=_verdict(result),
+        told=html.escape(telling_instant(result).text),
+        tiles=_tiles(result),
         facts=_facts(result),
         metrics=_metrics(metrics_table(result)),
         replay=html.escape(replay_html(result)),
@@ -215,6 +196,26 @@ def _verdict(result: RunResult) -> str:
         return '<p class="verdict">This run is trustworthy: it keeps the thresholds of its scenario.</p>'
     reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
     return f'<p class="warning">{html.escape(result.verdict())}</p><ol class="breaches">{reasons}</ol>'
+
+
+def _tiles(result: RunResult) -> str:
+    """Return the internal wrench and the tracking error at the telling instant, of the worst arm."""
+    now = result.data.sel(time=telling_instant(result).time)
+    parts = (("along", "axial", "N"), ("across", "shear", "N"), ("moment", "moment", "N m"))
+    tiles = []
+    for name, part, unit in parts:
+        arm = int(np.nan_to_num(np.abs(now[f"internal_{part}"].values)).argmax())
+        value, wanted = (float(now[f"{of}internal_{part}"].values[arm]) for of in ("", "desired_"))
+        tiles.append((name, value, unit, f"wanted {round(wanted, 3) + 0.0:g} {unit}"))
+    distance, angle = (
+        1e3 * np.linalg.norm(now["pose_error"].values[rows]) for rows in (slice(3), slice(3, 6))
+    )
+    tiles.append(("off path", float(distance), "mm", f"{angle:.2g} mrad turned"))
+    return "".join(
+        f"<div>{name}<b>{value:.3g} <small>{unit}</small></b>{note}</div>"
+        for name, value, unit, note in tiles
+        if not math.isnan(value)
+    )
 
 
 def _facts(result: RunResult) -> str:

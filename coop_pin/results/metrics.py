@@ -39,6 +39,29 @@ STEADY_METRICS = (
 )
 """Metrics over the steady window; ``after_event_`` and their names are those after the last event."""
 
+METRIC_TEXTS = {
+    "settling_time_s": ("settles to 5 mm and 5 mrad after the start", "s", 1.0),
+    "resettling_time_s": ("settles again after the first event", "s", 1.0),
+    "event_peak_position_error_m": ("largest position error from the first event on", "mm", 1e3),
+    "position_rms_m": ("position error, rms", "mm", 1e3),
+    "orientation_rms_rad": ("orientation error, rms", "mrad", 1e3),
+    "internal_axial_mean_N": ("internal force along the line between the tips, mean", "N", 1.0),
+    "internal_axial_rms_error_N": ("internal force along the line, rms of its error", "N", 1.0),
+    "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
+    "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
+    "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
+    "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
+    "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
+    "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
+}
+"""Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
+
+METRIC_TEXTS |= {
+    f"after_event_{name}": (f"{text}, after the last event", unit, scale)
+    for name, (text, unit, scale) in METRIC_TEXTS.items()
+    if name in STEADY_METRICS
+}
+
 _SLACK = 1e-9
 """Differences below it, in time or beyond a limit, are rounding."""
 

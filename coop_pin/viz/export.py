@@ -21,10 +21,10 @@ from coop_pin.arrays import Array
 from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.viz.cell_scene import FRAMES_PER_SECOND
+from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html
 
-WIDTH, HEIGHT = 1200, 720
+WIDTH, HEIGHT = 1400, 900
 _MIN_PIXELS = 64
 _QUALITY = 8
 """Of 10."""
@@ -45,7 +45,7 @@ _ARGUMENTS = (
 _TIMEOUT_MS = 120_000
 """Rendering in software is slow on small machines."""
 
-_HIDE_CONTROLS = "#play, #speed, .dg { display: none !important; }"
+_HIDE_CONTROLS = "#play, #speed, #views { display: none !important; }"
 _NEXT_FRAME = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 _Returned = TypeVar("_Returned")
@@ -54,6 +54,7 @@ _Returned = TypeVar("_Returned")
 def save_image(
     result: RunResult,
     path: str | Path,
+    other: RunResult | None = None,
     *,
     time: float | None = None,
     width: int = WIDTH,
@@ -64,6 +65,7 @@ def save_image(
     Args:
         result: the run.
         path: the file.
+        other: a second run to compare it with.
         time: s; the end of the run when omitted.
         width: pixels.
         height: pixels.
@@ -76,13 +78,14 @@ def save_image(
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
         raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
-    (image,) = run_in_thread(lambda _: list(page_images(replay_html(result), [time], width, height)))
+    (image,) = run_in_thread(lambda _: list(page_images(replay_html(result, other), [time], width, height)))
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
 
 def save_video(
     result: RunResult,
     path: str | Path,
+    other: RunResult | None = None,
     *,
     frames_per_second: float = FRAMES_PER_SECOND,
     width: int = WIDTH,
@@ -95,6 +98,7 @@ def save_video(
     Args:
         result: the run.
         path: the file.
+        other: a second run to compare it with.
         frames_per_second: 1/s.
         width: pixels, even.
         height: pixels, even.
@@ -110,7 +114,7 @@ def save_video(
     for name, value in (("width", width), ("height", height)):
         if value % 2:
             raise OutOfRangeError(name, value, "an even number of pixels in a video")
-    packages, page = _video_packages(), replay_html(result)
+    packages, page = _video_packages(), replay_html(result, other)
 
     def encode(stop: threading.Event, part: Path) -> int:
         with closing(page_images(page, times, width, height)) as images:

@@ -20,6 +20,11 @@ _JOIN_S = 5.0
 _ROUNDED_DOWN = 1.0 - 1e-12
 
 
+def squeeze_force(scenario: Scenario) -> float:
+    """Return the largest desired internal force on an arm at t = 0, N."""
+    return float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
+
+
 class LiveRun:
     """Interactive simulation: start, pause, reset, push, and changes of gains, payload mass and squeeze.
 
@@ -28,7 +33,9 @@ class LiveRun:
     Attributes:
         scenario: scenario with all changes; the next reset starts from it.
         error: the error that ended the run; None if there is none.
+        squeeze: largest desired internal force on an arm, N.
         on_end: called from the run's thread when the run finishes or fails.
+        on_change: called after a change of gains, mass or squeeze, and after a reset.
     """
 
     error: CoopPinError | None
@@ -47,8 +54,9 @@ class LiveRun:
             UnreachablePoseError: an arm does not reach its grasp at the start.
             OutOfRangeError: the real-time rate is not greater than zero.
         """
-        self.scenario, self.error = scenario, None
+        self.scenario, self.squeeze, self.error = scenario, squeeze_force(scenario), None
         self.on_end: Callable[[], None] = lambda: None
+        self.on_change: Callable[[], None] = lambda: None
         self._view, self._pace = view, RealtimePacer(realtime_rate)
         self._simulation = Simulation(scenario, build_controller(scenario))
         self._lock, self._stop = threading.Lock(), threading.Event()
@@ -97,6 +105,8 @@ class LiveRun:
         """Pause, and return to the start with the current values."""
         self.pause()
         self._simulation, self.error = Simulation(self.scenario, build_controller(self.scenario)), None
+        self.squeeze = squeeze_force(self.scenario)
+        self.on_change()
 
     def step(self) -> None:
         """Do one tick, whether running or not; a finished run stays as it is."""
@@ -122,6 +132,7 @@ class LiveRun:
         with self._lock:
             self.scenario = changed
             self._simulation.replace_controller(controller)
+        self.on_change()
 
     def change_mass(self, mass: float) -> None:
         """Change the mass of the payload, kg.
@@ -134,6 +145,7 @@ class LiveRun:
             self.scenario = self.scenario.replace(cell=self.scenario.cell.replace(payload=payload))
             if not self._simulation.is_finished:
                 self._simulation.add_event(PayloadChange(time=self._simulation.time, mass=mass))
+        self.on_change()
 
     def change_squeeze(self, newtons: float) -> None:
         """Replace the squeeze by that of the scenario at t = 0, scaled to a largest force on an arm, N.
@@ -141,8 +153,7 @@ class LiveRun:
         Raises:
             FieldError: the scenario has no squeeze to scale.
         """
-        wrenches = self.scenario.squeeze_wrenches
-        present = float(np.linalg.norm(wrenches[:, :3], axis=1).max())
+        wrenches, present = self.scenario.squeeze_wrenches, squeeze_force(self.scenario)
         if not present > 0.0:
             raise FieldError("is zero and cannot be scaled; give the scenario a squeeze first", "squeeze")
         table = {
@@ -154,6 +165,8 @@ class LiveRun:
             if newtons > 0.0:  # a zero squeeze would lose its direction
                 self.scenario = self.scenario.replace(squeeze=squeeze)
             self._simulation.replace_squeeze(squeeze)
+            self.squeeze = newtons
+        self.on_change()
 
     def push(self, wrench: tuple[float, ...], duration: float) -> None:
         """Apply an external wrench to the payload from the next tick on.

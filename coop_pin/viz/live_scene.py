@@ -1,11 +1,9 @@
-"""3-D scene of a simulation: its initial state, and the frame of every snapshot, packed for the live page."""
+"""Scene of a simulation under way: its initial state, and the frame of every snapshot for the live page."""
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,20 +15,15 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.spatial import pose_error, quaternions, rotate_vector6
-from coop_pin.viz.arrows import (
-    ArrowSeries,
-    expected_scales,
-    largest_force,
-    snapshot_wrenches,
-    wrench_arrows,
-)
-from coop_pin.viz.cell_scene import cell_items, cell_tracks, warning_colours
-from coop_pin.viz.scene import Scene, Track
+from coop_pin.results.quantities import GROUPS
+from coop_pin.spatial import rotate_vector6
+from coop_pin.viz.arrows import expected_scales
+from coop_pin.viz.cell_scene import cell_scene
+from coop_pin.viz.curves import cell_curves, curve_rows
+from coop_pin.viz.frames import CellFrames, snapshot_samples
+from coop_pin.viz.page import packed_run
 
 _PATH_SAMPLES = 400
-_IDENTITY = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0))
-"""Position, quaternion and scale of a node that does not move."""
 
 
 class InitialScene(NamedTuple):
@@ -76,6 +69,8 @@ def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialSc
     snapshot = _initial_snapshot(
         scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches
     )
+    if GROUPS["force path"](scenario):  # f_m[0] = f_d
+        snapshot = snapshot._replace(measured_internal_wrench=snapshot.desired_internal_wrench)
     return InitialScene(scenario.name, scenario.cell, scenario.plant, snapshot, path)
 
 
@@ -116,77 +111,35 @@ class LiveScene:
     """Scene of a simulation under way.
 
     Attributes:
-        scene: drawables and camera; it has no keyframes.
-        nodes: paths of the nodes that move, in the order of a frame's rows.
-        bodies: paths of the nodes with warning colours, in the order of a frame's warnings.
+        scene: drawables and camera.
+        frames: layout of a frame's first part.
+        curves: curves of the plots; a frame's second part is the time and their values.
         scales: scales of the arrows.
     """
 
     def __init__(self, initial: InitialScene) -> None:
         """Build the scene around the initial state of a cell."""
         cell, first = initial.cell, initial.snapshot
-        self._arms, self._names = CellVisuals(cell, initial.plant.payload), tuple(cell.arms)
+        self._cell = cell
+        self.frames = CellFrames(cell, CellVisuals(cell, initial.plant.payload))
         self.scales = expected_scales(cell, first)
-        origins = self._arms.poses(first.configuration[None])[0, :, :3]
-        items, camera = cell_items(
-            cell,
-            self._arms.bodies,
-            points=np.concatenate((origins, initial.desired_path, first.payload_pose[None, :3, 3])),
-            tips=first.tip_position[None],
-            desired_path=initial.desired_path,
-            arrows=self._arrows(first),
-        )
-        self.scene = Scene(items, np.zeros(0), (), camera)
-        self.nodes = tuple(track.path for track in self._tracks(first))
-        self.bodies = tuple(f"arms/{body.name}" for body in self._arms.bodies)
+        self.curves = cell_curves(snapshot_samples(first, cell), list(cell.arms))
+        self._desired_path, bodies = initial.desired_path, self.frames.visuals.bodies
+        self.scene = cell_scene(cell, bodies, tips=first.tip_position, points=initial.desired_path)
 
     def frame(self, snapshot: Snapshot) -> bytes:
-        """Return the frame of a snapshot, as the live page reads it.
+        """Return the frame of a snapshot as the live page reads it: little-endian float32.
 
-        Four bytes with the length of a JSON text (little-endian), the text, and ten float32 for each node:
-        position (m), quaternion x, y, z, w, and scale. The text has the time (s), the position error (m), the
-        largest internal force of all arms, its desired value and what the controllers measure (N; null where
-        that is not recorded), and the warning code of each body.
+        First the columns of ``frames.blocks``, then the time and the value of each of ``curves``.
         """
-        error = pose_error(snapshot.payload_pose, snapshot.desired_pose)
-        names = [body.name for body in self._arms.bodies]
-        warnings = warning_colours(
-            names, self._arms.joints, snapshot.saturated[None], snapshot.jacobian_condition[None]
-        )
-        measured = snapshot.measured_internal_wrench
-        header = {
-            "time": snapshot.time,
-            "position_error": float(np.linalg.norm(error[:3])),
-            "internal": largest_force(snapshot.internal_wrench),
-            "desired_internal": largest_force(snapshot.desired_internal_wrench),
-            "measured_internal": None if measured is None else largest_force(measured),
-            "warnings": warnings[0].tolist(),
-        }
-        text = json.dumps(header).encode()
-        text += b" " * (-len(text) % 4)  # float32 arrays must start at a multiple of four bytes
-        tracks = self._tracks(snapshot)
-        rows = np.tile(_IDENTITY, (len(tracks), 1))
-        for row, track in zip(rows, tracks, strict=True):
-            parts = np.split(row, (3, 7))  # views of the row
-            for part, values in zip(parts, (track.position, track.quaternion, track.scale), strict=True):
-                if values is not None:
-                    part[:] = values[0]
-        return struct.pack("<I", len(text)) + text + rows.astype("<f4").tobytes()
+        return b"".join(part.astype("<f4").tobytes() for part in self._rows(snapshot))
 
-    def _tracks(self, snapshot: Snapshot) -> tuple[Track, ...]:
-        """Return the tracks of all moving nodes, with one sample."""
-        return cell_tracks(
-            self._arms.bodies,
-            self._arms.poses(snapshot.configuration[None]),
-            _position_and_quaternion(snapshot.payload_pose),
-            _position_and_quaternion(snapshot.desired_pose),
-            self._arrows(snapshot),
+    def packed(self, snapshot: Snapshot) -> dict[str, Any]:
+        """Return scene and frame of a snapshot as the page reads a run."""
+        return packed_run(
+            self.frames, self.scene, list(self._cell.arms), self._desired_path, *self._rows(snapshot)
         )
 
-    def _arrows(self, snapshot: Snapshot) -> tuple[ArrowSeries, ...]:
-        return wrench_arrows(self._names, snapshot_wrenches(snapshot), self.scales)
-
-
-def _position_and_quaternion(pose: Array) -> Array:
-    """Return the position (m) and quaternion x, y, z, w of a pose, shape (1, 7)."""
-    return np.concatenate((pose[:3, 3], quaternions(pose[:3, :3])))[None]
+    def _rows(self, snapshot: Snapshot) -> tuple[Array, Array]:
+        samples = snapshot_samples(snapshot, self._cell)
+        return self.frames.rows(samples), curve_rows(self.curves, samples)

@@ -30,28 +30,44 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 _LOOPBACK = {"127.0.0.1", "localhost"}
 _PARENT_CHECK_S = 0.5
 _LARGEST_REQUEST = 4096
+_MOST_FRAMES = 20_000
 
 
 class Frames:
-    """Latest frame, and a condition that signals the next; older frames are discarded."""
+    """Frames of the run so far, and a condition that signals the next.
+
+    A frame starts with its time (float32, s). One that is earlier than the last begins a new run. Of a run
+    with more than 20000 frames every second one is dropped.
+    """
 
     def __init__(self) -> None:
-        self._latest = b""
+        self._frames: list[bytes] = []
         self._changed = asyncio.Condition()
         self._count = 0
 
     async def put(self, frame: bytes) -> None:
-        """Replace the latest frame."""
+        """Add a frame."""
         async with self._changed:
-            self._latest = frame
+            if self._frames and _time(frame) < _time(self._frames[-1]):
+                self._frames.clear()
+            if len(self._frames) >= _MOST_FRAMES:
+                del self._frames[1::2]
+            self._frames.append(frame)
             self._count += 1
             self._changed.notify_all()
 
     async def after(self, count: int) -> tuple[int, bytes]:
-        """Wait for a frame later than the counted one; return its number and its bytes."""
+        """Wait for a frame later than the counted one; return its number, and its bytes.
+
+        A browser without frames gets all of the run so far, one after the other; others only the latest.
+        """
         async with self._changed:
             await self._changed.wait_for(lambda: self._count > count)
-            return self._count, self._latest
+            return self._count, b"".join(self._frames) if count == 0 else self._frames[-1]
+
+
+def _time(frame: bytes) -> float:
+    return float(struct.unpack_from("<f", frame)[0])
 
 
 class Guarded(RequestHandler):

@@ -11,15 +11,12 @@ from coop_pin.arrays import as_positive
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import PortTakenError, ViewWarning
-from coop_pin.figures import palette
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.viz.cell_scene import FRAMES_PER_SECOND, TRAIL_RADIUS_M, TRAIL_SPACING_M, WARNING_COLOURS
+from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.live_scene import InitialScene, LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer
-from coop_pin.viz.meshcat_commands import scene_messages
-from coop_pin.viz.page import LEGEND, PUSH, WARNINGS, base64_text, page_frame, page_html
+from coop_pin.viz.page import LEGEND, PUSH, WARNINGS, page_frame, page_html
 
-_MAX_TRAIL_POINTS = 1500
 _PROXY_VARIABLES = (
     "JUPYTERHUB_SERVICE_PREFIX",
     "JUPYTERHUB_API_URL",
@@ -111,24 +108,16 @@ class LiveView:
         Args:
             still: of a still image, which needs no server, the reason that the page shows.
         """
-        trail = {"colour": palette.ACTUAL, "radius": TRAIL_RADIUS_M, "spacing": TRAIL_SPACING_M}
-        live = {
-            "messages": [base64_text(message) for message in scene_messages(self._scene.scene)],
-            "nodes": self._scene.nodes,
-            "bodies": self._scene.bodies,
-            "warning_colours": WARNING_COLOURS,
-            "trail": {**trail, "max_points": _MAX_TRAIL_POINTS},
-            "chart": {
-                "actual": palette.ACTUAL,
-                "desired": palette.DESIRED,
-                "internal": palette.INTERNAL,
-                "measured": palette.MEASURED,
-            },
-            "frame": base64_text(self._scene.frame(self._latest)),
-            "still": still,
-        }
-        legend = (*LEGEND, PUSH, *WARNINGS.values())
-        return page_html("live", self._title, "", legend, self._scene.scales, live)
+        scene = self._scene
+        return page_html(
+            "live",
+            self._title,
+            "",
+            legend=(*LEGEND, PUSH, *WARNINGS.values()),
+            scales=scene.scales,
+            curves=[scene.curves],
+            data={"runs": [scene.packed(self._latest)], "live": True, "still": still, "duration": 0.0},
+        )
 
     def frame_html(self, *, height: int = 560) -> str:
         """Return an iframe with the live page; behind a proxy, with a still image and the reason.

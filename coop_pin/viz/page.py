@@ -1,83 +1,145 @@
-"""HTML page of the 3-D views: template and legend of replay and live view, and the iframe around a page.
-
-The pages differ in their controls, their data and their player (``page/replay.*`` and ``page/live.*``). Every
-page is one file that needs no other.
-"""
+"""HTML of the pages: 3-D scene, time plots and tiles on one clock; one file that needs no other."""
 
 from __future__ import annotations
 
-import base64
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, TypeAlias
 
+import meshcat
+
+from coop_pin.arrays import Array
 from coop_pin.figures import palette
-from coop_pin.viz.arrows import ArrowScales
-from coop_pin.viz.cell_scene import NEAR_SINGULAR, SATURATED, SINGULAR
-from coop_pin.viz.meshcat_commands import viewer_file
+from coop_pin.viz.arrows import LINEAR_M, LONGEST_M, ArrowScales
+from coop_pin.viz.curves import Curve, plot_table
+from coop_pin.viz.frames import SATURATED, SINGULAR, WARNING_COLOURS, CellFrames
+from coop_pin.viz.scene import Scene, base64_floats, packed_scene
+
+_PATH_POINTS = 240
+_COLOURS = {
+    "payload": palette.ACTUAL,
+    "squeezed": "#06263d",
+    "torn": "#f0883e",
+    "internal": palette.INTERNAL,
+    "wanted": palette.DESIRED,
+    "load": palette.LOAD,
+    "external": palette.EXTERNAL,
+}
+_HEAD = '<path d="M14 0l10 5.5-10 5.5z"/>'
+_ICONS = {
+    "box": '<rect y="1" width="22" height="9" rx="2"/>',
+    "ghost": '<rect y="1" width="22" height="9" rx="2" opacity=".45"/>',
+    "tint": f'<path d="M0 1h11v9H0z" fill="{_COLOURS["squeezed"]}"/>'
+    f'<path d="M11 1h11v9H11z" fill="{_COLOURS["torn"]}"/>',
+    "internal": f'<rect y="3" width="15" height="5"/>{_HEAD}',
+    "wanted": '<path d="M1 3.2h13V1l8.5 4.5L14 10V7.8H1z" fill="none" stroke="currentColor"/>',
+    "load": f'<path d="M0 5.5h15" stroke="currentColor" stroke-width="2.6" stroke-dasharray="4 2"/>{_HEAD}',
+    "external": f'<rect y="2" width="6" height="7"/><rect x="8" y="2" width="6" height="7"/>{_HEAD}',
+    "moments": '<path d="M0 5.5h8" stroke="currentColor" stroke-width="2.6"/>'
+    '<path d="M7 0l9 5.5-9 5.5zM15 0l9 5.5-9 5.5z"/>',
+}
+
+
+LegendLine: TypeAlias = tuple[str, str, str, str]
+"""Key of an icon, "#rrggbb", text, and the layer that the line switches; "" for none."""
 
 LEGEND = (
-    (palette.ACTUAL, "box", "payload and its path"),
-    (palette.DESIRED, "box", "desired pose and path"),
-    (palette.INTERNAL, "", "internal part, on each arm"),
-    (palette.LOAD, "", "load-carrying part, on each arm"),
+    ("box", palette.ACTUAL, "path and grasp frames", "path"),
+    ("ghost", palette.DESIRED, "desired pose and path", "desired"),
+    ("tint", palette.ACTUAL, "payload: dark squeezed, orange torn", "tint"),
+    ("internal", palette.INTERNAL, "internal force on each arm", "internal"),
+    ("wanted", palette.DESIRED, "internal force wanted", "wanted"),
+    ("load", palette.LOAD, "load-carrying force", "load"),
 )
-"""Colour, CSS class and text of the lines that every legend has."""
-
-PUSH = (palette.EXTERNAL, "", "push on the payload")
+PUSH = ("external", palette.EXTERNAL, "push on the payload", "external")
+OTHER = ("ghost", palette.EVENT, "second run (ghost, dashed)", "other")
+MOMENTS = ("moments", palette.INTERNAL, "moments about the centre of mass", "moments")
 WARNINGS = {
-    SATURATED: (palette.SATURATED, "box", "link whose drive is at its torque limit"),
-    SINGULAR: (palette.SINGULAR, "box", f"arm near a singularity (condition number over {NEAR_SINGULAR:g})"),
+    SATURATED: ("box", palette.SATURATED, "drive at its torque limit", ""),
+    SINGULAR: ("box", palette.SINGULAR, "arm near a singularity", ""),
 }
 """Legend of the warning colours, by code."""
 
-_NOTED_LENGTH_M = 0.1
-_FORCE_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h14M14 0l8 4-8 4z"/></svg>'
-_MOMENT_ICON = '<svg viewBox="0 0 22 8"><path d="M0 4h9M8 0l7 4-7 4zM15 0l7 4-7 4z"/></svg>'
+
+def packed_run(
+    frames: CellFrames, scene: Scene, arms: Sequence[str], desired: Array, rows: Array, curves: Array
+) -> dict[str, Any]:
+    """Return a run as the page reads it.
+
+    Args:
+        frames: layout of the rows.
+        scene: its scene.
+        arms: names of the arms.
+        desired: desired path of P, m, shape (p, 3).
+        rows: frames, shape (n, columns).
+        curves: time and values of the curves, shape (k, 1 + curves).
+    """
+    return {
+        "arms": list(arms),
+        "desired": base64_floats(desired[:: max(len(desired) // _PATH_POINTS, 1)]),
+        "scene": packed_scene(scene),
+        "nodes": frames.nodes,
+        "blocks": frames.blocks,
+        "frames": base64_floats(rows),
+        "columns": curves.shape[1],
+        "curves": base64_floats(curves),
+    }
 
 
 def page_html(
     kind: str,
     title: str,
     summary: str,
-    legend: Sequence[tuple[str, str, str]],
+    *,
+    told: str = "",
+    legend: Sequence[LegendLine],
     scales: ArrowScales,
-    data: Any,
+    curves: Sequence[Sequence[Curve]],
+    data: Mapping[str, Any],
 ) -> str:
     """Return a self-contained page.
 
     Args:
-        kind: controls and player: "replay" or "live".
+        kind: "replay" or "live".
         title: heading.
         summary: sentence below the heading; may be empty.
-        legend: colour, CSS class and text of each line of the legend.
+        told: HTML above the tiles: verdict and sentence.
+        legend: lines of the legend, besides that of moments.
         scales: scales of the arrows.
-        data: input of the player, written as JSON.
+        curves: curves of the plots, of one run or two.
+        data: what the page needs besides plots, colours and scales.
     """
+    forces, moments = scales
+    page = {
+        "plots": plot_table(curves),
+        "colours": _COLOURS,
+        "warning_colours": WARNING_COLOURS,
+        "scales": {"forces": forces, "moments": moments, "linear": LINEAR_M, "longest": LONGEST_M},
+        **{"spans": [], "breaches": [], "instants": [], "start": 0.0, "live": False, "still": ""},
+        **data,
+    }
+    lines = (*legend, *(() if moments is None else (MOMENTS,)))
     return Template(_file("page.html")).substitute(
-        style=_file("page.css"),
-        licences=viewer_file("main.min.js.LICENSE.txt"),
-        viewer=viewer_file("main.min.js"),
-        stage=_file("stage.js"),
-        controls=_file(f"{kind}.html"),
-        player=_file(f"{kind}.js"),
+        kind=kind,
+        style=_file("uplot/uPlot.min.css") + _file("page.css"),
+        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + _file("uplot/LICENSE"),
+        scripts="\n".join(
+            (_viewer_file("main.min.js"), *map(_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
+        ),
+        player=_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
-        legend="\n".join(
-            f'<li><i class="{shape}" style="background:{colour}"></i>{html.escape(text)}</li>'
-            for colour, shape, text in legend
-        ),
-        arrows="\n".join(f"<li>{icon}{html.escape(note)}</li>" for icon, note in _arrow_notes(scales)),
-        data=json.dumps(data).replace("<", "\\u003c"),
+        told=told,
+        legend="\n".join(_legend_line(*line) for line in lines),
+        scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
+        arrows=f"<li>compressed beyond {LINEAR_M * forces:g} N; the number tells</li>"
+        "<li>arrows: by the payload on the arm, at its grasp</li>",
+        data=json.dumps(page).replace("<", "\\u003c"),
     )
-
-
-def base64_text(message: bytes) -> str:
-    """Return bytes in base64."""
-    return base64.b64encode(message).decode("ascii")
 
 
 def page_frame(height: int, title: str, **source: str) -> str:
@@ -93,15 +155,18 @@ def page_frame(height: int, title: str, **source: str) -> str:
     return f'<iframe {attribute}="{html.escape(value)}" style="{style}" title="{title}"></iframe>'
 
 
-def _arrow_notes(scales: ArrowScales) -> list[tuple[str, str]]:
-    """Return icon and text of the notes on arrows: scale of forces, scale of moments, convention."""
-    force = f"force: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newtons_per_metre:g} N"
-    convention = "arrows are by the payload on the arm, drawn at its grasp"
-    if scales.newton_metres_per_metre is None:
-        return [(_FORCE_ICON, force), ("", convention)]
-    moment = f"moment: {_NOTED_LENGTH_M:g} m is {_NOTED_LENGTH_M * scales.newton_metres_per_metre:g} N m"
-    convention += "; moments are about the payload's centre of mass"
-    return [(_FORCE_ICON, force), (_MOMENT_ICON, moment), ("", convention)]
+def _legend_line(icon: str, colour: str, text: str, layer: str) -> str:
+    drawing = f'<svg viewBox="0 0 24 11" fill="currentColor" style="color:{colour}">{_ICONS[icon]}</svg>'
+    content = drawing + html.escape(text)
+    if not layer:
+        return f"<li>{content}</li>"
+    pressed = "false" if layer == "moments" else "true"
+    return f'<li><button data-layer="{layer}" aria-pressed="{pressed}">{content}</button></li>'
+
+
+def _viewer_file(name: str) -> str:
+    """Return a file of meshcat's viewer, which holds three.js."""
+    return Path(meshcat.viewer_assets_path(), "dist", name).read_text(encoding="utf-8")
 
 
 def _file(name: str) -> str:

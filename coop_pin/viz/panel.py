@@ -9,13 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from coop_pin.description.controller import NoForcePath, PayloadSpace, UserController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, MissingExtraError
 from coop_pin.results import RunResult
-from coop_pin.viz.live_run import LiveRun
+from coop_pin.viz.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live_view import open_view
 from coop_pin.viz.page import page_frame
 
@@ -52,6 +50,13 @@ class Slider(NamedTuple):
         """Return the value of the scenario's field for a value of the slider."""
         return value if self.gain is None else _scaled(self.gain, value)
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Ends of the scale: of a logarithmic slider the exponents of ten."""
+        if self.low > 0.0:
+            return math.log10(self.low), math.log10(self.high)
+        return self.low, self.high
+
 
 def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
     """Return the sliders of a scenario's gains; none for a user's own controller."""
@@ -84,7 +89,8 @@ def _scaled(gain: Any, factor: float) -> Any:
 class Panel:
     """Jupyter panel of a run: live view with strip charts, buttons and sliders.
 
-    A notebook displays it as the result of a cell. A slider acts at the next tick.
+    A notebook displays it as the result of a cell. A slider acts at the next tick, and follows changes that
+    code makes in ``run``.
 
     Attributes:
         run: the interactive run.
@@ -115,8 +121,10 @@ class Panel:
         scenario = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
         self.view = open_view(scenario)
         self.run = LiveRun(scenario, view=self.view, realtime_rate=realtime_rate)
-        self.run.on_end = self._show_state
+        self.run.on_end, self.run.on_change = self._show_state, self._follow
         self.sliders: dict[str, Any] = {}
+        self._shown: dict[str, Slider] = {}
+        self._is_following = False
         self.buttons = {
             "start": self._button("Start", "play", self._toggle),
             "reset": self._button("Reset", "undo", self._reset),
@@ -150,23 +158,27 @@ class Panel:
             options=[(f"\u00d7 {rate:g}", rate) for rate in _RATES], value=1.0, layout={"width": "90px"}
         )
         rate.observe(lambda change: setattr(self.run, "realtime_rate", change["new"]), "value")
-        gains = [self._add(slider, self._change_gain(slider)) for slider in gain_sliders(scenario)]
-        mass = scenario.cell.payload.mass
-        squeeze = float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
-        payload = Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR)
-        rest = [self._add(payload, self.run.change_mass)]
-        if squeeze > 0.0:
-            force = Slider("squeeze", "squeeze, N", squeeze, 0.0, _LARGEST_SQUEEZE_FACTOR * squeeze)
-            rest.append(self._add(force, self.run.change_squeeze))
+        gains = [self._add(slider, self._change_gain(slider.field)) for slider in gain_sliders(scenario)]
+        acts = {"mass": self.run.change_mass, "squeeze": self.run.change_squeeze}
+        rest = [self._add(slider, acts[slider.field]) for slider in self._load_sliders()]
         rest.append(self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None))
         buttons = self._kit.HBox([*self.buttons.values(), rate])
         return self._kit.HBox([self._kit.VBox([buttons, *rest]), self._kit.VBox(gains)])
 
+    def _load_sliders(self) -> list[Slider]:
+        """Return the sliders of the payload's mass and of the squeeze, if there is one, as they are now."""
+        mass, squeeze = self.run.scenario.cell.payload.mass, squeeze_force(self.run.scenario)
+        sliders = [Slider("mass", "payload, kg", mass, mass / _MASS_FACTOR, mass * _MASS_FACTOR)]
+        if squeeze > 0.0:
+            largest = _LARGEST_SQUEEZE_FACTOR * squeeze
+            sliders.append(Slider("squeeze", "squeeze, N", self.run.squeeze, 0.0, largest))
+        return sliders
+
     def _add(self, slider: Slider, act: Callable[[float], None]) -> Any:
         """Return the widget of a slider, and list it in ``sliders``."""
-        kind, low, high = self._kit.FloatSlider, slider.low, slider.high
-        if low > 0.0:
-            kind, low, high = self._kit.FloatLogSlider, np.log10(low), np.log10(high)
+        self._shown[slider.field] = slider
+        kind = self._kit.FloatLogSlider if slider.low > 0.0 else self._kit.FloatSlider
+        low, high = slider.ends
         widget = self.sliders[slider.field] = kind(
             value=slider.value,
             min=low,
@@ -178,7 +190,7 @@ class Panel:
             style={"description_width": "110px"},
             layout={"width": "380px"},
         )
-        widget.observe(lambda change: self._try(functools.partial(act, change["new"])), "value")
+        widget.observe(lambda change: self._act(functools.partial(act, change["new"])), "value")
         return widget
 
     def _button(self, text: str, icon: str, act: Callable[[], None]) -> Any:
@@ -187,6 +199,28 @@ class Panel:
         return button
 
     # ------------------------------------------------------------ actions
+
+    def _act(self, act: Callable[[], None]) -> None:
+        if not self._is_following:
+            self._try(act)
+
+    def _follow(self) -> None:
+        """Show in the sliders what has changed in the run, without acting on it again."""
+        self._is_following = True
+        for slider in (*gain_sliders(self.run.scenario), *self._load_sliders()):
+            widget, was = self.sliders.get(slider.field), self._shown.get(slider.field)
+            if (
+                widget is None  # of a law that the panel was not made for
+                or was is None
+                or slider.field_value(slider.value) == was.field_value(widget.value)
+            ):
+                continue
+            self._shown[slider.field] = slider
+            with widget.hold_trait_notifications():
+                if not was.low <= slider.value <= was.high:
+                    widget.min, widget.max = slider.ends
+                widget.value = slider.value
+        self._is_following = False
 
     def _try(self, act: Callable[[], None]) -> None:
         """Do an action; show its error below the panel if it is refused."""
@@ -214,8 +248,8 @@ class Panel:
     def _push(self) -> None:
         self.run.push((0.0, self.sliders["push"].value, 0.0, 0.0, 0.0, 0.0), _PUSH_S)
 
-    def _change_gain(self, slider: Slider) -> Callable[[float], None]:
-        return lambda value: self.run.change({slider.field: slider.field_value(value)})
+    def _change_gain(self, field: str) -> Callable[[float], None]:
+        return lambda value: self.run.change({field: self._shown[field].field_value(value)})
 
     def _show_state(self) -> None:
         """Show below the panel whether the run is running, paused, finished or failed."""

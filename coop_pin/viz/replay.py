@@ -1,71 +1,89 @@
-"""Replay of a run: one HTML file that plays offline, or a view in a notebook."""
+"""Replay of a run, or of two on one clock: one HTML file that plays offline, or a view in a notebook."""
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from coop_pin.description.events import Event, PayloadChange
-from coop_pin.description.scenario import Scenario
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.arrows import recorded_scales
-from coop_pin.viz.cell_scene import PLAIN, WARNING_COLOURS, cell_scene, warning_colours
-from coop_pin.viz.meshcat_commands import scene_messages
-from coop_pin.viz.page import LEGEND, PUSH, WARNINGS, base64_text, page_frame, page_html
+from coop_pin.viz.cell_scene import cell_scene
+from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
+from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
+from coop_pin.viz.highlights import breach_marks, instants, spans, telling_instant
+from coop_pin.viz.page import LEGEND, OTHER, PUSH, WARNINGS, packed_run, page_frame, page_html
 
 
-def replay_html(result: RunResult) -> str:
-    """Return a page that replays a run in 3-D, with the forces drawn, a clock, a time slider and a legend.
+def replay_html(result: RunResult, other: RunResult | None = None) -> str:
+    """Return a page that replays a run: the cell in 3-D with its forces, tiles and time plots, on one clock.
 
-    The page needs no network and no server; building it starts no process and opens no port. Its clock is the
-    clock of the result.
+    It opens paused at the instant of the largest error of the internal force. It needs no network and no
+    server; building it starts no process and opens no port.
 
     Args:
         result: the run.
+        other: a second run, shown as ghost arms and dashed curves on the same clock.
     """
-    scenario, arms = result.scenario, CellVisuals(result.scenario.cell, result.scenario.plant.payload)
-    names, changes = [body.name for body in arms.bodies], _warning_changes(result, arms)
-    run = {
-        "bodies": [f"arms/{name}" for name in names],
-        "warning_changes": changes,
-        "warning_colours": WARNING_COLOURS,
-        "duration": result.end,
-        "events": [_event(scenario, event) for event in scenario.events if event.time <= result.end],
-        "messages": [base64_text(message) for message in scene_messages(cell_scene(result, arms=arms))],
+    runs = [result] if other is None else [result, other]
+    start, chips = telling_instant(result).time, instants(result)
+    wanted = [start, *(chip.time for chip in chips)]
+    curves = [cell_curves(run_samples(run), list(run.scenario.cell.arms)) for run in runs]
+    packed = [_packed(run, own, wanted) for run, own in zip(runs, curves, strict=True)]
+    if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
+        packed[1]["scene"]["meshes"] = None  # the page takes those of the first run
+    data: dict[str, Any] = {
+        "runs": packed,
+        "duration": max(run.end for run in runs),
+        "start": start,
+        "spans": spans(result),
+        "breaches": breach_marks(result),
+        "instants": [chip._asdict() for chip in chips],
     }
-    shown = {code for _, _, code in changes}
+    scenario, scales = result.scenario, recorded_scales(result.scenario.cell, result.data)
     legend = (
         *LEGEND,
         *([PUSH] if result.data["external_wrench"].values.any() else ()),
-        *(line for code, line in WARNINGS.items() if code in shown),
+        *([OTHER] if other is not None else ()),
+        *WARNINGS.values(),
     )
-    scales = recorded_scales(scenario.cell, result.data)
-    return page_html("replay", scenario.name, scenario.summary, legend, scales, run)
+    return page_html(
+        "replay",
+        " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
+        scenario.summary,
+        told=_told(runs),
+        legend=legend,
+        scales=scales,
+        curves=curves,
+        data=data,
+    )
 
 
-def save_replay(result: RunResult, path: str | Path) -> None:
+def save_replay(result: RunResult, path: str | Path, other: RunResult | None = None) -> None:
     """Write the replay page of a run; an existing file is replaced only by a complete one.
 
     Args:
         result: the run.
         path: the file, for example "replay.html".
+        other: a second run to compare it with.
     """
-    page = replay_html(result)
+    page = replay_html(result, other)
     write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
 
 
-def notebook_view(result: RunResult, *, height: int = 480) -> NotebookView:
+def notebook_view(result: RunResult, other: RunResult | None = None, *, height: int = 620) -> NotebookView:
     """Return a replay of a run that a notebook displays.
 
     Args:
         result: the run.
+        other: a second run to compare it with.
         height: height of the view, pixels.
     """
-    return NotebookView(replay_html(result), height)
+    return NotebookView(replay_html(result, other), height)
 
 
 class NotebookView:
@@ -84,24 +102,34 @@ class NotebookView:
         return page_frame(self._height, "coop_pin replay", srcdoc=self._page)
 
 
-def _warning_changes(result: RunResult, arms: CellVisuals) -> list[tuple[float, int, int]]:
-    """Return time, body and code of every change of a warning colour, in order of time."""
-    data, names = result.data, [body.name for body in arms.bodies]
-    saturated, condition = data["saturated"].values.astype(bool), data["jacobian_condition"].values
-    codes, time = warning_colours(names, arms.joints, saturated, condition), data["time"].values
-    changes = np.argwhere(np.diff(codes, axis=0, prepend=np.full((1, len(names)), PLAIN, codes.dtype)))
-    return [(float(time[sample]), int(body), int(codes[sample, body])) for sample, body in changes]
+def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float]) -> dict[str, Any]:
+    """Return a run as the page reads it, with the frames of some instants."""
+    cell, samples = result.scenario.cell, run_samples(result)
+    frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload))
+    kept = frame_samples(samples["time"], FRAMES_PER_SECOND, instants)
+    moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
+    tips, path = samples["tip_position"], samples["payload_position"]
+    k = int(np.abs(samples["time"] - instants[0]).argmin())
+    scene = cell_scene(
+        cell, frames.visuals.bodies, tips=tips[k], points=np.concatenate((path, *np.moveaxis(tips, 1, 0)))
+    )
+    return packed_run(
+        frames,
+        scene,
+        list(cell.arms),
+        samples["desired_position"],
+        frames.rows(moving),
+        thinned_rows(curve_rows(curves, samples)),
+    )
 
 
-def _event(scenario: Scenario, event: Event) -> dict[str, Any]:
-    """Return start, end and description of an event, for the page's player."""
-    if isinstance(event, PayloadChange):
-        text = f"mass {scenario.cell.payload.mass:g} \u2192 {event.mass:g} kg"
-        return {"start": event.time, "end": event.time, "text": text}
-    parts = [
-        f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
-        for vector, unit in ((event.wrench[:3], "N"), (event.wrench[3:], "N m"))
-        if any(vector)
-    ]
-    text = f"push {' and '.join(parts)} for {event.duration:g} s"
-    return {"start": event.time, "end": event.end, "text": text}
+def _told(runs: list[RunResult]) -> str:
+    """Return verdict and sentence of runs, as HTML."""
+    lines = []
+    for run in runs:
+        name = f"{run.scenario.name}: " if len(runs) > 1 else ""
+        verdict = "trustworthy: it keeps the thresholds of its scenario" if run.trustworthy else run.verdict()
+        kind = "verdict" if run.trustworthy else "verdict broken"
+        told = ((kind, verdict), ("told", telling_instant(run).text))
+        lines += [f'<p class="{kind}">{html.escape(name + text)}</p>' for kind, text in told]
+    return "\n".join(lines)

@@ -1,47 +1,278 @@
 "use strict";
-// Shared by replay and live page: the viewer with its scene and lights, and the warning colours.
-function coopPinStage(pane, messages, warningColours) {
+// The 3-D scene of a page: drawables, arrows with numbers, layers and views. A frame is a row of numbers (frames.py).
+function coopPinStage(pane, labels, page) {
+  const three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
   const viewer = new MeshCat.Viewer(pane);
-  const node = (path) => viewer.scene_tree.find(["meshcat", ...path.split("/")]).object;
+  viewer.gui.domElement.remove(); // a person needs none of meshcat's controls
+  viewer.scene.rotation.set(0, 0, 0);
+  for (const name of ["Lights", "Grid", "Axes"]) { viewer.scene_tree.find([name]).object.visible = false; }
+  viewer.set_property(["Background"], "top_color", [1, 1, 1]);
+  viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
 
-  function light() {
-    viewer.set_property(["Grid"], "visible", false);
-    viewer.set_property(["Axes"], "visible", false);
-    viewer.set_property(["Background"], "top_color", [1, 1, 1]);
-    viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
-    const lamp = ["Lights", "SpotLight"];
-    viewer.set_property(lamp, "visible", true);
-    viewer.set_property(lamp.concat("<object>"), "castShadow", true);
-    viewer.set_property(lamp.concat("<object>"), "position", [-1.0, -1.4, 3.4]);
-    const shadow = viewer.scene_tree.find(lamp.concat("<object>")).object.shadow;
-    shadow.mapSize.set(2048, 2048);
-    shadow.bias = -0.0008;
-    shadow.normalBias = 0.012;
-    const strengths = { AmbientLight: 0.52, FillLight: 0.12, PointLightNegativeX: 0.12, PointLightPositiveX: 0.12, SpotLight: 0.42 };
-    for (const [name, strength] of Object.entries(strengths)) {
-      viewer.set_property(["Lights", name, "<object>"], "intensity", strength);
+  // ---------------------------------------------------------------- drawables
+  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const floats = (text) => new Float32Array(bytes(text).buffer);
+  const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
+  const attribute = (text) => new three.BufferAttribute(floats(text), 3);
+  const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
+  const shapes = {
+    box: ({ size }) => new three.BoxGeometry(...size),
+    cylinder: ({ size: [radius, length] }) => new three.CylinderGeometry(radius, radius, length, 40).rotateX(Math.PI / 2),
+    sphere: ({ size: [radius] }) => new three.SphereGeometry(radius, 32, 16),
+    mesh: ({ mesh }, meshes) => meshes[mesh],
+  };
+  const nodes = {}, layers = { moments: false }, layered = [];
+  function node(path) {
+    if (!nodes[path]) { viewer.scene.add(nodes[path] = new three.Group()); }
+    return nodes[path];
+  }
+
+  function inLayer(name, object) {
+    if (name) { layered.push([name, object]); object.visible = layers[name] ??= true; }
+    return object;
+  }
+
+  function draw(item, meshes, ghost) {
+    const { kind, size } = item.drawable;
+    // Software rendering pays for every fragment: no hidden sides of solids, light computed at vertices, the floor last.
+    const options = { color: item.colour, opacity: ghost ? 0.28 : item.opacity, side: kind === "mesh" ? three.DoubleSide : three.FrontSide };
+    options.transparent = options.opacity < 1;
+    let drawn;
+    const geometry = () => shapes[kind](item.drawable, meshes);
+    if (kind === "axes") {
+      drawn = new three.AxesHelper(...size);
+    } else if (kind === "grid") {
+      drawn = new three.GridHelper(...size, item.colour, item.colour);
+      drawn.geometry.rotateX(Math.PI / 2);
+    } else if (item.lit || ghost) {
+      const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
+      material.depthWrite = !ghost;
+      drawn = new three.Mesh(geometry(), material);
+      drawn.castShadow = drawn.receiveShadow = !ghost;
+      drawn.renderOrder = item.node === "floor" ? 1 : 0;
+    } else {
+      drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
+    }
+    drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
+    node((ghost ? "ghost/" : "") + item.node).add(inLayer(ghost ? "other" : item.layer, drawn));
+  }
+
+  function meshesOf(scene) {
+    return scene.meshes.map(({ vertices, faces }) => {
+      const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
+      return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
+    });
+  }
+  const [first, other] = page.runs, meshes = meshesOf(first.scene);
+  first.scene.items.forEach((item) => draw(item, meshes, false));
+  if (other) {
+    const own = other.scene.meshes ? meshesOf(other.scene) : meshes;
+    other.scene.items.filter(({ node: on }) => /^arms|^payload/.test(on)).forEach((item) => draw(item, own, true));
+  }
+
+  // ---------------------------------------------------------------- arrows
+  // Shape and colour tell the parts apart, in greyscale too: [shaft radius, head radius, pieces of the shaft].
+  const HEAD = 0.05, STYLES = { internal: [0.008, 0.02, 1], wanted: [0.008, 0.02, 1], load: [0.0045, 0.014, 4], external: [0.011, 0.024, 2] };
+  function solid(colour, [radius, head, pieces], heads, grown, options) {
+    const kind = options ? three.MeshBasicMaterial : three.MeshLambertMaterial;
+    const material = new kind({ color: colour, transparent: true, depthTest: false, depthWrite: false, ...options });
+    const part = (geometry) => new three.Mesh(geometry, material), shaft = new three.Group(), tip = new three.Group();
+    for (let k = 0; k < pieces; k += 1) {
+      const long = pieces === 1 ? 1 : 0.68 / pieces;
+      shaft.add(part(new three.CylinderGeometry(radius + grown, radius + grown, long, 20).rotateX(Math.PI / 2).translate(0, 0, (k + 0.5) / pieces)));
+    }
+    for (let k = 0; k < heads; k += 1) {
+      const cone = new three.ConeGeometry(head + 1.6 * grown, HEAD / heads + 3 * grown, 24).rotateX(Math.PI / 2);
+      tip.add(part(cone.translate(0, 0, (k + 0.5) * HEAD / heads + 0.4 * grown)));
+    }
+    return { shaft, tip };
+  }
+
+  const arrows = {};
+  function makeArrow(group, arm, part) {
+    const moment = group === "moments", shape = STYLES[part].map((size, k) => (moment && k < 2 ? 0.7 * size : size));
+    const object = new three.Group(), heads = moment ? 2 : 1, wanted = part === "wanted";
+    // The wanted wrench is an outline: a grown arrow, drawn where a hidden thinner one has not marked the stencil.
+    const mark = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
+    const around = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
+    const solids = wanted ? [solid(0, shape, heads, 0.001, mark), solid(page.colours.wanted, shape, heads, 0.0042, around)]
+      : [solid(page.colours[part], shape, heads, 0)];
+    solids.forEach(({ shaft, tip }, k) => {
+      object.add(shaft, tip);
+      object.traverse((drawn) => { drawn.renderOrder = drawn.renderOrder || (wanted ? 20 + k : 10); });
+    });
+    viewer.scene.add(object);
+    const text = document.createElement("span");
+    if (!wanted) { labels.append(text); }
+    text.style.color = page.colours[part];
+    const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
+    const arrow = { name, value: vector(), length: 0, tip: vector(), text, object };
+    arrow.set = (origin, x, y, z) => {
+      arrow.value.set(x, y, z);
+      const size = arrow.value.length(), ratio = size / per / scales.linear;
+      const length = Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + 0.4 * Math.log(ratio)), scales.longest);
+      arrow.length = length;
+      object.visible = length > 0.002 && layers[part] !== false && (!moment || layers.moments);
+      const along = length > 0 ? arrow.value.clone().divideScalar(size) : vector(0, 0, 1);
+      object.position.copy(origin);
+      object.quaternion.setFromUnitVectors(vector(0, 0, 1), along);
+      for (const { shaft, tip } of solids) {
+        shaft.scale.z = Math.max(length - HEAD, 1e-6);
+        tip.position.z = Math.max(length - HEAD, 0);
+        tip.scale.setScalar(Math.max(Math.min(length / HEAD, 1), 1e-6));
+      }
+      arrow.tip.copy(along).multiplyScalar(length).add(origin);
+      text.textContent = `${size >= 99.5 ? size.toFixed(0) : size.toPrecision(2)} ${unit}`;
+    };
+    arrows[name] = arrow;
+  }
+  for (const group of scales.moments === null ? ["forces"] : ["forces", "moments"]) {
+    for (const arm of first.arms) { for (const part of ["load", "internal", "wanted"]) { makeArrow(group, arm, part); } }
+    makeArrow(group, "payload", "external");
+  }
+
+  function placeLabels() {
+    const { clientWidth: width, clientHeight: height } = pane, placed = [];
+    for (const { tip, text, object, length } of Object.values(arrows)) {
+      const seen = tip.clone().project(viewer.camera);
+      text.hidden = !object.visible || length < 0.03 || Math.abs(seen.z) > 1;
+      if (text.hidden || !text.parentNode) { continue; }
+      let [x, y] = [(1 + seen.x) * width / 2 + 8, (1 - seen.y) * height / 2 - 9];
+      while (placed.some(([a, b]) => Math.abs(a - x) < 58 && Math.abs(b - y) < 17)) { y += 17; }
+      placed.push([x, y]);
+      text.style.transform = `translate(${Math.min(x, width - 60)}px, ${y}px)`;
     }
   }
 
-  // The floor fades into the background before the end of the spot light's cone.
-  function haze() {
-    const distance = viewer.camera.getWorldPosition(new MeshCat.THREE.Vector3()).length();
-    viewer.scene.fog = new MeshCat.THREE.Fog(0xe9edf2, 1.15 * distance, 2.1 * distance);
+  // ---------------------------------------------------------------- frames
+  function blocksOf(run) {
+    let start = 0;
+    return Object.fromEntries(Object.entries(run.blocks).map(([name, size]) => [name, (start += size) - size]));
+  }
+  const warned = {};
+  function setWarning(path, code) {
+    if ((warned[path] ?? 0) === code) { return; }
+    warned[path] = code;
+    node(path).traverse(({ material, userData }) => {
+      if (!material) { return; }
+      userData.own = userData.own ?? material.color.clone();
+      material.color.copy(code === 0 ? userData.own : new three.Color(page.warning_colours[code]));
+    });
   }
 
-  // Give a body the warning colour of a code; 0 is its own colour.
-  function setWarning(path, code) {
-    node(path).traverse((part) => {
-      if (!part.material || !part.material.color) { return; }
-      if (!part.userData.own) { part.userData.own = part.material.color.clone(); }
-      if (code === 0) { part.material.color.copy(part.userData.own); } else { part.material.color.setRGB(...warningColours[code]); }
+  // Poses are interpolated between two frames; wrenches are held, because they are constant between ticks.
+  const turned = new three.Quaternion();
+  function pose(run, at, from, to, share, prefix) {
+    run.nodes.forEach((path, k) => {
+      const target = node(prefix + path), c = at.poses + 7 * k;
+      target.position.fromArray(from, c).lerp(vector().fromArray(to, c), share);
+      target.quaternion.fromArray(from, c + 3).slerp(turned.fromArray(to, c + 3), share);
     });
+  }
+  const places = page.runs.map(blocksOf);
+  function showOther(from, to, share) { pose(other, places[1], from, to, share, "ghost/"); }
+  function show(from, to, share) {
+    const [at] = places, tip = vector(), centre = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
+    pose(first, at, from, to, share, "");
+    centre.fromArray(from, at.poses + 7 * first.nodes.indexOf("payload"));
+    groups.forEach((group, g) => {
+      const wrench = (block, arm) => [0, 1, 2].map((axis) => from[at[block] + 6 * arm + 3 * g + axis]);
+      first.arms.forEach((arm, k) => {
+        tip.fromArray(from, at.tips + 3 * k);
+        const [whole, internal] = [wrench("interaction", k), wrench("internal", k)];
+        arrows[`${group}/${arm}/load`].set(tip, ...whole.map((value, axis) => value - internal[axis]));
+        arrows[`${group}/${arm}/internal`].set(tip, ...internal);
+        arrows[`${group}/${arm}/wanted`].set(tip, ...wrench("wanted", k));
+      });
+      arrows[`${group}/payload/external`].set(centre, ...wrench("external", 0));
+    });
+    first.nodes.slice(0, -2).forEach((path, k) => setWarning(path, from[at.warnings + k]));
+    follow();
     viewer.set_dirty();
   }
 
-  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  for (const message of messages) { viewer.handle_command_bytearray(bytes(message)); }
-  light();
-  haze();
-  return { viewer, node, setWarning, bytes };
+  // Between squeeze (dark) and tear (orange): the share of the axial force that an arrow shows uncompressed.
+  function tint(newtons) {
+    const share = layers.tint === false ? 0 : Math.max(-1, Math.min(1, newtons / (scales.forces * scales.linear)));
+    const colour = new three.Color(page.colours.payload).lerp(new three.Color(share < 0 ? page.colours.squeezed : page.colours.torn), Math.abs(share));
+    node("payload").traverse(({ material, isMesh }) => { if (isMesh) { material.color.copy(colour); } });
+  }
+
+  const trails = {};
+  const travelled = (rows, run) => {
+    const at = places[run].poses + 7 * page.runs[run].nodes.indexOf("payload"), step = Math.max(Math.floor(rows.length / 240), 1);
+    return rows.filter((_, k) => k % step === 0).map((row) => vector().fromArray(row, at));
+  };
+  function trail(name, all, colour, radius) {
+    const path = [];
+    for (const point of all) {
+      if (!path.length || path[path.length - 1].distanceTo(point) > 0.003) { path.push(point); }
+    }
+    if (path.length < 2) { return; }
+    if (!trails[name]) { viewer.scene.add(trails[name] = inLayer(name, new three.Mesh(undefined, new three.MeshBasicMaterial({ color: colour })))); }
+    trails[name].geometry.dispose();
+    trails[name].geometry = tube(path, radius);
+  }
+
+  // ---------------------------------------------------------------- light, camera, views
+  const { eye, target, field_of_view: field } = first.scene.camera, camera = new three.PerspectiveCamera(field, 1, 0.02, 60);
+  const home = vector(...eye).sub(vector(...target)), distance = home.length();
+  camera.up.set(0, 0, 1);
+  viewer.controls.dispose();
+  viewer.set_camera(camera);
+  const sun = new three.DirectionalLight(0xffffff, 0.46);
+  sun.position.set(...target).add(vector(-1, -1.4, 3.2));
+  sun.target.position.set(...target);
+  sun.castShadow = true;
+  sun.shadow.mapSize.set(1024, 1024);
+  Object.assign(sun.shadow.camera, { left: -1.8, right: 1.8, top: 1.8, bottom: -1.8, near: 0.1, far: 9 });
+  sun.shadow.bias = -0.001;
+  sun.shadow.normalBias = 0.012;
+  const soft = new three.DirectionalLight(0xffffff, 0.16);
+  soft.position.copy(home);
+  viewer.scene.add(sun, sun.target, soft, new three.HemisphereLight(0xffffff, 0xd5dae2, 0.48));
+  viewer.scene.fog = new three.Fog(0xe9edf2, 2.2 * distance, 4.2 * distance);
+
+  let followed = null;
+  function follow() {
+    const at = node("payload").position;
+    if (followed === null) { return; }
+    camera.position.add(at).sub(followed);
+    viewer.controls.target.add(at).sub(followed);
+    followed.copy(at);
+  }
+  const directions = { reset: () => home, top: () => vector(0, -1e-3, 1.25 * distance), side: () => vector(home.x, home.y, 0).setLength(distance) };
+  function view(name) {
+    followed = name === "follow" ? node("payload").position.clone() : null;
+    const centre = followed ?? vector(...target);
+    viewer.controls.target.copy(centre);
+    camera.position.copy(centre).add(name === "follow" ? home.clone().multiplyScalar(0.7) : directions[name]());
+    viewer.set_dirty();
+  }
+
+  let shownSize = "";
+  viewer.set_3d_pane_size = () => {
+    const { clientWidth: width, clientHeight: height } = pane;
+    if (!width || !height || shownSize === `${width} ${height}`) { return; }
+    shownSize = `${width} ${height}`;
+    camera.aspect = width / height;
+    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect, 1);
+    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as a square one
+    if (width > 700) { camera.setViewOffset(1, 1, -0.09, 0, 1, 1); } else { camera.clearViewOffset(); } // beside the legend
+    camera.aspect = width / height;
+    viewer.renderer.setSize(width, height);
+    viewer.set_dirty();
+  };
+  new ResizeObserver(viewer.set_3d_pane_size).observe(pane);
+  const render = viewer.render.bind(viewer);
+  viewer.render = () => { render(); placeLabels(); };
+
+  function setLayer(name, on) {
+    layers[name] = on;
+    layered.filter(([of]) => of === name).forEach(([, object]) => { object.visible = on; });
+    viewer.set_dirty();
+  }
+  view("reset");
+  trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
+  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer, bytes, floats };
 }

@@ -1,0 +1,156 @@
+"""Time plots of a run: which curves they show, and their values, recorded or of a run under way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.figures import palette
+from coop_pin.results.quantities import Samples
+
+_MOST_SAMPLES = 2400
+"""Approximate largest number of samples of a plot."""
+
+
+class Plot(NamedTuple):
+    """Time plot.
+
+    Attributes:
+        key: its name in the page.
+        title: what it shows.
+        unit: of its values.
+        tile: heading of the tile with the present value; "" for none.
+    """
+
+    key: str
+    title: str
+    unit: str
+    tile: str = ""
+
+
+class Curve(NamedTuple):
+    """Curve of a plot.
+
+    Attributes:
+        plot: key of the plot.
+        label: beside its present value.
+        colour: "#rrggbb".
+        role: "actual", "desired" or "measured".
+        values: of a run's samples, shape (n,).
+        limit: largest amount allowed; None where there is none, or none is recorded.
+    """
+
+    plot: str
+    label: str
+    colour: str
+    role: str
+    values: Callable[[Samples], Array]
+    limit: float | None = None
+
+
+PLOTS = (
+    Plot("axial", "internal force along: + pulls apart, − squeezes", "N", "along"),
+    Plot("shear", "internal force across it", "N", "across"),
+    Plot("moment", "internal moment", "N m", "moment"),
+    Plot("tracking", "payload off its path", "mm", "off path"),
+    Plot("torque", "drive torques", "N m"),
+    Plot("V_rate_3", "sum of V̇₃, which the convergence proof needs ≤ 0", "W"),
+)
+
+_ROLES = {"actual": "", "desired": "desired_", "measured": "measured_"}
+
+
+def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
+    """Return the curves that samples have values for.
+
+    Internal forces of two arms mirror each other: the first arm's are shown. What the sensors of the two
+    measure differs, and is shown of both.
+
+    Args:
+        samples: quantities by name, as of ``run_samples``.
+        arms: names of the arms.
+    """
+    curves: list[Curve] = []
+    for part in ("axial", "shear", "moment"):
+        for role, prefix in _ROLES.items():
+            name = f"{prefix}internal_{part}"
+            is_known = name in samples and not np.isnan(samples[name]).all()
+            shown = is_known * (1 if len(arms) == 2 and role != "measured" else len(arms))
+            for arm in range(shown):
+                colour = {"desired": palette.DESIRED, "measured": palette.MEASURED}.get(
+                    role, palette.INTERNAL if shown == 1 else palette.SERIES[arm % len(palette.SERIES)]
+                )
+                label = role if shown == 1 else f"{arms[arm]} {role}".removesuffix(" actual")
+                curves.append(Curve(part, label, colour, role, _column(name, arm)))
+    curves += [
+        Curve("tracking", "distance", palette.ACTUAL, "actual", _error(slice(0, 3))),
+        Curve("tracking", "mrad turned", palette.EXTERNAL, "actual", _error(slice(3, 6))),
+    ]
+    joints, torque = samples["torque"].shape[2], samples["torque"].reshape(len(samples["time"]), -1)
+    limits = samples.get("torque_limit", np.full(torque.shape[1:], np.nan)).ravel().tolist()
+    for number, drive in enumerate(np.flatnonzero(np.isfinite(torque).any(axis=0)).tolist()):
+        label, colour = (
+            f"{arms[drive // joints]} {drive % joints + 1}",
+            palette.SERIES[number % len(palette.SERIES)],
+        )
+        limit = limits[drive] if np.isfinite(limits[drive]) else None
+        curves.append(Curve("torque", label, colour, "actual", _column("torque", drive), limit))
+    if "V_rate_3_sum" in samples:
+        curves.append(Curve("V_rate_3", "sum", palette.INTERNAL, "actual", lambda s: s["V_rate_3_sum"]))
+    return tuple(curves)
+
+
+def curve_rows(curves: Sequence[Curve], samples: Samples) -> Array:
+    """Return time and values of curves, shape (n, 1 + curves)."""
+    return np.column_stack((samples["time"], *(curve.values(samples) for curve in curves)))
+
+
+def thinned_rows(rows: Array) -> Array:
+    """Return rows thinned for a plot: evenly, and with the extremes of every column in every interval.
+
+    Args:
+        rows: shape (n, columns).
+    """
+    n, columns = rows.shape
+    if n <= _MOST_SAMPLES:
+        return rows
+    kept = set(range(0, n, math.ceil(2 * n / _MOST_SAMPLES))) | {n - 1}
+    for interval in np.array_split(np.arange(n), max(_MOST_SAMPLES // (4 * columns), 1)):
+        part = np.nan_to_num(rows[interval])
+        kept.update(interval[part.argmin(axis=0)].tolist(), interval[part.argmax(axis=0)].tolist())
+    return rows[sorted(kept)]
+
+
+def plot_table(runs: Sequence[Sequence[Curve]]) -> list[dict[str, Any]]:
+    """Return the plots that have curves, as the page reads them.
+
+    A curve has its column in the run's table, where the time is column 0, and of a second run the column
+    ``other`` of its actual curve of the same plot and label.
+
+    Args:
+        runs: the curves of one run, or of two.
+    """
+    others = {
+        (curve.plot, curve.label): column
+        for second in runs[1:]
+        for column, curve in enumerate(second, start=1)
+        if curve.role == "actual"
+    }
+    table = [{**plot._asdict(), "curves": []} for plot in PLOTS]
+    for column, curve in enumerate(runs[0], start=1):
+        (plot,) = (plot for plot in table if plot["key"] == curve.plot)
+        entry = {"column": column, "other": others.get((curve.plot, curve.label))} | curve._asdict()
+        plot["curves"].append({name: value for name, value in entry.items() if name != "values"})
+    return [plot for plot in table if plot["curves"]]
+
+
+def _column(name: str, number: int) -> Callable[[Samples], Array]:
+    return lambda samples: samples[name].reshape(len(samples[name]), -1)[:, number]
+
+
+def _error(axes: slice) -> Callable[[Samples], Array]:
+    return lambda samples: 1e3 * np.linalg.norm(samples["pose_error"][:, axes], axis=1)

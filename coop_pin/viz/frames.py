@@ -1,0 +1,127 @@
+"""Frames of a scene: one row of numbers per instant, the same for a recorded run and for one under way.
+
+A row holds the time, poses of bodies, payload and desired pose (m, and quaternions x, y, z, w), positions of
+the tips (m), wrenches about P in world axes (N and N m), and warning codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.arrays import Array, Mask
+from coop_pin.description.cell import Cell
+from coop_pin.figures import palette
+from coop_pin.model.visuals import CellVisuals
+from coop_pin.results import RunResult, Snapshot
+from coop_pin.results.quantities import QUANTITIES, Samples, computed
+
+FRAMES_PER_SECOND = 30.0
+NEAR_SINGULAR = 100.0
+"""Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
+
+PLAIN, SINGULAR, SATURATED = 0, 1, 2
+"""Codes of warning colours."""
+
+WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED)
+"""Warning colours by code; None is the body's own colour."""
+
+
+class CellFrames:
+    """Frames of a cell.
+
+    Attributes:
+        visuals: bodies of the arms.
+        nodes: paths of the nodes that move, in the order of their poses.
+        blocks: names and numbers of columns of the blocks of a row, in their order.
+    """
+
+    def __init__(self, cell: Cell, visuals: CellVisuals) -> None:
+        self.visuals, arms, bodies = visuals, len(cell.arms), visuals.bodies
+        self.nodes = (*(f"arms/{body.name}" for body in bodies), "payload", "desired")
+        self.blocks = {"time": 1, "poses": 7 * len(self.nodes), "tips": 3 * arms}
+        self.blocks |= dict.fromkeys(("interaction", "internal", "wanted"), 6 * arms)
+        self.blocks |= {"external": 6, "warnings": len(bodies)}
+
+    def rows(self, samples: Samples) -> Array:
+        """Return the frames of samples, shape (n, columns); NaN in wrenches counts as zero.
+
+        Args:
+            samples: quantities by name, n samples along the first axis, as of ``run_samples``.
+        """
+        names, n = [body.name for body in self.visuals.bodies], len(samples["time"])
+        saturated, condition = samples["saturated"].astype(bool), samples["jacobian_condition"]
+        wrenches = ("interaction_wrench", "internal_wrench", "desired_internal_wrench", "external_wrench")
+        parts = (
+            samples["time"],
+            self.visuals.poses(samples["configuration"]),
+            *(
+                samples[f"{of}_{part}"]
+                for of in ("payload", "desired")
+                for part in ("position", "quaternion")
+            ),
+            samples["tip_position"],
+            *(np.nan_to_num(samples[name]) for name in wrenches),
+            warning_codes(names, self.visuals.joints, saturated, condition),
+        )
+        return np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
+
+
+def run_samples(result: RunResult) -> Samples:
+    """Return the recorded samples of a run, by names of quantities."""
+    return {str(name): result.data[name].values for name in ("time", *result.data.data_vars)}
+
+
+def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
+    """Return a snapshot as one sample, with the quantities that follow from it."""
+    given = {name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None}
+    names = {q.name for q in QUANTITIES if q.source is not None and not (q.group or q.name in given)}
+    if snapshot.measured_internal_wrench is not None:
+        names |= {q.name for q in QUANTITIES if q.name.startswith("measured_internal_") and q.source}
+    return computed(QUANTITIES, given, cell.shares, names)
+
+
+def frame_samples(time: Array, frames_per_second: float, instants: Sequence[float] = ()) -> Array:
+    """Return the indices of the samples nearest to an even frame rate, with the first and the last.
+
+    Args:
+        time: times of the samples, s, increasing, shape (n,).
+        frames_per_second: 1/s.
+        instants: times of which the latest earlier sample is wanted too, s.
+    """
+    wanted = np.arange(time[0], time[-1], 1.0 / frames_per_second)
+    after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
+    nearest = np.where(
+        wanted - time[after - 1] <= time[np.minimum(after, len(time) - 1)] - wanted, after - 1, after
+    )
+    exact = np.searchsorted(time, np.asarray(instants, dtype=float) + 1e-9, side="right") - 1
+    return np.unique(np.concatenate((nearest, np.maximum(exact, 0), [len(time) - 1])))
+
+
+def warning_codes(
+    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
+) -> NDArray[np.int8]:
+    """Return the codes of the bodies' warning colours.
+
+    The whole arm has a warning colour near a singularity, the driven link at a torque limit.
+
+    Args:
+        bodies: ``<arm>/<joint>`` or ``<arm>/base``.
+        joints: driven joints of each arm, in the order of the arrays.
+        saturated: whether a torque is at its limit, shape (n, m, k).
+        condition: condition numbers of the payload Jacobians, shape (n, m).
+
+    Returns:
+        Codes, shape (n, bodies).
+    """
+    arms = list(joints)
+    codes = np.full((len(condition), len(bodies)), PLAIN, dtype=np.int8)
+    for index, body in enumerate(bodies):
+        name, _, joint = body.partition("/")
+        arm = arms.index(name)
+        codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR
+        if joint in joints[name]:
+            codes[saturated[:, arm, joints[name].index(joint)], index] = SATURATED
+    return codes

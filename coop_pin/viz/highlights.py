@@ -1,0 +1,150 @@
+"""Highlights of a run: its worst moments, one computed sentence, and the marks on its clock."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin.description.events import Event, PayloadChange
+from coop_pin.description.scenario import Scenario
+from coop_pin.results import RunResult
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, SETTLING_S
+
+_SMALL_N = 1.0
+"""Error of the internal force below which a run counts as having followed it."""
+
+_TOLD_WITHIN_S = 1.0
+"""Time after an event within which a sentence refers to it."""
+
+
+class Instant(NamedTuple):
+    """Instant of a run that is worth a look.
+
+    Attributes:
+        text: what happens then.
+        time: s.
+    """
+
+    text: str
+    time: float
+
+
+def read_number(value: float) -> str:
+    """Return a number as it is read: two digits, and no exponent from 100 on."""
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
+
+
+def telling_instant(result: RunResult) -> Instant:
+    """Return the instant of the largest error of the internal force, and what it means, as one sentence.
+
+    The time that the run has to settle is left out, unless the run is shorter.
+
+    Args:
+        result: the run.
+    """
+    data = result.data
+    errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
+    error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
+    time, is_late = data["time"].values, data["time"].values >= SETTLING_S
+    worst = int(np.argmax(np.where(is_late, error, -1.0) if is_late.any() else error))
+    axial, shear, wanted = (
+        np.nan_to_num(data[name].values[worst])
+        for name in ("internal_axial", "internal_shear", "desired_internal_axial")
+    )
+    arm, t = int(np.argmax(np.hypot(axial - wanted, shear))), float(time[worst])
+    when = _when(result.scenario, t)
+    if error[worst] < _SMALL_N:
+        start = SETTLING_S if is_late.any() else 0.0
+        text = f"From {start:g} s on, the internal force stays within {error[worst]:.2g} N of what is wanted"
+        return Instant(f"{text}.", t)
+    if abs(axial[arm] - wanted[arm]) >= shear[arm]:
+        verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
+        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(wanted[arm])} is wanted"
+    else:
+        said = f"the arms load the payload across with {read_number(shear[arm])} N"
+    return Instant(f"{when} {said}; {_motion(result, worst)}.", t)
+
+
+def instants(result: RunResult) -> list[Instant]:
+    """Return the instants that the page offers: start, events, worst squeeze, pull and shear, and end."""
+    data, time = result.data, result.data["time"].values
+    axial, shear = (np.nan_to_num(data[f"internal_{part}"].values) for part in ("axial", "shear"))
+    starts = {
+        "new mass" if isinstance(event, PayloadChange) else "push": event.time
+        for event in reversed(result.scenario.events)
+        if event.time <= result.end
+    }
+    found = [Instant("start", 0.0), *(Instant(name, start) for name, start in sorted(starts.items()))]
+    for text, values in (("worst squeeze", -axial), ("worst pull", axial), ("worst shear", shear)):
+        worst = values.max(axis=1)
+        if worst.max() > _SMALL_N:
+            found.append(Instant(f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
+    return [*found, Instant("end", result.end)]
+
+
+def spans(result: RunResult) -> list[dict[str, Any]]:
+    """Return the events and the windows of the metrics, for the page: kind, start, end (s) and text."""
+    scenario = result.scenario
+    events = [
+        {"kind": "event", "start": event.time, "end": _event_end(event), "text": _event_text(scenario, event)}
+        for event in scenario.events
+        if event.time <= result.end
+    ]
+    windows = [
+        {"kind": "window", "start": window.start, "end": window.end, "text": "judged"}
+        for window in (result.steady_window, result.after_event_window)
+        if not window.is_empty
+    ]
+    return [*windows, *events]
+
+
+def breach_marks(result: RunResult) -> list[dict[str, Any]]:
+    """Return the breaches of trust, for the page: time (s) and text."""
+    return [{"time": breach.time, "text": str(breach)} for breach in result.breaches()]
+
+
+def _event_end(event: Event) -> float:
+    return event.time if isinstance(event, PayloadChange) else event.end
+
+
+def _event_text(scenario: Scenario, event: Event) -> str:
+    if isinstance(event, PayloadChange):
+        return f"mass {scenario.cell.payload.mass:g} → {event.mass:g} kg"
+    parts = [
+        f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
+        for vector, unit in ((event.wrench[:3], "N"), (event.wrench[3:], "N m"))
+        if any(vector)
+    ]
+    return f"push {' and '.join(parts)} for {event.duration:g} s"
+
+
+def _when(scenario: Scenario, time: float) -> str:
+    """Return the time as the start of a sentence, with the latest event if that explains it."""
+    text = f"At {time:.2f} s"
+    before = [event for event in scenario.events if event.time <= time]
+    if not before:
+        return text
+    event = max(before, key=_event_end)
+    name, since = "change of mass" if isinstance(event, PayloadChange) else "push", time - _event_end(event)
+    if since > _TOLD_WITHIN_S:
+        return text
+    if abs(since) < 0.5 / scenario.clock.rate_hz:
+        return f"{text}, as the {name} ends,"
+    return f"{text}, while the push lasts," if since < 0.0 else f"{text}, {since:.2g} s after the {name},"
+
+
+def _wanted(axial: float) -> str:
+    if abs(axial) < _SMALL_N:
+        return "none"
+    return f"{'a pull' if axial > 0.0 else 'a squeeze'} of {read_number(abs(axial))} N"
+
+
+def _motion(result: RunResult, sample: int) -> str:
+    """Return whether the motion gives the internal force away at a sample."""
+    error = result.data["pose_error"].values[sample]
+    distance, angle = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
+    if distance <= POSITION_BAND_M and angle <= ORIENTATION_BAND_RAD:
+        return f"nothing in the motion shows it (the payload is {1e3 * distance:.2g} mm off its path)"
+    millimetres, milliradians = (read_number(1e3 * float(one)) for one in (distance, angle))
+    return f"the payload is {millimetres} mm and {milliradians} mrad off its path"

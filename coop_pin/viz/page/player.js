@@ -1,0 +1,151 @@
+"use strict";
+// One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket.
+(() => {
+  const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
+  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, MOST_FRAMES = 20000;
+  const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
+  const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
+  const width = (run) => Object.values(run.blocks).reduce((sum, size) => sum + size, 0);
+  const runs = page.runs.map((run) => {
+    const rows = split(stage.floats(run.curves), run.columns);
+    return {
+      frames: split(stage.floats(run.frames), width(run)), width: width(run) + run.columns,
+      columns: Array.from({ length: run.columns }, (_, column) => rows.map((row) => row[column])),
+    };
+  });
+  let time = 0, playing = false, last = null, count = 0, changed = false, drawnAt = 0;
+  const end = () => (page.live ? runs[0].frames[runs[0].frames.length - 1][0] : page.duration);
+
+  // ---------------------------------------------------------------- tiles and clock
+  const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
+    const box = document.createElement("div");
+    element("tiles").append(box);
+    return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.find(({ role }) => role === "desired") };
+  });
+  const plots = coopPinPlots(element("plots"), page, runs, (to) => seek(to));
+  const axial = page.plots.find(({ key }) => key === "axial") ?? page.plots[0];
+  plots.add(element("scrub"), axial.curves.filter(({ role }) => role === "actual"), { bare: true });
+
+  function showTiles() {
+    for (const { key, tile, unit, box, actual, wanted } of tiles) {
+      const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
+      const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
+      const { other } = actual[values.indexOf(worst)];
+      const second = other === null ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
+      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
+      if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
+    }
+  }
+
+  function around(frames) {
+    const from = coopPinIndex(frames.length, (k) => frames[k][0], time), to = Math.min(from + 1, frames.length - 1);
+    const step = frames[to][0] - frames[from][0];
+    return [frames[from], frames[to], step > 0 ? Math.min((time - frames[from][0]) / step, 1) : 0];
+  }
+  function show() {
+    stage.show(...around(runs[0].frames));
+    if (runs[1]) { stage.showOther(...around(runs[1].frames)); }
+    plots.moveTo(time);
+    showTiles();
+    slider.max = end();
+    slider.value = time;
+    clock.textContent = `t = ${time.toFixed(2)} s` + (page.live ? "" : ` / ${page.duration.toFixed(2)} s`);
+    const texts = [...page.spans.filter(({ kind, start, end: over }) => kind === "event" && start <= time && time <= Math.max(over, start + 1)),
+      ...page.breaches.filter((breach) => breach.time <= time && time <= breach.time + 1)].map(({ text }) => text);
+    notice.hidden = texts.length === 0;
+    notice.textContent = texts.join("  ·  ");
+  }
+  function seek(to) {
+    setPlaying(false);
+    goTo(to);
+  }
+  function goTo(to) {
+    time = Math.min(Math.max(to, 0), end());
+    show();
+  }
+  function setPlaying(on) {
+    playing = on;
+    last = null;
+    play.textContent = on ? "❚❚" : "▶";
+    if (on && !page.live && time >= end()) { goTo(0); }
+  }
+  function tick(present) {
+    requestAnimationFrame(tick);
+    if (page.live) {
+      if (changed && present - drawnAt > REDRAW_MS) { drawnAt = present; changed = false; plots.refresh(); trails(); }
+    } else if (playing) {
+      if (last !== null) { goTo(time + (present - last) / 1000 * Number(speed.value)); }
+      last = present;
+      if (time >= end()) { setPlaying(false); }
+    }
+  }
+  function trails() {
+    stage.trail("path", stage.travelled(runs[0].frames, 0), page.colours.payload, 0.0025);
+    if (runs[1]) { stage.trail("other", stage.travelled(runs[1].frames, 1), "#6b7280", 0.002); }
+  }
+
+  // ---------------------------------------------------------------- controls
+  slider.addEventListener("input", () => seek(Number(slider.value)));
+  play.addEventListener("click", () => { setPlaying(!playing); if (page.live && playing) { goTo(end()); } });
+  document.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1 / 30, ArrowLeft: -1 / 30 }[event.key];
+    if (event.key === " ") { event.preventDefault(); play.click(); }
+    if (step) { event.preventDefault(); seek(time + step); }
+  });
+  for (const { text, time: at } of page.instants) {
+    const chip = document.createElement("button");
+    chip.textContent = text;
+    chip.addEventListener("click", () => seek(at));
+    element("chips").append(chip);
+  }
+  document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
+  document.querySelectorAll("[data-layer]").forEach((button) => button.addEventListener("click", () => {
+    const on = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", on);
+    stage.setLayer(button.dataset.layer, on);
+    show();
+  }));
+  if (innerWidth < 700 || innerHeight < 600) { document.querySelector("#caption details").open = false; }
+
+  // ---------------------------------------------------------------- a run under way
+  function receive(message) {
+    for (const row of split(new Float32Array(message), runs[0].width)) {
+      const [{ frames, columns }] = runs;
+      const isFirst = count === 0 || row[0] < frames[frames.length - 1][0];
+      if (isFirst || frames.length > MOST_FRAMES) { // a reset; or so long a run that every second frame is dropped
+        const kept = (_, k) => !isFirst && k % 2 === 0;
+        frames.splice(0, frames.length, ...frames.filter(kept));
+        columns.forEach((column) => column.splice(0, column.length, ...column.filter(kept)));
+      }
+      frames.push(row.subarray(0, runs[0].width - columns.length));
+      columns.forEach((column, k) => column.push(row[row.length - columns.length + k]));
+      count += 1;
+    }
+    changed = true;
+    if (playing) { goTo(end()); }
+  }
+  function connect() {
+    const address = new URL("frames", location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => { status.textContent = "live"; };
+    socket.onmessage = ({ data }) => receive(data);
+    socket.onclose = () => {
+      status.textContent = "no connection: the run or its notebook has ended";
+      setTimeout(connect, 2000);
+    };
+  }
+
+  window.coopPin = {
+    ...stage, plots, runs, seek, play: () => setPlaying(true), duration: page.duration, instants: page.instants,
+    get count() { return count; }, get time() { return time; }, get playing() { return playing; },
+  };
+  trails();
+  goTo(page.start);
+  if (page.live) {
+    setPlaying(true);
+    if (page.still) { status.textContent = page.still; } else { connect(); }
+  }
+  requestAnimationFrame(tick);
+})();

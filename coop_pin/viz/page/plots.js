@@ -1,0 +1,175 @@
+"use strict";
+// Time plots on one clock: cursors follow the play, a click seeks, a drag zooms, a double click shows all again.
+const coopPinTick = (value) => Number(value.toPrecision(3)).toString().replace("-", "−");
+// A value that is read: two digits, and never more than three decimals.
+const coopPinNumber = (value) => coopPinTick(Math.abs(value) >= 99.5 ? Math.round(value) : Number(Number(value.toPrecision(2)).toFixed(3)));
+
+// Index of the last time that is not later.
+function coopPinIndex(count, timeOf, time) {
+  let [low, high] = [0, count - 1];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (timeOf(middle) <= time + 1e-6) { low = middle; } else { high = middle - 1; }
+  }
+  return low;
+}
+
+function coopPinPlots(place, page, runs, seek) {
+  const FONT = "10px system-ui, sans-serif", plots = [], MOST = 3e4;
+
+  // The range of y. A peak far beyond the rest gets a second range: beyond a knee values are drawn closer together.
+  function rangeOf(columns, from, to) {
+    const all = [];
+    const step = Math.max(Math.floor((to - from) * columns.length / MOST), 1);
+    let [low, high] = [Infinity, -Infinity];
+    for (const column of columns) {
+      for (let k = from; k <= to; k += 1) {
+        const value = column[k];
+        if (value === null || value === undefined || Number.isNaN(value)) { continue; }
+        low = Math.min(low, value);
+        high = Math.max(high, value);
+        if (k % step === 0) { all.push(value); }
+      }
+    }
+    if (low > high) { [low, high] = [-1, 1]; }
+    const least = Math.max(0.02 * (high - low), 1e-9 + 1e-6 * Math.abs(high));
+    if (high - low < 2e-9) { low -= 1e-3; high += 1e-3; }
+    const sorted = Float64Array.from(all).sort(), at = (share) => sorted[Math.round(share * (sorted.length - 1))];
+    const [lower, upper] = sorted.length < 200 ? [low, high] : [at(0.02), at(0.98)], width = Math.max(upper - lower, least);
+    const knee = (end, usual) => (Math.abs(end - usual) > 1.2 * width ? usual + 0.2 * Math.sign(end - usual) * width : end);
+    return { low, high, lower: knee(low, lower), upper: knee(high, upper) };
+  }
+
+  const bandOf = ({ lower, upper }) => 0.35 * (upper - lower);
+  function forward(value, y) {
+    if (value > y.upper) { return y.high > y.upper ? y.upper + bandOf(y) * (value - y.upper) / (y.high - y.upper) : value; }
+    if (value < y.lower) { return y.low < y.lower ? y.lower - bandOf(y) * (y.lower - value) / (y.lower - y.low) : value; }
+    return value;
+  }
+  function backward(drawn, y) {
+    if (drawn > y.upper) { return y.high > y.upper ? y.upper + (drawn - y.upper) * (y.high - y.upper) / bandOf(y) : drawn; }
+    if (drawn < y.lower) { return y.low < y.lower ? y.lower - (y.lower - drawn) * (y.lower - y.low) / bandOf(y) : drawn; }
+    return drawn;
+  }
+
+  function ticks(y) {
+    const rough = (y.upper - y.lower) / 3.4, power = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].find((one) => one * power >= rough) * power, found = [];
+    for (let k = Math.ceil(y.lower / step - 1e-6); k * step <= y.upper + 1e-6 * step; k += 1) { found.push(k * step); }
+    return [...(y.low < y.lower ? [y.low] : []), ...found, ...(y.high > y.upper ? [y.high] : [])];
+  }
+
+  // Windows of the metrics and events are shaded; breaches of trust are triangles; a second range of y has a tint.
+  function shade(u, y) {
+    const { ctx, bbox } = u, x = (time) => Math.min(Math.max(u.valToPos(time, "x", true), bbox.left), bbox.left + bbox.width);
+    ctx.save();
+    for (const span of page.spans) {
+      const left = x(span.start), width = x(span.end) - left;
+      ctx.fillStyle = span.kind === "event" ? "rgba(204, 121, 167, .45)" : "rgba(0, 114, 178, .07)";
+      ctx.fillRect(left, bbox.top, span.kind === "event" ? Math.max(width, 2) : width, bbox.height);
+    }
+    ctx.fillStyle = "rgba(230, 159, 0, .10)";
+    for (const [from, to] of [[y.high, y.upper], [y.lower, y.low]]) {
+      const top = u.valToPos(from, "y", true);
+      if (from !== to) { ctx.fillRect(bbox.left, top, bbox.width, u.valToPos(to, "y", true) - top); }
+    }
+    ctx.restore();
+  }
+  function mark(u, curves) {
+    const { ctx, bbox } = u, size = 5 * devicePixelRatio;
+    ctx.save();
+    ctx.setLineDash([2 * size, size]);
+    for (const { limit, colour } of curves.filter(({ limit }) => limit)) {
+      for (const level of [limit, -limit]) { // limits that the range of y has
+        if (level > u.scales.y.max || level < u.scales.y.min) { continue; }
+        const y = u.valToPos(level, "y", true);
+        ctx.strokeStyle = colour;
+        ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+      }
+    }
+    ctx.fillStyle = "#b42318";
+    for (const { time } of page.breaches) {
+      const x = u.valToPos(time, "x", true);
+      if (x < bbox.left || x > bbox.left + bbox.width) { continue; }
+      ctx.beginPath();
+      ctx.moveTo(x - size, bbox.top); ctx.lineTo(x + size, bbox.top); ctx.lineTo(x, bbox.top + 1.7 * size); ctx.fill();
+    }
+    ctx.restore();
+  }
+
+  function add(holder, curves, { bare = false, last = false, unit = "" } = {}) {
+    const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual")), others = runs.length > 1;
+    const styled = (curve, of) => ({
+      stroke: of ? "#6b7280" : curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
+      dash: of ? [6, 4] : curve.role === "desired" ? [4, 3] : curve.role === "measured" ? [1, 2] : undefined,
+    });
+    // Of a second run the actual curves are shown, found by plot and label.
+    const second = (others ? drawn : []).filter((curve) => curve.role === "actual" && curve.other !== null);
+    const tables = () => {
+      const own = [runs[0].columns[0], ...drawn.map(({ column }) => runs[0].columns[column])];
+      return others ? uPlot.join([own, [runs[1].columns[0], ...second.map(({ other }) => runs[1].columns[other])]]) : own;
+    };
+    let y = { low: 0, high: 1, lower: 0, upper: 1 };
+    const range = (u) => {
+      const [from, to] = u.series[0].idxs ?? [0, u.data[0].length - 1];
+      y = rangeOf(u.data.slice(1), from ?? 0, to ?? u.data[0].length - 1);
+      const margin = 0.05 * (forward(y.high, y) - forward(y.low, y));
+      return [backward(forward(y.low, y) - margin, y), backward(forward(y.high, y) + margin, y)];
+    };
+    const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
+    const u = new uPlot({
+      width: 300, height: 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
+      cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
+      scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
+      axes: [
+        { ...axis, show: !bare, size: last ? 22 : 4, values: (_, all) => all.map((time) => (last ? `${time} s` : "")) },
+        { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
+      ],
+      series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
+      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves)] },
+    }, tables(), holder);
+    const line = document.createElement("i");
+    u.over.append(line);
+    let pressed = 0;
+    u.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
+    u.over.addEventListener("click", (event) => {
+      if (Math.abs(event.clientX - pressed) < 4) { seek(u.posToVal(event.clientX - u.over.getBoundingClientRect().left, "x")); }
+    });
+    new ResizeObserver(() => {
+      const { clientWidth: width, clientHeight: height } = holder;
+      if (width && height) { u.setSize({ width, height }); moveTo(now); }
+    }).observe(holder);
+    plots.push({ u, line, tables, curves, unit });
+    return u;
+  }
+
+  let now = 0;
+  const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], now)];
+  function moveTo(time) {
+    now = time;
+    for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
+    for (const { present, curves } of titles) {
+      const said = curves.filter(({ role }) => role !== "measured" || curves.length < 6).slice(0, 4).map(({ column, label, colour, other, limit }) => {
+        const own = `<b style="color:${colour}">${coopPinNumber(value(runs[0], column))}</b>`;
+        const share = limit ? ` (${Math.abs(100 * value(runs[0], column) / limit).toFixed(0)} %)` : "";
+        return `${label.replace(/[<&]/g, "")} ${own}${share}${other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`}`;
+      });
+      present.innerHTML = said.join(" · ");
+    }
+  }
+
+  const titles = page.plots.map(({ title, unit, curves }, k) => {
+    const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
+    const share = Math.max(0, ...curves.map(({ column, limit }) => (limit ? runs[0].columns[column].reduce((most, value) => Math.max(most, Math.abs(value)), 0) / limit : 0)));
+    heading.textContent = `${title}, ${unit}${share ? ` (at most ${(100 * share).toFixed(0)} % of a limit)` : ""}`;
+    place.append(heading, present, holder);
+    add(holder, curves, { last: k === page.plots.length - 1, unit });
+    return { present, curves };
+  });
+
+  function refresh() {
+    for (const { u, tables } of plots) { u.setData(tables()); }
+    moveTo(now);
+  }
+  return { add, moveTo, refresh, value, plots };
+}
