@@ -515,3 +515,12 @@ def test_a_run_shorter_than_the_window_has_no_steady_metrics():
         name for name, value in found.items() if math.isnan(value) and not name.startswith("after_event_")
     ]
     assert steady == ["resettling_time_s", "event_peak_position_error_m", *metrics.STEADY_METRICS]
+
+
+def test_every_metric_is_shown_with_the_scale_of_its_unit():
+    """From the unit at the end of its name, SI, to the one shown."""
+    scales = {("m", "mm"): 1e3, ("rad", "mrad"): 1e3}
+    units = {"Nm": "N m"}
+    for name, (_, unit, scale) in metrics.METRIC_TEXTS.items():
+        in_si = units.get(name.rsplit("_", 1)[1], name.rsplit("_", 1)[1])
+        assert scale == (1.0 if unit == in_si else scales[in_si, unit])
