@@ -107,6 +107,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "comparison": (
         {
             "analysis",
+            "batch",
             "chain",
             "control",
             "description",
