@@ -357,6 +357,10 @@ class InvalidStateError(CoopPinError, RuntimeError):
     """An operation that its object is not ready for: a tick of a finished run, an unfinished sweep."""
 
 
+class TracingError(CoopPinError, TypeError):
+    """Code that cannot be traced, for example because it branches on a value; the message says why."""
+
+
 class UserCodeError(CoopPinError, RuntimeError):
     """An exception (``cause``, and __cause__) in the user's controller, motion or squeeze at ``time`` s."""
 

@@ -33,8 +33,10 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
+# - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
+# - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
 # - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
@@ -56,13 +58,26 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio"}),
+    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
-    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
+    "batch": (
+        {
+            "chain",
+            "control",
+            "description",
+            "model",
+            "results",
+            "run_scenario",
+            "schema",
+            "simulation",
+        },
+        {"llvmlite", "pinocchio"},
+    ),
+    "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
             "reference",
@@ -89,11 +104,27 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
+    "comparison": (
+        {
+            "analysis",
+            "chain",
+            "description",
+            "model",
+            "results",
+            "run_scenario",
+            "simulation",
+            "sweeps",
+            "user_files",
+        },
+        {"pandas", "xarray"},
+    ),
     "run_folder": ({"results", "figures", "viz"}, set()),
     "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
         {
             "analysis",
+            "batch",
+            "comparison",
             "description",
             "figures",
             "progress_bar",
@@ -240,12 +271,14 @@ def test_every_third_party_is_a_declared_dependency():
 
 BLIND_LAW = """
 import dataclasses, sys
+from types import SimpleNamespace
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController, Saturation,
-    Sign, SlidingModeController, ZeroedController,
+    ArmMeasurement, ArmReference, LeaderFollowerController, PayloadSpaceController, Posture,
+    PrescribedPerformanceController, RedundantSlidingModeController, Saturation, Sign, SlidingModeController,
+    ZeroedController,
 )
 from coop_pin.spatial import make_pose, task_rows
 
@@ -287,6 +320,16 @@ spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload
                              saturated=np.zeros(4, bool))
 torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
 assert torque.shape == (4,) and np.isfinite(torque).all()
+cell = SimpleNamespace(task_rows=rows, arms=("left", "right"), shares=np.array((0.5, 0.5)))
+# All that they may take of a scenario.
+told = SimpleNamespace(cell=cell, clock=SimpleNamespace(period=0.0125))
+wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)
+for kind in (PrescribedPerformanceController, LeaderFollowerController):
+    for arm in cell.arms:
+        blind = kind(told, arm)
+        for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
+            torque, _ = blind.step(seen, reference, blind.init(seen, reference))
+            assert torque.shape == seen.q.shape and np.isfinite(torque).all()
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """

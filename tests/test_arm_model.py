@@ -163,8 +163,8 @@ def test_a_controllers_kinematics_are_the_arms_own_without_any_inertia(name):
         assert_allclose(
             view.jacobian @ (arm.drive @ v), rows.select(arm.payload_jacobian(q) @ v), rtol=0, atol=1e-13
         )
-    assert all(inertia.mass == 0.0 and not inertia.inertia.any() for inertia in kinematics._model.inertias)
-    assert not kinematics._model.gravity.vector.any()
+    assert all(inertia.mass == 0.0 and not inertia.inertia.any() for inertia in kinematics.model.inertias)
+    assert not kinematics.model.gravity.vector.any()
 
 
 @pytest.mark.parametrize("name", ARMS)

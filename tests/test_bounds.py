@@ -139,6 +139,34 @@ def test_a_gain_beyond_the_bound_is_refused_with_both_numbers_unless_insisted_on
     assert cp.Scenario.load("adept-anchored", beyond | filtered).controller.force_path.pole == 0.5
 
 
+@pytest.mark.parametrize(
+    ("fields", "loop"),
+    [
+        ({"controller.force_path": {"kind": "late", "delay": 2}}, {"delay": 2}),
+        (
+            {
+                "controller.force_path": {"kind": "low-pass", "pole": 0.5, "delay": 1},
+                "sensors.wrist.delay": 1,
+            },
+            {"pole": 0.5, "delay": 2},
+        ),
+        ({"sensors.wrist": {"delay": 5, "rate_hz": 20.0}}, {"delay": 5, "every": 4}),
+        (
+            {"controller.force_path.kind": "none", "controller.payload_mass": 9.0, "sensors.wrist.delay": 3},
+            {"delay": 3},
+        ),
+    ],
+    ids=["delay", "pole and delay", "slow sensor", "own wrist"],
+)
+def test_gains_are_refused_from_the_bound_of_the_scenarios_own_loop_on(fields, loop):
+    bound = anchor_gain_bound(**loop)
+    below, beyond = ({"controller.gains.anchor_gain": factor * bound} for factor in (0.999, 1.001))
+    assert cp.Scenario.load("adept-anchored", fields | below).controller.measures
+    with pytest.raises(FieldError) as caught:
+        cp.Scenario.load("adept-anchored", fields | beyond)
+    assert caught.value.path == "controller.gains.anchor_gain"
+
+
 def test_anchor_gains_that_differ_between_arms_are_refused():
     gains = cp.Scenario.load("adept-anchored").controller.gains
     with pytest.raises(FieldError) as caught:

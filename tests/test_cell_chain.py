@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from coop_pin.chain import CellChain
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose, Stabilisation
-from coop_pin.errors import NameNotFoundError, UnreachablePoseError
+from coop_pin.errors import NameNotFoundError, OpenClosureError, UnreachablePoseError
 from coop_pin.model import ArmModel
-from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, rotate_vector6
+from coop_pin.spatial import internal_wrenches, inverse_pose, load_wrenches, make_pose, rotate_vector6
 
 PUSH = np.array([12.0, -7.0, 5.0, 0.4, -0.3, 0.8])
 GRAVITY = (1.0, -2.0, -9.0)  # with a part in the plane of the planar cell
@@ -418,6 +418,42 @@ def test_a_pose_out_of_reach_and_a_wrong_tip_have_their_own_errors(name):
     arms["right"] = arms["right"].replace(tip="tipp")
     with pytest.raises(NameNotFoundError):
         CellChain(plant.cell.replace(arms=arms), PlantOptions(stabilisation=Stabilisation(frequency=1.0)))
+
+
+@pytest.mark.parametrize("payload", ["welded", "free"])
+def test_stated_angles_are_taken_whether_or_not_they_hold_the_payload(name, payload):
+    plant, q = built(name, payload)
+    angles = {arm.name: arm.angles.of(q[arm.q_slice]) + 0.1 for arm in plant.model.arms}
+    X = make_pose((0.3, 0.4, 0.0), (0.0, 0.0, 0.5))
+    posed = plant.posed_configuration(angles, X)
+    for arm in plant.model.arms:
+        assert_close(arm.angles.of(posed[arm.q_slice]), angles[arm.name], atol=1e-14)
+    if payload == "free":
+        assert_close(plant.payload_pose(posed), X, atol=1e-14)
+    last = angles.popitem()[0]
+    with pytest.raises(NameNotFoundError) as caught:
+        plant.posed_configuration(angles, X)
+    assert caught.value.name == last
+
+
+@pytest.mark.parametrize(
+    ("moved", "turned"), [((3e-4, 4e-4, 0.0), 0.0), ((0.0, 0.0, 0.0), 2e-3)], ids=["moved", "turned"]
+)
+def test_a_tip_off_its_grasp_is_refused_with_distance_and_angle(name, moved, turned):
+    """A turn of the payload about its z axis moves a grasp along a chord, by its distance from the axis."""
+    plant, q = built(name)
+    X = plant.payload_pose(q)
+    plant.require_held(q, X, 1e-9)
+    off = X.copy()
+    off[:3, 3] += moved
+    off[:3, :3] = X[:3, :3] @ make_pose((0, 0, 0), (0, 0, turned))[:3, :3]
+    lever = np.linalg.norm(plant.cell.grasps["left"].matrix[:2, 3])
+    expected = 2.0 * np.sin(turned / 2.0) * lever if turned else 5e-4, turned
+    plant.require_held(q, off, 2.0 * max(expected))
+    with pytest.raises(OpenClosureError) as caught:
+        plant.require_held(q, off, 0.999 * max(expected))
+    assert caught.value.closure == "grasp of arm left"
+    assert_close((caught.value.distance, caught.value.angle), expected, atol=1e-8)
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])

@@ -190,6 +190,38 @@ def test_the_suggested_scenario_runs_as_expected_and_survives_its_file(suggestio
     assert force >= 0.3 * suggestion.proposal.internal_force
 
 
+def test_it_says_what_limits_each_value(suggestion):
+    subjects = [line.split(":")[0] for line in suggestion.limits]
+    arms = [f"posture of {arm}" for arm in suggestion.scenario.cell.arms]
+    assert subjects == ["rate", "K", "k_I", "force path", *arms, "squeeze", "plant"]
+
+
+@pytest.mark.slow
+def test_each_arm_is_on_the_branch_with_the_largest_margin(six):
+    """Of every branch at the start: torque, joint range and condition, here from the models alone."""
+    limit = six.trust.jacobian_condition
+    poses = [six.motion.at(t).X_WP_d for t in np.linspace(0.0, six.duration, 9)]
+    chosen = cp.suggest(six, poses=9).scenario.cell
+    for name in six.cell.arms:
+        model = ArmModel.from_cell(six.cell, name)
+        load = np.array([0.0, 0.0, -9.81 * six.cell.payload.mass / 2.0, 0.0, 0.0, 0.0])
+
+        def least(posture, model=model, load=load):
+            left = []
+            for X in poses:
+                posture = cp.solve_ik(model, X, posture=posture)
+                J = model.payload_jacobian(posture)
+                torque = model.nonlinear_effects(posture, np.zeros(6)) - J.T @ load
+                gap = np.minimum(posture - model.limits.lower, model.limits.upper - posture)
+                left += [1.0 - np.abs(torque / model.limits.torque).max(), (gap / 2.9).min()]
+                left.append(1.0 - np.linalg.cond(J) / limit)
+            return min(left)
+
+        margins = [least(q) for q in cp.ik_branches(model, six.start.matrix)]
+        assert len(margins) > 1
+        assert least(chosen.arms[name].posture) == pytest.approx(max(margins), abs=0.02)
+
+
 def test_a_squeeze_beyond_the_drives_is_lowered_to_what_they_hold(six):
     pressed = six.replace(squeeze=cp.TipForceSqueeze(force=1000.0))
     assert not cp.static_torques(pressed, poses=11).ok

@@ -152,6 +152,20 @@ def test_out_of_reach_no_joint_makes_the_weighted_gap_smaller(arms, options):
     assert solver.gaps < 40
 
 
+def test_a_solve_gives_up_where_no_step_comes_nearer(arms, monkeypatch):
+    """As at a minimum known to rounding: the damping grows from 1e-3 to 1e8 by decades."""
+    solver, q, gap = Recorded(arms["ur5"]), configuration(arms["ur5"]), IKSolver(arms["ur5"])._gap
+
+    def farther(target, at, weights):
+        solver.gaps += 1
+        e, A = gap(target, at, weights)
+        return (e, A) if solver.gaps == 1 else (2.0 * e, A)
+
+    monkeypatch.setattr(solver, "_gap", farther)
+    np.testing.assert_array_equal(solver.solve(NEARBY, q).q, q)
+    assert 10 <= solver.gaps <= 15
+
+
 def test_a_start_beyond_the_limits_is_kept_only_without_limits(arms):
     arm = arms["panda"]
     solver, q = IKSolver(arm), configuration(arm)

@@ -123,6 +123,23 @@ def test_tensions_of_the_virtual_linkage_are_the_forces_along_its_edges():
         np.testing.assert_allclose(shift_wrench(internal, -tips)[:, 3:], 0.0, atol=1e-11)
 
 
+def test_tips_count_as_collinear_by_the_ratio_of_their_spreads():
+    """Three tips along 100 m, one of them 1e-8 m off the line, are collinear; a triangle of 0.1 um is not."""
+    F, _ = grasp(3)
+    line = np.array([(0.0, 0.0, 0.0), (60.0, 0.0, 0.0), (100.0, 0.0, 0.0)])
+    nearly = line + np.array([(0.0, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 0.0)])
+    np.testing.assert_allclose(
+        virtual_linkage_internal_wrenches(F[0], nearly),
+        virtual_linkage_internal_wrenches(F[0], line),
+        atol=1e-5,
+    )
+    triangle, small = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.4, 2e-3, 0.0)]), 1e-7
+    unit = np.array([1.0, 1.0, 1.0, small, small, small])
+    expected = virtual_linkage_internal_wrenches(F[0], triangle)
+    found = virtual_linkage_internal_wrenches(F[0] * unit, triangle * small) / unit
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
 def test_the_constraint_consistent_load_accelerates_the_virtual_bodies_as_one_rigid_body():
     F, r = grasp(3)
     load = F - constraint_consistent_internal_wrenches(F, r, MASSES, INERTIAS)

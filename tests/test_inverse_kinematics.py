@@ -8,7 +8,8 @@ from malformed_urdf import arm as urdf_text
 from numpy.testing import assert_allclose
 
 from coop_pin.analysis import cell_summary
-from coop_pin.chain import CellChain, solve_ik
+from coop_pin.chain import CellChain, ik_branches, solve_ik
+from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.description import Arm, Cell, Payload, Pose
 from coop_pin.errors import OutOfRangeError, ShapeError, UnreachablePoseError
 from coop_pin.model import ArmModel
@@ -185,3 +186,13 @@ def test_remembered_solutions_are_copies_and_belong_to_one_grasp(name):
     grasp[:2, 3] *= 0.99
     other = ArmModel(cell.arms["right"], grasp, cell.gravity)
     assert np.abs(solve_ik(other, start, posture=posture) - kept).max() > 1e-6
+
+
+@pytest.mark.parametrize(("search", "seeds"), [(solve_ik, 16), (ik_branches, 96)])
+def test_a_search_starts_from_the_posture_from_twelve_around_it_and_from_seeds(search, seeds, monkeypatch):
+    arm, start, posture = arm_of("planar", "left")
+    starts, solve = [], IKSolver.solve
+    monkeypatch.setattr(IKSolver, "solve", lambda self, X, q: starts.append(q) or solve(self, X, q))
+    search(arm, start, posture=posture + 0.0123)
+    assert len(starts) == 1 + 12 + seeds
+    np.testing.assert_array_equal(starts[0], posture + 0.0123)

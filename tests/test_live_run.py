@@ -142,6 +142,7 @@ def test_a_live_run_starts_pauses_goes_on_and_is_the_run():
 
 def test_changes_stay_after_a_reset():
     run = LiveRun(quiet_paper())
+    assert run.realtime_rate == 1.0
     run.step()
     run.change({"controller.gains.pose_gain": 3.0})
     run.change_mass(4.0)
@@ -224,6 +225,7 @@ def test_a_users_controller_that_raises_ends_the_run_and_not_the_panel():
 @pytest.fixture
 def panel():
     panel = Panel(quiet_paper(30.0))
+    assert panel.run.realtime_rate == 1.0
     yield panel
     panel.close()
 

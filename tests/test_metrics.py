@@ -15,6 +15,11 @@ from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.metrics import LimitViolation, Window
 from coop_pin.results.quantities import allocate, quantities
 from coop_pin.spatial import make_pose
+from coop_pin.spatial.internal_wrench import (
+    minimum_norm_internal_wrenches,
+    nonsqueezing_internal_wrenches,
+    virtual_linkage_internal_wrenches,
+)
 
 SCENARIO = SCENARIOS["planar"]()
 PLATE = cp.Scenario.load("three-ur5-plate")
@@ -116,8 +121,8 @@ def test_a_result_of_two_megabytes_is_read_back(tmp_path):
     """What a file unpacks to is bounded by its size; the slack for small files does not cover this one."""
     result = made(np.arange(2000.0))
     assert result.data.nbytes > 2e6
-    result.save(tmp_path / "result.nc")
-    assert cp.RunResult.load(tmp_path / "result.nc").data.identical(result.data)
+    result.save(tmp_path / "new" / "folder" / "result.nc")
+    assert cp.RunResult.load(tmp_path / "new" / "folder" / "result.nc").data.identical(result.data)
 
 
 # ------------------------------------------------------------ tracking
@@ -273,6 +278,23 @@ def test_rows_that_rigid_bodies_do_not_determine_count_as_zero():
     assert_close(data.internal_shear, np.full((6, 2), 3.0), atol=EXACT)
     assert_close(data.internal_moment, np.full((6, 2), 2.0), atol=EXACT)
     assert data.wrench_is_determined.values.tolist() == [True, True, False, False, False, True]
+
+
+def test_every_definition_takes_undetermined_rows_as_zero():
+    """Forces along z would turn about x and y; without them the tips lie in one plane."""
+    rng = np.random.default_rng(8)
+    F, tips = rng.normal(size=(2, 2, 6)), rng.normal(size=(2, 2, 3))
+    F[..., 2] = np.nan
+    found = made([0.0, 1.0], interaction_wrench=F, tip_position=tips).internal_wrench_definitions()
+    known, plane = np.nan_to_num(F), tips * (1.0, 1.0, 0.0)
+    for name, definition in {
+        "minimum_norm": minimum_norm_internal_wrenches,
+        "nonsqueezing": nonsqueezing_internal_wrenches,
+        "virtual_linkage": virtual_linkage_internal_wrenches,
+    }.items():
+        expected = definition(known, plane)
+        expected[..., 2] = np.nan
+        assert_close(found[name], expected, atol=1e-12)
 
 
 def test_the_internal_wrench_is_what_the_load_shares_leave():

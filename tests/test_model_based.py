@@ -168,14 +168,14 @@ def lyapunov(scenario, laws, kept):
         m, reference, state = (part[index] for part in kept)
         exact = ArmDynamics(scenario, arm)
         theta, phi = exact.parameters()
-        xtilde = law.rows.pose_error(m.payload_pose, reference.pose)
-        s_0 = m.payload_twist - reference.twist + law.gamma * xtilde
+        xtilde = law._rows.pose_error(m.payload_pose, reference.pose)
+        s_0 = m.payload_twist - reference.twist + law._gamma * xtilde
         s = np.linalg.solve(m.payload_jacobian, s_0)
         V += s @ exact.terms(m).M @ s / 2.0
         share = scenario.cell.shares[index]
         V += share * s_0 @ exact.payload_inertia(m.payload_pose) @ s_0 / 2.0
-        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law.G)
-        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law.G_0)
+        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law._G)
+        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law._G_0)
     return V
 
 
@@ -200,3 +200,39 @@ def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
     without = cp.run(scenario, frozen)
     last = np.linalg.norm(result.data.pose_error.values[-100:], axis=1).max()
     assert last < 0.5 * np.linalg.norm(without.data.pose_error.values[-100:], axis=1).max()
+
+
+def torque_qp(**options):
+    pytest.importorskip("proxsuite", reason="proxsuite is not installed (extra 'compare')")
+    return stated("coop_pin.model_based:TorqueQpController", **options)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_torque_qp_without_active_constraints_is_computed_torque(name):
+    both = [cp.run(still(name, law(), step=STEP, duration=0.2)) for law in (computed_torque, torque_qp)]
+    torques = [result.data.commanded_torque.values for result in both]
+    assert_allclose(torques[1], torques[0], atol=1e-5 * np.nanmax(np.abs(torques[0])))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_torque_qp_keeps_torque_limits_and_friction_cones(name):
+    """Bouyarmane et al. (2019): constraints hold in every tick, and the motion still arrives."""
+    scenario = still(name, torque_qp(friction_coefficient=0.5, anchor_gain=0.0), step=STEP, duration=0.8)
+    peak = np.nanmax(np.abs(cp.run(scenario).data.commanded_torque.values), axis=0)
+    limits = {}
+    for index, arm in enumerate(scenario.cell.arms):
+        joints = ArmModel.from_cell(scenario.cell, arm).nv
+        limits[f"cell.arms.{arm}.torque_limits"] = (0.95 * peak[index][:joints] + 0.1).tolist()
+    result = cp.run(scenario, limits)
+    beyond = np.abs(result.data.commanded_torque.values) - result.data.torque_limit.values
+    assert np.nanmax(beyond) < 1e-6
+    assert (np.abs(beyond) < 1e-6).any()
+    assert np.abs(x_error(result)[-1]) < 0.25 * STEP
+    tips, force = result.data.tip_position.values, -result.data.interaction_wrench.values[..., :3]
+    axis = tips[:, ::-1] - tips
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    force = np.nan_to_num(force)
+    pressed = (force * axis).sum(axis=-1)
+    across = np.linalg.norm(force - pressed[..., None] * axis, axis=-1)
+    assert pressed[1:].min() > 0.0
+    assert (across - 0.5 * np.sqrt(2.0) * pressed)[1:].max() < 0.5

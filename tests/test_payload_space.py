@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import CATALOGUE_CELLS, FAR_CELLS, SCENARIOS
 from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
@@ -182,10 +182,13 @@ def anchored_ticks(controller, ages, saturated=False):
     ],
 )
 @pytest.mark.parametrize("saturated", [False, True])
-def test_every_new_measurement_anchors_once_even_while_torques_saturate(ages, anchors, saturated):
-    controller = law(task_rows("planar"), anchor_gain=0.1, stale_after=4.0)
+@pytest.mark.parametrize("name", ROWS)
+def test_every_new_measurement_anchors_once_even_while_torques_saturate(name, ages, anchors, saturated):
+    rows = task_rows(name)
+    controller = law(rows, anchor_gain=0.1, stale_after=4.0)
     states = anchored_ticks(controller, ages, saturated)
-    assert_allclose([state.integral for state in states], -0.1 * np.outer(anchors, np.ones(3)), atol=1e-14)
+    expected = -0.1 * np.outer(anchors, np.ones(rows.size))
+    assert_allclose([state.integral for state in states], expected, atol=1e-14)
 
 
 def test_a_stale_integral_leaks_to_its_last_anchored_value():
@@ -230,14 +233,15 @@ def test_own_wrist_wrench_anchors_to_its_share_of_the_stated_weight(name):
     assert_allclose(unstated.step(m, r, unstated.init(m, r)).state.integral, 0.0, atol=1e-14)
 
 
-def test_integral_stands_still_while_saturated():
-    rows = task_rows("planar")
+@pytest.mark.parametrize("name", ROWS)
+def test_integral_stands_still_while_saturated(name):
+    rows = task_rows(name)
     controller = law(rows)
-    m, r = inputs(rows, 3)
+    m, r = inputs(rows, rows.size)
     state = controller.init(m, r)
     later = m._replace(time=0.1)
     assert np.any(controller.step(later, r, state).state.integral != 0.0)
-    cut = later._replace(saturated=np.array([False, True, False]))
+    cut = later._replace(saturated=np.arange(rows.size) == 1)
     assert np.array_equal(controller.step(cut, r, state).state.integral, state.integral)
 
 
@@ -252,10 +256,11 @@ def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
 def test_neither_anchor_nor_leak_unless_stated():
     controller = law(task_rows("planar"), sign_gain=np.zeros((3, 3)))
     m, r = inputs(controller.rows, 3)
-    state = controller.init(m, r)._replace(integral=np.ones(3))
-    for age in (0.0, 9.0):
+    for age in (0.0, 9.0):  # anchored anew, and stale
+        state = controller.init(m, r)._replace(integral=np.ones(3), wrench_age=np.inf if age == 0.0 else 8.0)
         after = controller.step(m._replace(internal_wrench_age=age), r, state).state
         assert_allclose(after.integral, 1.0, atol=1e-15)
+        assert_allclose(after.anchored, float(age == 0.0), atol=0)
 
 
 def test_only_time_since_the_start_counts():
@@ -397,6 +402,20 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
     J, xtilde = m.payload_jacobian, rows.pose_error(m.payload_pose, r.pose)
     expected = m.payload_twist - r.twist + xtilde + J @ (0.2 * state.sign_integral - state.start_surface)
     assert_close(J @ s_r, expected, atol=1e-10)
+
+
+def test_sgn_is_used_only_when_asked_for():
+    """The default is a wide layer; the scenarios with a measured internal wrench use it, without K_f."""
+    width = cp.PayloadSpace.model_fields["switching"].default.width
+    assert width >= 0.05
+    named = {
+        name: cp.Scenario.load(name).controller for name in ("adept-anchored", *CATALOGUE_CELLS, *FAR_CELLS)
+    }
+    for law in named.values():
+        assert law.switching == Saturation(width=width)
+        assert law.gains.force_gain == 0.0
+        assert law.gains.anchor_gain > 0.0
+        assert law.force_path.kind == "late"
 
 
 GAINS = {"pose_gain": 2, "sliding_gain": [800, 800, 40], "sign_gain": 0.2, "transient_rate": 5}

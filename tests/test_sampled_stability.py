@@ -1,5 +1,6 @@
 """Sampled stability: against the closed form of square arms, and against runs on both sides of the limit."""
 
+import importlib
 import re
 
 import numpy as np
@@ -313,4 +314,18 @@ def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):
     scenario = pushed("planar", 0.2)
     scenario.save(tmp_path / "lagging.toml")
     assert main(["check", str(tmp_path / "lagging.toml"), "--poses", "3"]) == 1
-    assert "the motion is unstable" in capsys.readouterr().out
+    assert "the motion is unstable (stable with lags up to" in capsys.readouterr().out
+    slow = loop_of(paper({"clock.rate_hz": 25.0}))
+    assert (slow.ok, slow.largest_lag) == (False, 0.0)
+    assert "without any lag" in slow.summary()
+
+
+def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
+    """Modes by hand: the second decays worst."""
+    module = importlib.import_module("coop_pin.analysis.sampled_stability")
+    simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
+    modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
+    monkeypatch.setattr(module, "_decay", lambda *_: (np.array([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]), modes))
+    names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
+    for found in (module.start_stability(simulation), module.step_stability(simulation)):
+        assert found.joints == (names[3], names[4], names[1])

@@ -13,6 +13,7 @@ from linkages import bennett
 
 from coop_pin import arrays, errors
 from coop_pin.arrays import free_memory
+from coop_pin.chain.trajectory import time_grid
 from coop_pin.description import Clock, Scenario
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation, simulate
@@ -73,6 +74,15 @@ def test_a_motion_of_a_billion_steps_is_refused():
         chain.integrate(*start, duration=1e9, step=1e-9)
 
 
+def test_a_time_grid_needs_its_times_and_what_goes_with_them(monkeypatch):
+    """Five times of eight bytes, each with 92 more."""
+    assert time_grid(1.0, 0.25, 92).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    monkeypatch.setattr(arrays, "free_memory", lambda: 0)
+    with pytest.raises(errors.NotEnoughMemoryError) as caught:
+        time_grid(1.0, 0.25, 92)
+    assert caught.value.needed == pytest.approx(500.0, rel=1e-8)
+
+
 def test_free_memory_is_between_nothing_and_everything():
     assert 1 << 20 < free_memory() < 1 << 60
 
@@ -82,6 +92,7 @@ def test_free_memory_is_within_the_limit_of_the_address_space():
 import resource
 from pathlib import Path
 from coop_pin.arrays import free_memory
+from coop_pin.chain.trajectory import time_grid
 limit = 1 << 30
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -22,6 +22,7 @@ from coop_pin.spatial import (
     task_rows,
 )
 from coop_pin.spatial.pose import log3, quaternions
+from coop_pin.spatial.task_rows import joint_shortage
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -217,6 +218,13 @@ def test_twists_and_wrenches_move_to_another_point_of_the_body(name):
     assert_allclose(A @ back, np.eye(rows.size), atol=1e-14)
     assert_allclose(back.T @ rows.select(F), rows.select(shift_wrench(F, -r)), atol=1e-14)
     assert_allclose((back.T @ rows.select(F)) @ (A @ rows.select(V)), F @ V, atol=1e-13)
+
+
+@pytest.mark.parametrize(("joints", "has_fewer_rows"), [(2, False), (3, True), (5, True)])
+def test_an_arm_with_too_few_joints_is_told_of_fewer_rows_if_three_would_do(joints, has_fewer_rows):
+    text = joint_shortage(joints, 6)
+    assert text.startswith(f"{joints} joints, 6 task rows")
+    assert ("positional" in text) is has_fewer_rows
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-12])

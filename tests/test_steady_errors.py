@@ -50,6 +50,13 @@ def test_own_wrist_law_trades_force_for_sag_of_the_weight_error():
     )
     assert_allclose(found.force * found.sag, found.product)
     assert found.wrenches == 0
+    # beta from the weight's error and the bias: the load sags by c b, and (1 - c) D is left.
+    balanced = own | {"controller.gains.anchor_gain": found.balanced}
+    assert_allclose(found.balanced, 0.5 * 1e-4 * GAMMA * K_I * K / 20.0 / RATE)
+    found = errors(balanced, bias=1e-4, load=20.0)
+    assert_allclose([found.sag, found.force], [0.5e-4, 10.0])
+    assert f"anchor_gain {found.balanced:.3g}" in found.summary()
+    assert math.isnan(errors().balanced)
     assert errors(own, load=1e6).sag == math.inf  # beyond what the saturated integral can hold
 
 

@@ -222,8 +222,12 @@ def test_a_line_has_these_mutants(mutate, line, becomes):
 def test_every_test_file_of_the_mutation_run_exists_and_every_equivalent_mutant_too(mutate):
     found = mutate.all_mutants()
     assert len(found) > 1000
-    assert all((REPOSITORY / "tests" / f"test_{name}.py").is_file() for name in mutate.TESTS.split())
-    assert {mutant.package for mutant in found} == set(mutate.PACKAGES)
+    assert all(
+        (REPOSITORY / "tests" / f"test_{name}.py").is_file()
+        for names in mutate.TESTS.values()
+        for name in names.split()
+    )
+    assert {mutant.package for mutant in found} == set(mutate.TESTS)
     assert mutate.equivalent() <= {mutant.key for mutant in found}
 
 

@@ -29,7 +29,8 @@ class LoopStability(NamedTuple):
     Attributes:
         radius: largest ``|z|`` of the motion from tick to tick; 1 where nothing controls a direction.
         lag: largest time constant of an arm's drives, s.
-        largest_lag: with which the motion would still not grow, s; at most 1.
+        largest_lag: with which the motion would still not grow, s, counted from the own lag if that is
+            stable, else from none; at most 1, and 0 where the motion grows without any.
     """
 
     radius: float
@@ -47,7 +48,8 @@ class LoopStability(NamedTuple):
         bound = f"lags up to {1e3 * self.largest_lag:.3g} ms"
         if self.ok:
             return f"{found}: the motion is stable, with {bound}"
-        return f"! {found}: the motion is unstable; it is stable with {bound}. Lower the gains"
+        allowed = f"stable with {bound}" if self.largest_lag else "unstable without any lag, too"
+        return f"! {found}: the motion is unstable ({allowed}). Lower the gains or raise clock.rate_hz"
 
 
 def loop_stability(simulation: Simulation) -> LoopStability:
@@ -73,11 +75,17 @@ def loop_stability(simulation: Simulation) -> LoopStability:
     def radius(lag: float) -> float:
         return float(np.abs(np.linalg.eigvals(_tick_map(G, H, clock.period, lag))).max())
 
-    low, high = 0.0, _LARGEST_LAG
+    def is_stable(lag: float) -> bool:
+        return radius(lag) < 1.0 + _NEUTRAL
+
+    # A lag can also stabilise what the sampling does not bear without: looked for from the own lag on.
+    low, high = own if is_stable(own) else 0.0, max(_LARGEST_LAG, own)
+    if not is_stable(low) or is_stable(high):
+        return LoopStability(radius(own), own, high if is_stable(low) else 0.0)
     while high - low > _SMALL:
         middle = (low + high) / 2.0
-        low, high = (middle, high) if radius(middle) < 1.0 + _NEUTRAL else (low, middle)
-    return LoopStability(radius(own), own, high if high == _LARGEST_LAG else low)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    return LoopStability(radius(own), own, low)
 
 
 def _tick_map(G: Array, H: Array, T: float, lag: float) -> Array:

@@ -39,6 +39,8 @@ class SteadyErrors(NamedTuple):
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
             all loads up to D; force times sag of a linear one is exactly this, N m.
+        balanced: the anchor gain with which the load sags as far as the bias moves the payload, c b, which
+            leaves (1 - c) D of internal force; NaN but for the own-wrist law.
     """
 
     needs: str
@@ -49,6 +51,7 @@ class SteadyErrors(NamedTuple):
     force: float
     sag: float
     product: float
+    balanced: float
 
     def summary(self) -> str:
         """Return the errors as text."""
@@ -63,6 +66,10 @@ class SteadyErrors(NamedTuple):
             lines.append(
                 f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
+            )
+        if not math.isnan(self.balanced):
+            lines.append(
+                f"anchor_gain {self.balanced:.3g} lets the load sag as far as the bias itself moves it"
             )
         if self.product:
             lines.append(
@@ -96,11 +103,14 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     needs = "forward kinematics and Jacobians"
     if exchanges or own:
         needs += " and the internal wrench" if exchanges else " and each arm's own wrist wrench"
-    shares, force, sag = [float(share) for share in scenario.cell.shares], math.nan, math.nan
+    shares, force, sag, balanced = [float(c) for c in scenario.cell.shares], math.nan, math.nan, math.nan
     if isinstance(law, PayloadSpace):
         directions = _directions(scenario, law, internal=internal, own=own)
         force = max(direction.force(share, bias) for direction in directions for share in shares)
         sag = max(direction.sag(load) for direction in directions)
+        if own:
+            beta = min(direction.integral_of(min(shares) * bias) for direction in directions) / load
+            balanced = beta * _anchor_period(scenario, law)
     elif isinstance(law, SlidingMode):
         force, sag = _joint_space(scenario, law, bias, load)
     return SteadyErrors(
@@ -112,6 +122,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         force=force,
         sag=sag,
         product=0.0 if internal else max(c * (1.0 - c) for c in shares) * bias * load,
+        balanced=balanced,
     )
 
 
@@ -136,8 +147,12 @@ class _Direction(NamedTuple):
 
     def held(self, error: float, rate: float) -> float:
         """Return spring x + K alpha phi(gamma x) / rate, N: what an arm with the whole share holds."""
-        integral = self.integral * float(self.switching(np.array(self.gamma * error)))
+        integral = self.integral_of(error)
         return self.spring * error + (integral / rate if rate else math.inf if integral else 0.0)
+
+    def integral_of(self, error: float) -> float:
+        """Return K alpha phi(gamma x), N/s."""
+        return self.integral * float(self.switching(np.array(self.gamma * error)))
 
     def force(self, share: float, bias: float) -> float:
         """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
@@ -161,8 +176,10 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         np.diagonal(_matrix(gain, rows.size))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
-    period = sampled_loop(law.force_path, scenario.wrists, 0.0).every * scenario.clock.period
-    beta, leak = gains.anchor_gain / period, law.leak_of(next(iter(scenario.cell.arms)))
+    beta, leak = (
+        gains.anchor_gain / _anchor_period(scenario, law),
+        law.leak_of(next(iter(scenario.cell.arms))),
+    )
     anchored = (internal or own) and beta > 0.0
     return [
         _Direction(
@@ -176,6 +193,11 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         for row, index in enumerate(rows.indices)
         if index < 3
     ]
+
+
+def _anchor_period(scenario: Scenario, law: PayloadSpace) -> float:
+    """Return the time from one anchor to the next, s."""
+    return sampled_loop(law.force_path, scenario.wrists, 0.0).every * scenario.clock.period
 
 
 def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float) -> tuple[float, float]:

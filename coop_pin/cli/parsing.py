@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import tyro
 
+from coop_pin.cli.compare import Compare
+from coop_pin.cli.export import ExportC
 from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show, Suggest
 from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow
@@ -27,6 +29,8 @@ Command = (
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[ExportC, tyro.conf.subcommand("export-c")]
 )
 _WITH_FIELDS: dict[str, Any] = {
     "run": Run,
@@ -35,6 +39,7 @@ _WITH_FIELDS: dict[str, Any] = {
     "check": Check,
     "suggest": Suggest,
     "tune": Tune,
+    "export-c": ExportC,
 }
 """Commands that take the fields of a scenario as options."""
 

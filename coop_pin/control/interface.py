@@ -101,7 +101,7 @@ class ArmController(ABC):
 
     Attributes:
         needs: what it uses besides kinematics: "model", "own wrench", "internal wrench" (of which every
-            wrist's wrench is a part), "wrenches of all arms", "holding torque", "role".
+            wrist's wrench is a part), "wrenches of all arms", "states of all arms", "role".
     """
 
     needs: ClassVar[tuple[str, ...]] = ()

@@ -83,23 +83,23 @@ class LeaderFollowerController(ArmController):
             ShapeError: a gain has a wrong number of entries.
         """
         cell = scenario.cell
-        self.rows, self.period, k_0 = cell.task_rows, scenario.clock.period, cell.task_rows.size
+        self._rows, self._period, k_0 = cell.task_rows, scenario.clock.period, cell.task_rows.size
         place = list(cell.arms).index(arm)
-        self.leads, load_share = place == 0, float(cell.shares[place])
-        self.gamma, self.K = (
+        self._leads, load_share = place == 0, float(cell.shares[place])
+        self._gamma, self._K = (
             gain_vector("pose_gain", pose_gain, k_0),
             gain_vector("sliding_gain", sliding_gain, k_0),
         )
-        self.k_I, self.B = integral_rate, gain_vector("follower_damping", follower_damping, k_0)
-        self.B_p = gain_vector("follower_stiffness", follower_stiffness, k_0)
-        self.D = gain_vector("admittance_damping", admittance_damping, k_0)
-        self.pole = exp(-float(admittance_rate) * self.period)
-        self.spare_gains = spare_gains
-        self.load = load_share * gain_vector("payload_weight", payload_weight, k_0)
+        self._k_I, self._B = integral_rate, gain_vector("follower_damping", follower_damping, k_0)
+        self._B_p = gain_vector("follower_stiffness", follower_stiffness, k_0)
+        self._D = gain_vector("admittance_damping", admittance_damping, k_0)
+        self._pole = exp(-float(admittance_rate) * self._period)
+        self._spare_gains = spare_gains
+        self._load = load_share * gain_vector("payload_weight", payload_weight, k_0)
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LeaderFollowerState:
         """Return the state at t_0: z = 0, V_c = 0."""
-        return LeaderFollowerState(np.zeros(self.rows.size), np.zeros(self.rows.size), measurement.q)
+        return LeaderFollowerState(np.zeros(self._rows.size), np.zeros(self._rows.size), measurement.q)
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: LeaderFollowerState
@@ -109,18 +109,18 @@ class LeaderFollowerController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        T, z, V_c = self.period, state.integral, state.velocity
-        F_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench) + self.load
-        if self.leads:
-            xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
-            push = self.K * (measurement.payload_twist - reference.twist + self.gamma * xtilde)
-            rate = self.k_I * push
+        T, z, V_c = self._period, state.integral, state.velocity
+        F_d = self._rows.turn(measurement.payload_pose, reference.internal_wrench) + self._load
+        if self._leads:
+            xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
+            push = self._K * (measurement.payload_twist - reference.twist + self._gamma * xtilde)
+            rate = self._k_I * push
         else:
             if measurement.interaction_wrench is not None:
-                V_c = self.pole * V_c + (1.0 - self.pole) * (measurement.interaction_wrench - F_d) / self.D
+                V_c = self._pole * V_c + (1.0 - self._pole) * (measurement.interaction_wrench - F_d) / self._D
             slip = measurement.payload_twist - V_c
-            push, rate = self.B * slip, self.B_p * slip
-        tau = spare_torque(measurement, state.start, self.spare_gains)
+            push, rate = self._B * slip, self._B_p * slip
+        tau = spare_torque(measurement, state.start, self._spare_gains)
         tau = tau - measurement.payload_jacobian.T.dot(F_d + push + z)
         held = 1.0 - measurement.saturated.any()
         return ArmCommand(tau, LeaderFollowerState(z + held * T * rate, V_c, state.start))

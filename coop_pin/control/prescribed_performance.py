@@ -66,21 +66,21 @@ class PrescribedPerformanceController(ArmController):
             ShapeError: a gain has a wrong number of entries.
         """
         cell = scenario.cell
-        self.rows, k_0 = cell.task_rows, cell.task_rows.size
-        self.load_share = float(cell.shares[list(cell.arms).index(arm)])
-        self.g_s, self.g_v = (
+        self._rows, k_0 = cell.task_rows, cell.task_rows.size
+        self._load_share = float(cell.shares[list(cell.arms).index(arm)])
+        self._g_s, self._g_v = (
             gain_vector("pose_gain", pose_gain, k_0),
             gain_vector("velocity_gain", velocity_gain, k_0),
         )
-        self.pose_funnel = (
+        self._pose_funnel = (
             gain_vector("pose_funnel", pose_funnel, k_0),
             gain_vector("pose_floor", pose_floor, k_0),
         )
-        self.velocity_funnel = (
+        self._velocity_funnel = (
             gain_vector("velocity_funnel", velocity_funnel, k_0),
             gain_vector("velocity_floor", velocity_floor, k_0),
         )
-        self.funnel_rate, self.spare_gains = float(funnel_rate), spare_gains
+        self._funnel_rate, self._spare_gains = float(funnel_rate), spare_gains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> tuple[float, Array]:
         """Return t_0, s, and the drive angles there, rad, shape (k,)."""
@@ -94,13 +94,13 @@ class PrescribedPerformanceController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        decay = exp(-self.funnel_rate * (measurement.time - state[0]))
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
-        V_r = -self.g_s * _push(xtilde, _width(self.pose_funnel, decay))
-        push = self.g_v * _push(measurement.payload_twist - V_r, _width(self.velocity_funnel, decay))
-        f_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
-        tau = spare_torque(measurement, state[1], self.spare_gains)
-        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self.load_share * push + f_d), state)
+        decay = exp(-self._funnel_rate * (measurement.time - state[0]))
+        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
+        V_r = -self._g_s * _push(xtilde, _width(self._pose_funnel, decay))
+        push = self._g_v * _push(measurement.payload_twist - V_r, _width(self._velocity_funnel, decay))
+        f_d = self._rows.turn(measurement.payload_pose, reference.internal_wrench)
+        tau = spare_torque(measurement, state[1], self._spare_gains)
+        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self._load_share * push + f_d), state)
 
 
 def _width(funnel: tuple[Array, Array], decay: float) -> Array:

@@ -203,23 +203,26 @@ class ArmKinematics:
     """Forward kinematics and payload Jacobian of one arm, from a copy of its model without inertias.
 
     The copy has the arm's calibration error, which the arm does not know of.
+
+    Attributes:
+        model: the copy, with the frame "payload".
     """
 
     def __init__(self, arm: Arm, X_PE: Array, rows: TaskRows) -> None:
         arm_model = ArmModel(arm, X_PE @ inverse_pose(arm.calibration_error.tip.matrix))
-        self._model = without_inertia(arm_model.model)
-        _miscalibrate(self._model, arm)
-        self._data = self._model.createData()
-        self._payload = frame_id(self._model, "payload")
+        self.model = without_inertia(arm_model.model)
+        _miscalibrate(self.model, arm)
+        self._data = self.model.createData()
+        self._payload = frame_id(self.model, "payload")
         self._rows = rows
         self._to_joint_rates = np.linalg.inv(arm_model.drive)
 
     def view(self, q: Array) -> PayloadKinematics:
         """Return the payload pose and Jacobian at q, shape (nq,)."""
         J = jacobian_matrix(
-            pin.computeFrameJacobian(self._model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
+            pin.computeFrameJacobian(self.model, self._data, q, self._payload, pin.LOCAL_WORLD_ALIGNED)
         )
-        pose = pin.updateFramePlacement(self._model, self._data, self._payload).homogeneous
+        pose = pin.updateFramePlacement(self.model, self._data, self._payload).homogeneous
         return PayloadKinematics(pose, self._rows.select(J).dot(self._to_joint_rates))
 
 

@@ -63,6 +63,7 @@ class CellModel:
         payload_frame: index of frame P.
         payload_joint: index of the joint that carries the payload.
         payload_inertia: inertia of the payload in its own frame.
+        carrier_inertia: inertia that the payload's joint carries besides the payload.
     """
 
     def __init__(self, cell: Cell, payload: PayloadAttachment) -> None:
@@ -85,7 +86,7 @@ class CellModel:
             self._X_JP = tip.placement * pin.SE3(inverse_pose(cell.grasps[first].matrix))
             joint = tip.parentJoint
         self.payload_joint = int(joint)
-        self._carrier_inertia = model.inertias[self.payload_joint].copy()
+        self.carrier_inertia = model.inertias[self.payload_joint].copy()
         self.payload_frame = add_frame(model, "payload", self.payload_joint, self._X_JP)
         for name in cell.arms:
             X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
@@ -96,7 +97,7 @@ class CellModel:
     def set_payload(self, payload: Payload) -> None:
         """Set mass and inertia of the payload in the model, which is changed in place."""
         self.payload_inertia = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
-        self.model.inertias[self.payload_joint] = self._carrier_inertia + self._X_JP.act(self.payload_inertia)
+        self.model.inertias[self.payload_joint] = self.carrier_inertia + self._X_JP.act(self.payload_inertia)
 
     def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
         """Return q of the tree from each arm's configuration and the payload pose X_WP."""

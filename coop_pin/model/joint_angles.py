@@ -74,9 +74,9 @@ class JointAngles:
         return angles
 
     def configuration(self, angles: Array) -> Array:
-        """Return the arm's entries of q at given angles, shape (nq,)."""
-        q = np.zeros(self._nq)
-        q[self.entry] = angles
-        cosines = self.entry[self.continuous]
-        q[cosines], q[cosines + 1] = np.cos(angles[self.continuous]), np.sin(angles[self.continuous])
+        """Return the arm's entries of q, shape (..., nq), at given angles, shape (..., k)."""
+        q = np.zeros((*angles.shape[:-1], self._nq))
+        q[..., self.entry] = angles
+        cosines, turning = self.entry[self.continuous], angles[..., self.continuous]
+        q[..., cosines], q[..., cosines + 1] = np.cos(turning), np.sin(turning)
         return q

@@ -4,6 +4,7 @@ from coop_pin.model_based.adaptive import AdaptiveController
 from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms, ModelFactors
 from coop_pin.model_based.computed_torque import ComputedTorqueController
 from coop_pin.model_based.object_impedance import ObjectImpedanceController
+from coop_pin.model_based.torque_qp import TorqueQpController
 
 __all__ = [
     "AdaptiveController",
@@ -12,4 +13,5 @@ __all__ = [
     "ComputedTorqueController",
     "ModelFactors",
     "ObjectImpedanceController",
+    "TorqueQpController",
 ]

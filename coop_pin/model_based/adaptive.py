@@ -91,20 +91,20 @@ class AdaptiveController(ArmController):
             ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        self.rows, self.period = scenario.cell.task_rows, scenario.clock.period
-        self.dynamics = ArmDynamics(scenario, arm, model)
-        self.gamma = gain_vector("pose_gain", pose_gain, self.rows.size)
-        self.K_d = gain_vector("damping_gain", damping_gain, self.dynamics.model.nv)
-        self.G, self.G_0, self.G_d = adaptation, payload_adaptation, disturbance_rate
-        self.force, self.spare_gain = InternalForceIntegral(self.rows, float(anchor_gain)), spare_gain
+        self._rows, self._period = scenario.cell.task_rows, scenario.clock.period
+        self._dynamics = ArmDynamics(scenario, arm, model)
+        self._gamma = gain_vector("pose_gain", pose_gain, self._rows.size)
+        self._K_d = gain_vector("damping_gain", damping_gain, self._dynamics.model.nv)
+        self._G, self._G_0, self._G_d = adaptation, payload_adaptation, disturbance_rate
+        self._force, self._spare_gain = InternalForceIntegral(self._rows, float(anchor_gain)), spare_gain
         share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
-        theta, phi = self.dynamics.parameters()
+        theta, phi = self._dynamics.parameters()
         known = float(model is not None)
-        self.first = known * theta, known * share * phi
+        self._first = known * theta, known * share * phi
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AdaptiveState:
         """Return the state at t_0: the first estimates, no disturbance, Z = 0."""
-        return AdaptiveState(*self.first, np.zeros_like(measurement.q), self.force.start(), measurement.q)
+        return AdaptiveState(*self._first, np.zeros_like(measurement.q), self._force.start(), measurement.q)
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AdaptiveState) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next.
@@ -112,27 +112,27 @@ class AdaptiveController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian loses rank.
         """
-        J, v, T = measurement.payload_jacobian, measurement.v, self.period
-        J_plus, J_dot = right_inverse(J, measurement.time), self.dynamics.jacobian_rate(measurement)
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        J, v, T = measurement.payload_jacobian, measurement.v, self._period
+        J_plus, J_dot = right_inverse(J, measurement.time), self._dynamics.jacobian_rate(measurement)
+        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
-        V_r, A_r = reference.twist - self.gamma * xtilde, reference.acceleration - self.gamma * xtildedot
-        spare = -self.spare_gain * (measurement.q - state.start)
+        V_r, A_r = reference.twist - self._gamma * xtilde, reference.acceleration - self._gamma * xtildedot
+        spare = -self._spare_gain * (measurement.q - state.start)
         qdot_r = J_plus @ (V_r - J @ spare) + spare
         s = v - qdot_r
 
-        Y = self.dynamics.regressor(measurement, qdot_r, J_plus @ (A_r - J_dot @ qdot_r))
-        Y_0 = self.dynamics.payload_regressor(measurement, V_r, A_r)
-        f_r, force = self.force.step(measurement, reference, state.force)
-        tau = Y @ state.parameters + state.disturbance - self.K_d * s
+        Y = self._dynamics.regressor(measurement, qdot_r, J_plus @ (A_r - J_dot @ qdot_r))
+        Y_0 = self._dynamics.payload_regressor(measurement, V_r, A_r)
+        f_r, force = self._force.step(measurement, reference, state.force)
+        tau = Y @ state.parameters + state.disturbance - self._K_d * s
         tau = tau + J.T @ (Y_0 @ state.payload - f_r)
         rate = T * (1.0 - measurement.saturated.any())
         return ArmCommand(
             tau,
             AdaptiveState(
-                state.parameters - rate * self.G * (Y.T @ s),
-                state.payload - rate * self.G_0 * (Y_0.T @ (J @ s)),
-                state.disturbance - rate * self.G_d * s,
+                state.parameters - rate * self._G * (Y.T @ s),
+                state.payload - rate * self._G_0 * (Y_0.T @ (J @ s)),
+                state.disturbance - rate * self._G_d * s,
                 force,
                 state.start,
             ),

@@ -70,7 +70,7 @@ class ArmDynamics:
         """
         cell, factor = scenario.cell, ModelFactors(**(factors or {}))
         self._arm = ArmModel.from_cell(cell, arm)
-        self.model, self.rows = self._arm.model, cell.task_rows
+        self.model, self._rows = self._arm.model, cell.task_rows
         for joint in range(1, self.model.njoints):
             body = self.model.inertias[joint]
             self.model.inertias[joint] = pin.Inertia(
@@ -79,7 +79,7 @@ class ArmDynamics:
         if scenario.actuators_of(arm).gravity_compensation is not None:
             self.model.gravity.linear = np.zeros(3)
         self._friction, self._friction_factor = friction(cell.arms[arm], arm), factor.friction
-        self.data, self.payload_frame = self.model.createData(), frame_id(self.model, "payload")
+        self._data, self._payload_frame = self.model.createData(), frame_id(self.model, "payload")
         self.from_drive = np.asarray(np.linalg.inv(self._arm.drive), dtype=np.float64)
         self._gravity = np.array(cell.gravity, dtype=float)
         self._mass = factor.mass * cell.payload.mass
@@ -100,15 +100,15 @@ class ArmDynamics:
 
     def jacobian_rate(self, measurement: ArmMeasurement) -> Array:
         """Return Jdot of the payload on the task rows, shape (k_0, k)."""
-        pin.computeJointJacobiansTimeVariation(self.model, self.data, *self.joints(measurement))
+        pin.computeJointJacobiansTimeVariation(self.model, self._data, *self.joints(measurement))
         J_dot = pin.getFrameJacobianTimeVariation(
-            self.model, self.data, self.payload_frame, pin.LOCAL_WORLD_ALIGNED
+            self.model, self._data, self._payload_frame, pin.LOCAL_WORLD_ALIGNED
         )
-        return np.asarray(self.rows.select(J_dot) @ self.from_drive)
+        return np.asarray(self._rows.select(J_dot) @ self.from_drive)
 
     def payload_inertia(self, X_WP: Array) -> Array:
         """Return M_0 in world axes on the task rows, shape (k_0, k_0)."""
-        R, rows = X_WP[:3, :3], list(self.rows.indices)
+        R, rows = X_WP[:3, :3], list(self._rows.indices)
         M_0 = np.zeros((6, 6))
         M_0[:3, :3], M_0[3:, 3:] = self._mass * np.eye(3), R @ self._inertia @ R.T
         return M_0[np.ix_(rows, rows)]
@@ -116,9 +116,9 @@ class ArmDynamics:
     def payload_bias(self, measurement: ArmMeasurement) -> Array:
         """Return Q_0 V + W_0 = [-m g, w x I w] in world axes on the task rows, eq. (5), shape (k_0,)."""
         R = measurement.payload_pose[:3, :3]
-        w = self.rows.expand(measurement.payload_twist)[3:]
+        w = self._rows.expand(measurement.payload_twist)[3:]
         moment = np.cross(w, R @ self._inertia @ R.T @ w)
-        return self.rows.select(np.concatenate((-self._mass * self._gravity, moment)))
+        return self._rows.select(np.concatenate((-self._mass * self._gravity, moment)))
 
     # ------------------------------------------------------------ linear in the parameters
 
@@ -147,7 +147,9 @@ class ArmDynamics:
         still, w = np.zeros(len(v)), back @ v_r
 
         def Y(velocity: Array, acceleration: Array) -> Array:
-            return np.array(pin.computeJointTorqueRegressor(self.model, self.data, q, velocity, acceleration))
+            return np.array(
+                pin.computeJointTorqueRegressor(self.model, self._data, q, velocity, acceleration)
+            )
 
         links = Y(still, back @ a_r) + (Y(v + w, still) - Y(v - w, still)) / 4.0
         sliding = np.tanh(measurement.v / self._friction.coulomb_velocity)
@@ -165,11 +167,11 @@ class ArmDynamics:
         """
         R = measurement.payload_pose[:3, :3]
         turn = np.kron(np.eye(2), R.T)
-        V, W, A = (turn @ self.rows.expand(x) for x in (measurement.payload_twist, V_r, A_r))
+        V, W, A = (turn @ self._rows.expand(x) for x in (measurement.payload_twist, V_r, A_r))
         A[:3] -= R.T @ self._gravity
         A -= np.concatenate((np.cross(V[3:], W[:3]), np.cross(V[3:], W[3:])))  # of components in payload axes
         still = pin.Motion.Zero()
         inertial = pin.bodyRegressor(still, pin.Motion(A))
         momentum = pin.bodyRegressor(still, pin.Motion(V))
         cross = -pin.Motion(W).action.T  # the matrix of W x*
-        return np.asarray(self.rows.select(turn.T @ (inertial + cross @ momentum)))
+        return np.asarray(self._rows.select(turn.T @ (inertial + cross @ momentum)))

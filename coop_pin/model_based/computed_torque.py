@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
@@ -73,17 +72,17 @@ class ComputedTorqueController(ArmController):
             ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        self.rows = scenario.cell.task_rows
-        self.load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
-        self.dynamics = ArmDynamics(scenario, arm, model)
-        self.K_p = gain_vector("position_gain", position_gain, self.rows.size)
-        self.K_v = gain_vector("velocity_gain", velocity_gain, self.rows.size)
-        self.force = InternalForceIntegral(self.rows, float(anchor_gain))
-        self.spare_gains = spare_gains
+        self._rows = scenario.cell.task_rows
+        self._load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        self._dynamics = ArmDynamics(scenario, arm, model)
+        self._K_p = gain_vector("position_gain", position_gain, self._rows.size)
+        self._K_v = gain_vector("velocity_gain", velocity_gain, self._rows.size)
+        self._force = InternalForceIntegral(self._rows, float(anchor_gain))
+        self._spare_gains = spare_gains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ComputedTorqueState:
         """Return the state at t_0: Z = 0."""
-        return ComputedTorqueState(self.force.start(), measurement.q)
+        return ComputedTorqueState(self._force.start(), measurement.q)
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: ComputedTorqueState
@@ -93,33 +92,29 @@ class ComputedTorqueController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian loses rank.
         """
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
-        a = reference.acceleration - self.K_v * xtildedot - self.K_p * xtilde
-        M_0 = self.dynamics.payload_inertia(measurement.payload_pose)
-        F_0 = M_0 @ a + self.dynamics.payload_bias(measurement)
-        f_r, force = self.force.step(measurement, reference, state.force)
-        tau = arm_torque(
-            self.dynamics, measurement, a, f_r - self.load_share * F_0, state.start, self.spare_gains
-        )
+        a = reference.acceleration - self._K_v * xtildedot - self._K_p * xtilde
+        M_0 = self._dynamics.payload_inertia(measurement.payload_pose)
+        F_0 = M_0 @ a + self._dynamics.payload_bias(measurement)
+        f_r, force = self._force.step(measurement, reference, state.force)
+        along, rest = acceleration_torque(self._dynamics, measurement, state.start, self._spare_gains)
+        F = f_r - self._load_share * F_0
+        tau = along @ a + rest - measurement.payload_jacobian.T @ F
         return ArmCommand(tau, state._replace(force=force))
 
 
-def arm_torque(
-    dynamics: ArmDynamics,
-    measurement: ArmMeasurement,
-    a: Array,
-    F: Array,
-    start: Array,
-    spare_gains: tuple[float, float],
-) -> Array:
-    """Return M a_q + h - J^T F, the torque that gives the payload the acceleration a under the wrench F.
+def acceleration_torque(
+    dynamics: ArmDynamics, measurement: ArmMeasurement, start: Array, spare_gains: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Return L and r: the torque ``L a + r - J^T F`` accelerates the payload by a under the wrench F.
+
+    L = M J^+ has the shape (k, k_0), r = M [b - J^+ (Jdot qdot + J b)] + h the shape (k,), with the spare
+    joints' b = -k_p (q - q(t_0)) - k_v qdot.
 
     Args:
         dynamics: of the arm.
         measurement: of the arm.
-        a: on the task rows, shape (k_0,).
-        F: on the arm by the payload about P, shape (k_0,).
         start: drive angles to which the spare joints return, rad, shape (k,).
         spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
 
@@ -128,6 +123,5 @@ def arm_torque(
     """
     J, v = measurement.payload_jacobian, measurement.v
     J_plus, (M, h, J_dot) = right_inverse(J, measurement.time), dynamics.terms(measurement)
-    spare = -spare_gains[0] * (measurement.q - start) - spare_gains[1] * v
-    a_q = J_plus @ (a - J_dot @ v - J @ spare) + spare
-    return np.asarray(M @ a_q + h - J.T @ F)
+    b = -spare_gains[0] * (measurement.q - start) - spare_gains[1] * v
+    return M @ J_plus, M @ (b - J_plus @ (J_dot @ v + J @ b)) + h

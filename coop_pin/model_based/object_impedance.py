@@ -13,7 +13,7 @@ from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellCont
 from coop_pin.control.terms import InternalForceIntegral, gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
-from coop_pin.model_based.computed_torque import ComputedTorqueState, arm_torque
+from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque
 
 
 class ObjectImpedanceState(NamedTuple):
@@ -75,18 +75,18 @@ class ObjectImpedanceController(CellController):
             CoopPinError: the model cannot be built.
         """
         cell = scenario.cell
-        self.rows, k_0 = cell.task_rows, cell.task_rows.size
-        self.shares, self.dynamics = cell.shares, [ArmDynamics(scenario, arm, model) for arm in cell.arms]
-        self.M_d, self.D = gain_vector("inertia", inertia, k_0), gain_vector("damping", damping, k_0)
-        self.K = gain_vector("stiffness", stiffness, k_0)
-        self.force = InternalForceIntegral(self.rows, float(anchor_gain))
-        self.spare_gains = spare_gains
+        self._rows, k_0 = cell.task_rows, cell.task_rows.size
+        self._shares, self._dynamics = cell.shares, [ArmDynamics(scenario, arm, model) for arm in cell.arms]
+        self._M_d, self._D = gain_vector("inertia", inertia, k_0), gain_vector("damping", damping, k_0)
+        self._K = gain_vector("stiffness", stiffness, k_0)
+        self._force = InternalForceIntegral(self._rows, float(anchor_gain))
+        self._spare_gains = spare_gains
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> ObjectImpedanceState:
         """Return the state at t_0."""
-        arms = (ComputedTorqueState(self.force.start(), measured.q) for measured in measurements)
+        arms = (ComputedTorqueState(self._force.start(), measured.q) for measured in measurements)
         return ObjectImpedanceState(tuple(arms), ())
 
     def step(
@@ -102,19 +102,20 @@ class ObjectImpedanceController(CellController):
         """
         wrenches = [m.interaction_wrench for m in measurements if m.interaction_wrench is not None]
         measured = len(wrenches) == len(measurements) and bool(state.accelerations)
-        total = np.sum(wrenches, axis=0) if measured else np.zeros(self.rows.size)
+        total = np.sum(wrenches, axis=0) if measured else np.zeros(self._rows.size)
         torques, arms, accelerations = [], [], []
         for index, (m, reference) in enumerate(zip(measurements, references, strict=True)):
-            dynamics = self.dynamics[index]
+            dynamics = self._dynamics[index]
             M_0, bias = dynamics.payload_inertia(m.payload_pose), dynamics.payload_bias(m)
             E = M_0 @ state.accelerations[index] + bias + total if measured else total
-            xtilde = self.rows.pose_error(m.payload_pose, reference.pose)
-            spring = self.D * (m.payload_twist - reference.twist) + self.K * xtilde
-            a = reference.acceleration + (E - spring) / self.M_d
-            f_r, force = self.force.step(m, reference, state.arms[index].force)
-            F = f_r - self.shares[index] * (M_0 @ a + bias - E)
+            xtilde = self._rows.pose_error(m.payload_pose, reference.pose)
+            spring = self._D * (m.payload_twist - reference.twist) + self._K * xtilde
+            a = reference.acceleration + (E - spring) / self._M_d
+            f_r, force = self._force.step(m, reference, state.arms[index].force)
+            F = f_r - self._shares[index] * (M_0 @ a + bias - E)
             start = state.arms[index].start
-            torques.append(arm_torque(dynamics, m, a, F, start, self.spare_gains))
+            along, rest = acceleration_torque(dynamics, m, start, self._spare_gains)
+            torques.append(along @ a + rest - m.payload_jacobian.T @ F)
             arms.append(ComputedTorqueState(force, start))
             accelerations.append(a)
         return CellCommand(torques, ObjectImpedanceState(tuple(arms), tuple(accelerations)))

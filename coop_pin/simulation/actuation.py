@@ -21,7 +21,7 @@ from coop_pin.simulation.noise import generator
 from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import weight_wrench
 
-_TORQUE_LIMIT = 1e7
+TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m."""
 
 _NO_LAG, _NO_RATE_LIMIT = 1e-30, 1e300
@@ -221,8 +221,8 @@ class Actuation:
         torques, saturated = [], []
         for (name, arm), asked in zip(self._arms.items(), commanded, strict=True):
             largest = float(np.abs(asked).max())
-            if not largest < _TORQUE_LIMIT:  # also catches NaN
-                raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, _TORQUE_LIMIT)
+            if not largest < TORQUE_LIMIT:  # also catches NaN
+                raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, TORQUE_LIMIT)
             wanted, torque, cut = arm.torque(asked, q)
             requested.append(wanted)
             torques.append(torque)

@@ -58,7 +58,7 @@ class Recorder:
             np.zeros(len(arm.drive)) if posture is None else np.array(posture)
             for arm, posture in zip(arms, postures, strict=True)
         ]
-        self._monitor = TrustMonitor(scenario.trust, self._joints, *self._limit_table()[:2])
+        self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
 
     def record(
         self,
@@ -143,15 +143,16 @@ class Recorder:
         Args:
             scenario: what was run.
         """
-        kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self._joints]
-        return RunResult(scenario, dataset(scenario, kept, names, self._limit_table()))
+        kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self.joints]
+        return RunResult(scenario, dataset(scenario, kept, names, self.limit_table()))
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
         return self._monitor.breaches(self._filled(slice(self.count - 1, self.count)))
 
     @property
-    def _joints(self) -> list[tuple[str, list[str]]]:
+    def joints(self) -> list[tuple[str, list[str]]]:
+        """Name of each arm and names of its joints."""
         return [(arm.name, list(arm.joint_names)) for arm in self._plant.chain.model.arms]
 
     def _filled(self, ticks: slice) -> Samples:
@@ -171,7 +172,7 @@ class Recorder:
         """Return the index of the sample that a tick is written to."""
         return -(-tick // self._every)
 
-    def _limit_table(self) -> Array:
+    def limit_table(self) -> Array:
         """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""
         table = np.full((4, *self._samples["torque"].shape[1:]), np.nan)
         for index, limits in enumerate(self._limits):

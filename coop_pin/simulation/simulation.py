@@ -27,8 +27,8 @@ from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.timeline import Timeline
 
 # A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
-_SPEED_LIMIT = 1e3
-_CLOSURE_ERROR_LIMIT = 1e-2
+SPEED_LIMIT = 1e3
+CLOSURE_ERROR_LIMIT = 1e-2
 _OPEN_START = 1e-6
 """Stated starting angles may leave a closure error of this, m or rad; the rest is projected out."""
 
@@ -236,8 +236,8 @@ class Simulation:
     def _require_closed(self, time: float) -> None:
         """Refuse a state that diverged; ``not <`` also catches NaN."""
         speed = float(np.abs(self.plant.v).max())
-        if not speed < _SPEED_LIMIT:
-            raise DivergedError(time, "joint speed, rad/s,", speed, _SPEED_LIMIT)
+        if not speed < SPEED_LIMIT:
+            raise DivergedError(time, "joint speed, rad/s,", speed, SPEED_LIMIT)
         closure_error = max(max(error) for error in self.plant.chain.closure_errors(self.plant.q))
-        if not closure_error < _CLOSURE_ERROR_LIMIT:
-            raise DivergedError(time, "closure error, m or rad,", closure_error, _CLOSURE_ERROR_LIMIT)
+        if not closure_error < CLOSURE_ERROR_LIMIT:
+            raise DivergedError(time, "closure error, m or rad,", closure_error, CLOSURE_ERROR_LIMIT)

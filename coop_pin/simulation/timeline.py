@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -57,8 +58,9 @@ class Timeline:
 
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
-        edges = [self._edge(tick, i) for i in range(self._per_tick + 1)]
-        for left, right in itertools.pairwise(sorted(edges + self._cuts(tick))):
+        edges = (self._edge(tick, i) for i in range(self._per_tick + 1))
+        cuts = self._cuts(tick)
+        for left, right in itertools.pairwise(heapq.merge(edges, cuts) if cuts else edges):
             yield PlantStep(left, right - left)
 
     def happens_at(self, time: float) -> bool:

@@ -1,0 +1,11 @@
+"""Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
+
+Laws are those of coop_pin.control, run on traced numbers; the plant is written once as scalar code with the
+numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast`` (llvmlite).
+"""
+
+from coop_pin.batch.c_export import CLaw, export_c
+from coop_pin.batch.simulate import BatchResult, simulate_batch
+from coop_pin.batch.support import support
+
+__all__ = ["BatchResult", "CLaw", "export_c", "simulate_batch", "support"]

@@ -1,0 +1,94 @@
+"""Traced code as C99: straight-line functions of doubles, without loops, branches or allocation.
+
+Each operation is one statement, so that a compiler that does not contract them (``-std=c99``, or
+``-ffp-contract=off``) gives the bits of the numpy oracle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+from coop_pin.batch.emitter import Emitter
+from coop_pin.batch.tape import Function, Number, Operand, Tape
+
+_EXPRESSIONS = {
+    "add": "{} + {}",
+    "sub": "{} - {}",
+    "mul": "{} * {}",
+    "div": "{} / {}",
+    "neg": "-{}",
+    "abs": "fabs({})",
+    "sqrt": "sqrt({})",
+    "less": "{} < {} ? 1.0 : 0.0",
+    "select": "{} != 0.0 ? {} : {}",
+    "power_of_two": "power_of_two({})",
+}
+
+_POWER_OF_TWO = """/* 2^n for a whole number n; NaN for one that is no exponent of a double. */
+static double power_of_two(double n)
+{
+    return n >= -1022.0 && n <= 1023.0 ? ldexp(1.0, (int)n) : NAN;
+}
+"""
+
+
+def c_number(value: float) -> str:
+    """Return a constant of C with exactly this value."""
+    if math.isnan(value):
+        return "NAN"
+    text = "INFINITY" if math.isinf(value) else abs(value).hex()
+    return f"(-{text})" if math.copysign(1.0, value) < 0.0 else text
+
+
+class CEmitter(Emitter):
+    """Functions ``static void (const double *x, double *y)``, and definitions with other arguments."""
+
+    def text(self) -> str:
+        """Return the file of all definitions so far."""
+        helpers = [_POWER_OF_TWO] if any("power_of_two(" in part for part in self.parts) else []
+        return "\n".join(["#include <math.h>\n", *helpers, *self.parts])
+
+    def define(
+        self,
+        head: str,
+        tape: Tape,
+        stores: Sequence[tuple[str, Number]],
+        read: Callable[[int], str],
+        first: str = "",
+        last: str = "",
+    ) -> None:
+        """Add the definition of a function, after those that it calls.
+
+        Args:
+            head: its type, name and arguments.
+            tape: its code.
+            stores: what each expression on the left of an assignment gets.
+            read: the expression of the input at a position.
+            first: statements before the code.
+            last: statements after it.
+        """
+        outputs = [number for _, number in stores]
+        code = self.body(tape, outputs, lambda index, at: f"const double v{index} = {read(at)};")
+        ends = (f"{left} = {self.value(number)};" for left, number in stores)
+        lines = [first, *code, *ends, last]
+        self.parts.append("\n".join([head, "{", *(f"    {line}" for line in lines if line), "}\n"]))
+
+    def _function(self, function: Function) -> None:
+        head = f"static void {function.name}(const double *x, double *y)"
+        stores = [(f"y[{index}]", number) for index, number in enumerate(function.outputs)]
+        self.define(head, function.tape, stores, lambda position: f"x[{position}]")
+
+    def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
+        yield f"const double v{index} = {_EXPRESSIONS[name].format(*operands)};"
+
+    def _call(self, index: int, function: Function, arguments: Sequence[str]) -> Iterator[str]:
+        yield f"const double x{index}[] = {{{', '.join(arguments)}}};"
+        yield f"double y{index}[{len(function.outputs)}];"
+        yield f"{function.name}(x{index}, y{index});"
+
+    def _result(self, index: int, call: int, position: int) -> str:
+        return f"const double v{index} = y{call}[{position}];"
+
+    def _operand(self, operand: Operand) -> str:
+        return f"v{operand}" if isinstance(operand, int) else c_number(operand)

@@ -1,0 +1,264 @@
+"""Law of one arm as C99 for a real controller: kinematics, Jacobian and law from the traced code.
+
+A self-test is written beside it: ticks of a simulation of the scenario, with the torques of the Python law.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin import __version__
+from coop_pin.arrays import as_count, require_type
+from coop_pin.batch.c_emitter import CEmitter, c_number
+from coop_pin.batch.law_code import (
+    DESIRED,
+    MEASURED,
+    LawCode,
+    RecordedLaw,
+    Tick,
+    Values,
+    fields,
+    require_agreement,
+    tolerance,
+    trace_law,
+)
+from coop_pin.batch.run_constants import arm_constants
+from coop_pin.batch.tape import Number, Tape
+from coop_pin.control import DecentralisedController
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
+from coop_pin.results.atomic_write import write_atomically
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import Simulation
+
+_FLOPS = ("add", "sub", "mul", "div", "sqrt")
+"""Operations that count as floating-point operations; comparisons, choices and signs do not."""
+
+
+class CLaw(NamedTuple):
+    """Files and cost of an exported law.
+
+    Attributes:
+        header: file of the interface.
+        source: file of the code.
+        self_test: file of a program that returns 0 if the code agrees with the recorded ticks.
+        flops: floating-point operations of a step, by kind: "add", "sub", "mul", "div", "sqrt".
+    """
+
+    header: Path
+    source: Path
+    self_test: Path
+    flops: Mapping[str, int]
+
+    def summary(self) -> str:
+        """Return the files and the number of operations, for people to read."""
+        parts = ", ".join(f"{count} {name}" for name, count in self.flops.items())
+        files = "\n".join(map(str, (self.header, self.source, self.self_test)))
+        return f"{files}\n{sum(self.flops.values())} floating-point operations a step: {parts}"
+
+
+def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 20) -> CLaw:
+    """Write the law of one arm as C99: a header, a source and a self-test.
+
+    The code allocates nothing and has no loops; its state goes in and out.
+
+    Args:
+        scenario: its controller.
+        arm: name of the arm.
+        folder: where to write; it is made if it is not there.
+        ticks: of the self-test, from the start of the scenario.
+
+    Raises:
+        NameNotFoundError: there is no such arm.
+        ArgumentError: the controller is one of the whole cell, or ticks is no number from 1 on.
+        TracingError: the law branches on values, computes with what cannot be traced, or has hidden state.
+        CoopPinError: the scenario cannot be simulated for these ticks.
+    """
+    require_type("scenario", scenario, Scenario)
+    ticks = as_count("ticks", ticks, 1)
+    if arm not in scenario.cell.arms:
+        raise NameNotFoundError("arm", arm, list(scenario.cell.arms), "the scenario's cell")
+    controller = build_controller(scenario)
+    if not isinstance(controller, DecentralisedController):
+        raise ArgumentError("the scenario's controller sees all arms; only laws of one arm can be exported")
+    recorded = RecordedLaw(controller.controllers[arm])
+    run = Simulation(scenario, DecentralisedController({**controller.controllers, arm: recorded}))
+    for _ in range(min(ticks, run.timeline.ticks + 1)):
+        run.tick()
+    place = next(place for place in run.plant.chain.model.arms if place.name == arm)
+    constants = arm_constants(scenario, place, controller.controllers[arm])
+    try:
+        code = trace_law(constants, scenario.cell.task_rows, recorded.ticks[0])
+        require_agreement(*code, recorded.ticks)
+    except TracingError as error:
+        raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
+    name = re.sub(r"\W", "_", arm, flags=re.ASCII)
+    name = name if name[:1].isalpha() else f"arm_{name}"
+    header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    texts = _texts(name, scenario, arm, recorded.ticks, code)
+    for file, text in zip((header, source, test), texts, strict=True):
+        write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
+    return CLaw(header, source, test, _flops(code[1]))
+
+
+# ---------------------------------------------------------------- C
+
+_HEADER = """/* Law of arm {arm!r} of the scenario {scenario!r}, exported by coop-pin {version}.
+
+   {joints} drives, {rows} task rows ({kind}), period {period} s.
+   Call {name}_start at the first tick, and {name}_step at every tick, the first included. Both return 1, or 0
+   if the payload Jacobian is singular: the torque then means nothing. The torque is not limited.
+   A step takes {flops} floating-point operations.
+   Compile without contracted operations: -std=c99, or -ffp-contract=off. */
+#ifndef COOP_PIN_{upper}_H
+#define COOP_PIN_{upper}_H
+
+typedef struct {{
+{measurement}
+}} {name}_measurement;
+
+typedef struct {{
+{reference}
+}} {name}_reference;
+
+typedef struct {{
+    double value[{states}];
+}} {name}_state;
+
+/* Set the state at the first tick. */
+int {name}_start(
+    const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state);
+
+/* Set the {joints} torques, N m, and change the state to that of the next tick. */
+int {name}_step(
+    const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state,
+    double *torque);
+
+#endif
+"""
+
+_SELF_TEST = """#include "{name}.h"
+#include <math.h>
+#include <stdio.h>
+
+static const {name}_measurement measured[] = {{
+{measured}
+}};
+
+static const {name}_reference desired[] = {{
+{desired}
+}};
+
+static const double expected[][{joints}] = {{
+{expected}
+}};
+
+int main(void)
+{{
+    {name}_state state;
+    double torque[{joints}], worst = 0.0;
+    int good = {name}_start(&measured[0], &desired[0], &state);
+    for (int tick = 0; tick < {ticks}; ++tick) {{
+        good &= {name}_step(&measured[tick], &desired[tick], &state, torque);
+        for (int joint = 0; joint < {joints}; ++joint) {{
+            const double error = fabs(torque[joint] - expected[tick][joint]);
+            good &= error <= {tolerance}; /* also catches NaN */
+            worst = fmax(worst, error);
+        }}
+    }}
+    printf("{ticks} ticks, largest difference %.3g N m: %s\\n", worst, good ? "passed" : "FAILED");
+    return !good;
+}}
+"""
+
+
+def _texts(
+    name: str, scenario: Scenario, arm: str, ticks: Sequence[Tick], code: tuple[LawCode, LawCode]
+) -> tuple[str, str, str]:
+    """Return header, source and self-test."""
+    (_, step), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
+    header = _HEADER.format(
+        arm=arm,
+        scenario=scenario.name,
+        version=__version__,
+        name=name,
+        upper=name.upper(),
+        joints=joints,
+        rows=scenario.cell.task_rows.size,
+        kind=scenario.cell.rows,
+        period=scenario.clock.period,
+        flops=sum(_flops(step).values()),
+        measurement=_struct(measured, MEASURED),
+        reference=_struct(desired, DESIRED),
+        states=max(len(step.state), 1),
+    )
+    tables = [[_initialiser(fields) for fields in fields(tick)] for tick in ticks]
+    test = _SELF_TEST.format(
+        name=name,
+        joints=joints,
+        ticks=len(ticks),
+        measured=",\n".join(table[0] for table in tables),
+        desired=",\n".join(table[1] for table in tables),
+        expected=",\n".join(_list(tick.torque) for tick in ticks),
+        tolerance=c_number(tolerance(ticks)),
+    )
+    return header, _source(name, measured, desired, code), test
+
+
+def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, LawCode]) -> str:
+    """Return the file of start and step."""
+    emitter, given = CEmitter(), f"const {name}_measurement *measurement, const {name}_reference *reference"
+    read = [f"measurement->{place}" for place in _places(measured)]
+    read += [f"reference->{place}" for place in _places(desired)]
+    read += [f"state->value[{index}]" for index in range(len(codes[0].state))]
+    for what, code, argument in zip(("start", "step"), codes, ("", ", double *torque"), strict=True):
+        stores = [(f"state->value[{index}]", number) for index, number in enumerate(code.state)]
+        stores += [(f"torque[{index}]", number) for index, number in enumerate(code.torque)]
+        stores.append(("const double is_regular", code.is_regular))
+        head = f"int {name}_{what}({given}, {name}_state *state{argument})"
+        unread = "(void)measurement, (void)reference, (void)state; /* a law need not read them */"
+        last = "return is_regular != 0.0;"
+        emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
+    return f'#include "{name}.h"\n{emitter.text()}'
+
+
+def _struct(values: Values, comments: Mapping[str, str]) -> str:
+    """Return the fields of a struct."""
+    sizes = {name: f"[{np.size(value)}]" if np.ndim(value) else "" for name, value in values.items()}
+    return "\n".join(f"    double {name}{size}; /* {comments[name]} */" for name, size in sizes.items())
+
+
+def _places(values: Values) -> Iterator[str]:
+    """Return the expressions of all numbers of a struct."""
+    for name, value in values.items():
+        yield from [f"{name}[{index}]" for index in range(np.size(value))] if np.ndim(value) else [name]
+
+
+def _initialiser(values: Values) -> str:
+    parts = [_list(value) if np.ndim(value) else c_number(float(value)) for value in values.values()]
+    return f"    {{{', '.join(parts)}}}"
+
+
+def _list(values: Any) -> str:
+    return f"{{{', '.join(c_number(float(value)) for value in np.ravel(values))}}}"
+
+
+def _flops(code: LawCode) -> dict[str, int]:
+    """Return the number of floating-point operations of traced code, by kind."""
+    return {name: sum(found == name for found in _names(code.tape, code.outputs)) for name in _FLOPS}
+
+
+def _names(tape: Tape, outputs: Sequence[Number]) -> Iterator[str]:
+    """Return the operations that outputs need, those of functions as often as they are called."""
+    for index in tape.live(outputs):
+        name, _, called = tape.operations[index]
+        yield name
+        if called is not None:
+            yield from _names(called.tape, called.outputs)

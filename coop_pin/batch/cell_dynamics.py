@@ -1,0 +1,270 @@
+"""Constrained dynamics of a cell as scalar code: its arms, the payload welded to the first, and the closures.
+
+The constraint is that of coop_pin.chain.closure: e = -log6(X_i^-1 X_0) of the payload frames that arm i and
+the first arm hold, here in world axes about the world's origin, which takes it to V_i - V_0 = e'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.batch.arm_dynamics import (
+    ArmInput,
+    ArmModel,
+    ArmTerms,
+    arm_terms,
+    factor,
+    solve_lower,
+    solve_transposed,
+)
+from coop_pin.batch.serial_arm import (
+    Numbers,
+    RigidInertia,
+    SerialArm,
+    cross,
+    force_cross,
+    frames,
+    join,
+    motion_cross,
+)
+from coop_pin.batch.tape import Number, Tape
+from coop_pin.batch.traced_array import inputs
+from coop_pin.batch.tree import SharedFunctions
+from coop_pin.chain.cell_chain import CellChain
+
+_ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
+_TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
+"""Series of asin(s) / s in s^2, and of (1 - x / 2 cot(x / 2)) / x^2 in x^2: exact for closed grasps."""
+
+
+class CellModel(NamedTuple):
+    """Constants of a cell's dynamics.
+
+    Attributes:
+        arms: as the plant has them; the payload is not part of the first one's last body.
+        payload: its inertia about P.
+        tips: position of each tip in the payload frame, m, shape (m, 3).
+        gravity: m/s^2, shape (3,).
+        position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
+        velocity_gain: 2 zeta omega, 1/s.
+    """
+
+    arms: tuple[SerialArm, ...]
+    payload: RigidInertia
+    tips: Numbers
+    gravity: Numbers
+    position_gain: Number
+    velocity_gain: Number
+
+    @classmethod
+    def from_chain(cls, chain: CellChain) -> CellModel:
+        """Return the constants of a chain whose payload is welded to the first arm.
+
+        Raises:
+            TracingError: an arm is no serial chain.
+        """
+        tree, cell, model, arms = chain.model, chain.cell, chain.mechanism.model, []
+        for place in tree.arms:
+            columns = range(place.v_slice.start, place.v_slice.stop)
+            joints = [joint for joint in range(1, model.njoints) if model.idx_vs[joint] in columns]
+            X_JP = model.frames[place.tip].placement * pin.SE3(cell.grasps[place.name].matrix).inverse()
+            is_welded = place.name in tree.closed_by_tree
+            last = tree.carrier_inertia if is_welded else model.inertias[joints[-1]]
+            arms.append(SerialArm.from_model(model, joints, X_JP, last))
+        gains = chain.mechanism.stabilisation
+        return cls(
+            arms=tuple(arms),
+            payload=RigidInertia.from_model(tree.payload_inertia),
+            tips=np.array([cell.grasps[arm].matrix[:3, 3] for arm in cell.arms]),
+            gravity=np.array(model.gravity.linear),
+            position_gain=gains.position_gain,
+            velocity_gain=gains.velocity_gain,
+        )
+
+    @property
+    def moving_rows(self) -> list[int]:
+        """Rows of world six-vectors that are not zero by structure for every motion of the cell."""
+        tape, rows = Tape(), set()
+        for arm in self.arms:
+            S = frames(arm, inputs(tape, len(arm.bodies))).S
+            rows |= {row for row in range(6) if not all(_is_zero(x) for x in S[row])}
+        return sorted(rows)
+
+
+def _is_zero(number: Number) -> bool:
+    return isinstance(number, float | int) and number == 0.0
+
+
+class CellMotion(NamedTuple):
+    """Accelerations and forces of a cell at a state, and what is seen of it.
+
+    Attributes:
+        accelerations: of each arm's joints, shape (n,) each.
+        wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); only the moving rows
+            are determined.
+        R_WP: orientation of the payload, shape (3, 3).
+        p_WP: its position, shape (3,).
+        V_WP: its twist about P, shape (6,).
+        tips: positions of the tips, shape (m, 3).
+        closure_errors: distance and angle between tip and grasp, shape (m, 2).
+        kinetic: energy, J.
+        potential: energy, J.
+    """
+
+    accelerations: list[Numbers]
+    wrenches: Numbers
+    R_WP: Numbers
+    p_WP: Numbers
+    V_WP: Numbers
+    tips: Numbers
+    closure_errors: Numbers
+    kinetic: Number
+    potential: Number
+
+
+class CellState(NamedTuple):
+    """State of a cell and the forces on it.
+
+    Attributes:
+        q: joint positions of each arm, shape (n,) each.
+        v: joint rates of each arm, shape (n,) each.
+        tau: joint torques of each arm, without those of the closures, shape (n,) each.
+        external: wrench on the payload about P in world axes, shape (6,).
+    """
+
+    q: Sequence[Numbers]
+    v: Sequence[Numbers]
+    tau: Sequence[Numbers]
+    external: Numbers
+
+
+def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellModel, state: CellState) -> CellMotion:
+    """Return the constrained motion of a cell.
+
+    With G_i and b_i of ArmTerms, the external wrench W on the payload and f_i on arm i by the payload::
+
+        G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_j f_j),   i = 1, ..., m - 1
+        d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
+
+    f_0 follows from the balance of the payload.
+
+    Args:
+        functions: of the arms.
+        tape: to record on.
+        cell: its constants.
+        state: traced.
+    """
+    rows = cell.moving_rows
+    terms = [
+        _terms(functions, tape, ArmModel(arm, cell.gravity, "".join(map(str, rows))), own)
+        for arm, own in zip(cell.arms, _arm_inputs(cell, state), strict=True)
+    ]
+    first = terms[0]
+    R, p = first.R_WP, first.p_WP
+    W = join(state.external[:3], state.external[3:] + cross(p, state.external[:3]))
+    errors = [closure_error(R, p, arm.R_WP, arm.p_WP) for arm in terms[1:]]
+    forces = _closure_forces(cell, terms, W, errors, rows)
+    total = W[rows] - sum(forces, np.zeros(len(rows)))
+    accelerations = [arm.acceleration(force) for arm, force in zip(terms, [total, *forces], strict=True)]
+    payload = cell.payload.moved(R, p)
+    balance = payload.times(first.A + first.S @ accelerations[0]) + force_cross(
+        first.V, payload.times(first.V)
+    )
+    on_first = total - balance[rows]
+    tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
+    sizes = [_size(error, tip) for error, tip in zip(errors, tips[1:], strict=True)]
+    return CellMotion(
+        accelerations=accelerations,
+        wrenches=np.stack([_about(p, force, rows) for force in (on_first, *forces)]),
+        R_WP=R,
+        p_WP=p,
+        V_WP=join(first.V[:3] + cross(first.V[3:], p), first.V[3:]),
+        tips=tips,
+        closure_errors=np.array([[0.0, 0.0], *sizes], dtype=object),
+        kinetic=sum((arm.kinetic for arm in terms), 0.0),
+        potential=sum((arm.potential for arm in terms), 0.0),
+    )
+
+
+def payload_energy(cell: CellModel, motion: CellMotion) -> Number:
+    """Return kinetic and potential energy of the payload, J: what a change of its mass changes."""
+    v, w = motion.V_WP[:3], motion.V_WP[3:]
+    w_P = motion.R_WP.T @ w
+    mass, _, inertia = cell.payload
+    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (cell.gravity @ motion.p_WP)
+
+
+def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:
+    """Return e = -log6(X_0 X_i^-1) = -[p - w x p / 2 + beta w x (w x p), w] in the world, shape (6,)."""
+    R = R_0 @ R_i.T
+    p = p_0 - R @ p_i
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], dtype=object)
+    w = _series(sine @ sine, _ROTATION) * sine
+    wp = cross(w, p)
+    return -join(p - 0.5 * wp + _series(w @ w, _TRANSLATION) * cross(w, wp), w)
+
+
+def _series(x: Any, coefficients: Sequence[float]) -> Number:
+    value: Number = coefficients[0]
+    for coefficient in coefficients[1:]:
+        value = value * x + coefficient
+    return value
+
+
+def _arm_inputs(cell: CellModel, state: CellState) -> list[ArmInput]:
+    """Return the input of each arm; the first one's last body carries the payload."""
+    made = []
+    for index, (arm, q, v, tau) in enumerate(zip(cell.arms, state.q, state.v, state.tau, strict=True)):
+        first, last, held = arm.bodies[0], arm.bodies[-1].inertia, (arm.R_JP, arm.p_JP)
+        carried = last if index else last.plus(cell.payload.moved(*held))
+        made.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
+    return made
+
+
+def _terms(functions: SharedFunctions, tape: Tape, model: ArmModel, state: ArmInput) -> ArmTerms:
+    """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
+    if len(model.rows) < 6:
+        return arm_terms(model, state)
+    blank, bodies = (np.zeros((3, 3)), np.zeros(3)), [*model.arm.bodies]
+    bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
+    bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
+    shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
+    found: ArmTerms = functions.call(tape, arm_terms, model._replace(arm=shared), state)
+    return found
+
+
+def _closure_forces(
+    cell: CellModel, terms: Sequence[ArmTerms], W: Numbers, errors: Sequence[Numbers], rows: Sequence[int]
+) -> list[Numbers]:
+    """Return f_i on arms 1 to m - 1 by the payload, about the world's origin, in the moving rows."""
+    first, others, k = terms[0], terms[1:], len(rows)
+    if not others:
+        return []
+    known = first.b + first.G @ W[rows]
+    right, G = [], np.empty((k * len(others), k * len(others)), dtype=object)
+    for i, (arm, error) in enumerate(zip(others, errors, strict=True)):
+        drift = arm.V - first.V
+        wanted = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
+        right += [*(known - arm.b - wanted[rows])]
+        for j in range(len(others)):
+            G[k * i : k * (i + 1), k * j : k * (j + 1)] = first.G + arm.G if i == j else first.G
+    L, D_inverse = factor(G)
+    f = solve_transposed(L, D_inverse * solve_lower(L, np.array(right, dtype=object)))
+    return [f[k * i : k * (i + 1)] for i in range(len(others))]
+
+
+def _about(p: Numbers, force: Numbers, rows: Sequence[int]) -> Numbers:
+    """Return a force about the world's origin, in the moving rows, as a wrench about p, shape (6,)."""
+    full = np.zeros(6).astype(object)
+    full[list(rows)] = force
+    return join(full[:3], full[3:] - cross(p, full[:3]))
+
+
+def _size(error: Numbers, tip: Numbers) -> list[Any]:
+    """Return distance and angle of a closure error, at the tip."""
+    linear = error[:3] + cross(error[3:], tip)
+    return [(linear @ linear) ** 0.5, (error[3:] @ error[3:]) ** 0.5]

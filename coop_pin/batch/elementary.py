@@ -1,0 +1,219 @@
+"""Elementary functions of traced scalars, from correctly rounded operations: the same bits everywhere.
+
+Sine, cosine and exponential reduce their argument by a multiple of pi / 2 or log 2, in parts with trailing
+zeros (Cody and Waite), and evaluate a polynomial; the arc tangent is Cephes' rational function (Moshier). All
+are within two units in the last place of correct.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.batch.tape import FOLD, Number, Tape, Traced
+from coop_pin.errors import TracingError
+
+_ROUNDER = 6755399441055744.0
+"""1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
+_HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_LOG_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
+_SINE = (
+    1.58962301576546568060e-10,
+    -2.50507477628578072866e-8,
+    2.75573136213857245213e-6,
+    -1.98412698295895385996e-4,
+    8.33333333332211858878e-3,
+    -1.66666666666666307295e-1,
+)
+_COSINE = (
+    -1.13585365213876817300e-11,
+    2.08757008419747316778e-9,
+    -2.75573141792967388112e-7,
+    2.48015872888517045348e-5,
+    -1.38888888888730564116e-3,
+    4.16666666666665929218e-2,
+)
+_EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
+_ARC_TANGENT_P = (
+    -8.750608600031904122785e-1,
+    -1.615753718733365076637e1,
+    -7.500855792314704667340e1,
+    -1.228866684490136173410e2,
+    -6.485021904942025371773e1,
+)
+_ARC_TANGENT_Q = (
+    1.0,
+    2.485846490142306297962e1,
+    1.650270098316988542046e2,
+    4.328810604912902668951e2,
+    4.853903996359136964868e2,
+    1.945506571482613964425e2,
+)
+_SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
+
+
+def apply(name: str, *numbers: Number) -> Number:
+    """Return the result of an operation on the tape of the traced scalars among the numbers."""
+    tape: Tape | None = next((number.tape for number in numbers if isinstance(number, Traced)), None)
+    return tape.apply(name, *numbers) if tape is not None else FOLD[name](*numbers)
+
+
+def sqrt(x: Number) -> Number:
+    """Return the square root."""
+    return apply("sqrt", x)
+
+
+def power(x: Number, exponent: Number) -> Number:
+    """Return x to the power of 2, 1/2 or 1/4."""
+    if exponent == 2:
+        return x * x
+    if exponent not in (0.5, 0.25):
+        raise TracingError(f"raises to the power {exponent!r}; 2, 1/2 and 1/4 can be traced")
+    return sqrt(x) if exponent == 0.5 else sqrt(sqrt(x))
+
+
+def less(a: Number, b: Number) -> Number:
+    """Return whether a < b, as a mask; false for NaN."""
+    return apply("less", a, b)
+
+
+def select(mask: Number, a: Number, b: Number) -> Number:
+    """Return a where the mask holds, otherwise b."""
+    return apply("select", mask, a, b)
+
+
+def differs(a: Number, b: Number) -> Number:
+    """Return whether a < b or a > b, as a mask."""
+    return less(a, b) + less(b, a)
+
+
+def minimum(a: Number, b: Number) -> Number:
+    """Return the lesser of two numbers."""
+    return select(less(b, a), b, a)
+
+
+def maximum(a: Number, b: Number) -> Number:
+    """Return the greater of two numbers."""
+    return select(less(a, b), b, a)
+
+
+def sign(x: Number) -> Number:
+    """Return -1, 0 or 1."""
+    return less(0.0, x) - less(x, 0.0)
+
+
+def sin(x: Number) -> Number:
+    """Return the sine, for abs(x) up to 1e5."""
+    return _sine_and_cosine(x)[0] if isinstance(x, Traced) else math.sin(x)
+
+
+def cos(x: Number) -> Number:
+    """Return the cosine, for abs(x) up to 1e5."""
+    return _sine_and_cosine(x)[1] if isinstance(x, Traced) else math.cos(x)
+
+
+def exp(x: Number) -> Number:
+    """Return e^x, with x limited to -700 to 709."""
+    if not isinstance(x, Traced):
+        return math.exp(x)
+    x = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
+    n = _rounded(x * (1.0 / math.log(2.0)))
+    r = _reduced(x, n, _LOG_2)
+    return _polynomial(r, _EXPONENTIAL) * apply("power_of_two", n)
+
+
+def tanh(x: Number) -> Number:
+    """Return (1 - e) / (1 + e) with e = exp(-2 abs(x)), and the sign of x; absolute error 1e-16."""
+    if not isinstance(x, Traced):
+        return math.tanh(x)
+    e = exp(-2.0 * abs(x))
+    magnitude = (1.0 - e) / (1.0 + e)
+    return select(less(x, 0.0), -magnitude, magnitude)
+
+
+def atan2(y: Number, x: Number) -> Number:
+    """Return the angle of (x, y), in [-pi, pi]; 0 at the origin."""
+    if not isinstance(x, Traced) and not isinstance(y, Traced):
+        return math.atan2(y, x)
+    is_steep = less(abs(x), abs(y))
+    longer, shorter = select(is_steep, abs(y), abs(x)), select(is_steep, abs(x), abs(y))
+    first = _arc_tangent(shorter / select(less(0.0, longer), longer, 1.0))
+    octants = select(is_steep, 0.5 * math.pi - first, first)
+    half = select(less(x, 0.0), math.pi - octants, octants)
+    return select(less(y, 0.0), -half, half)
+
+
+def inverse(A: NDArray[Any]) -> NDArray[Any]:
+    """Return A^-1 by Gaussian elimination with partial pivoting; the row swaps are choices by masks.
+
+    Args:
+        A: numbers, shape (n, n).
+    """
+    size = len(A)
+    rows = [[*row, *unit] for row, unit in zip(A.tolist(), np.eye(size).tolist(), strict=True)]
+    for k in range(size):
+        for i in range(k + 1, size):
+            swap = less(abs(rows[k][k]), abs(rows[i][k]))
+            pairs = [(select(swap, b, a), select(swap, a, b)) for a, b in zip(rows[k], rows[i], strict=True)]
+            rows[k], rows[i] = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        pivot = 1.0 / rows[k][k]
+        for i in range(k + 1, size):
+            factor = rows[i][k] * pivot
+            rows[i] = [0.0] * (k + 1) + [
+                b - factor * a for a, b in zip(rows[k][k + 1 :], rows[i][k + 1 :], strict=True)
+            ]
+    for k in reversed(range(size)):
+        right = rows[k][size:]
+        for j in range(k + 1, size):
+            right = [x - rows[k][j] * y for x, y in zip(right, rows[j][size:], strict=True)]
+        pivot = 1.0 / rows[k][k]
+        rows[k][size:] = [x * pivot for x in right]
+    return np.array([row[size:] for row in rows], dtype=object)
+
+
+def _polynomial(z: Number, coefficients: Sequence[float]) -> Number:
+    value: Any = coefficients[0]
+    for coefficient in coefficients[1:]:
+        value = value * z + coefficient
+    return value
+
+
+def _rounded(x: Number) -> Number:
+    return (x + _ROUNDER) - _ROUNDER
+
+
+def _reduced(x: Any, n: Number, parts: Sequence[float]) -> Number:
+    for part in parts:
+        x = x - n * part
+    return x
+
+
+def _is_odd(n: Number) -> tuple[Number, Number]:
+    """Return whether a whole number is odd, as a mask, and its half rounded down."""
+    half = _rounded(n * 0.5 - 0.25)
+    return n - 2.0 * half, half
+
+
+def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
+    n = _rounded(x * (2.0 / math.pi))
+    r = _reduced(x, n, _HALF_PI)
+    z = r * r
+    sine: Number = r + r * z * _polynomial(z, _SINE)
+    cosine: Number = 1.0 - 0.5 * z + z * z * _polynomial(z, _COSINE)
+    swapped, half = _is_odd(n)
+    _, next_half = _is_odd(n + 1.0)
+    sine, cosine = select(swapped, cosine, sine), select(swapped, sine, cosine)
+    return sine * (1.0 - 2.0 * _is_odd(half)[0]), cosine * (1.0 - 2.0 * _is_odd(next_half)[0])
+
+
+def _arc_tangent(x: Number) -> Number:
+    """Return the arc tangent of x in [0, 1]."""
+    is_far = less(0.66, x)
+    y = select(is_far, (x - 1.0) / (x + 1.0), x)
+    z = y * y
+    angle = y + y * z * (_polynomial(z, _ARC_TANGENT_P) / _polynomial(z, _ARC_TANGENT_Q))
+    return angle + select(is_far, 0.25 * math.pi, 0.0)

@@ -1,0 +1,184 @@
+"""Law of one arm with its kinematics as traced code, checked against recorded ticks of the law itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.numpy_emitter import evaluate
+from coop_pin.batch.run_constants import ArmConstants
+from coop_pin.batch.tape import Number, Tape
+from coop_pin.batch.traced_array import inputs, plain
+from coop_pin.batch.tree import leaves, rebuilt, structure
+from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference
+from coop_pin.errors import CoopPinError, TracingError
+from coop_pin.spatial.task_rows import TaskRows
+
+_AGREEMENT = 1e-12
+"""Of torques with those of the Python law, relative to the largest torque of the self-test."""
+
+Values: TypeAlias = Mapping[str, Any]
+"""Fields of measurement or reference by name."""
+
+MEASURED = {
+    "time": "t_k, s",
+    "q": "drive coordinates, rad",
+    "v": "drive velocities, rad/s",
+    "saturated": "1.0 where the torque was cut at its limit over the last tick, else 0.0",
+    "internal_wrench": "internal wrench on this arm about P in world axes, task rows, N and N m",
+    "internal_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
+    "interaction_wrench": "wrench on this arm by the payload about P in world axes, task rows, N and N m",
+    "interaction_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
+    "holding_torque": "torques that hold the arm at rest, N m; read at the start only",
+}
+DESIRED = {
+    "pose": "desired pose of P in the world, row by row",
+    "twist": "desired twist of P in world axes, task rows, m/s and rad/s",
+    "acceleration": "desired acceleration of P in world axes, task rows",
+    "internal_wrench": "desired internal wrench on this arm about P in payload axes, task rows",
+}
+"""Fields that the law is given, and what they are; its pose, twist and Jacobian follow from them."""
+
+
+class Tick(NamedTuple):
+    """One recorded tick of a law.
+
+    Attributes:
+        measurement: with the holding torques of the first tick.
+        reference: of the tick.
+        torque: by the law, N m, shape (k,).
+    """
+
+    measurement: ArmMeasurement
+    reference: ArmReference
+    torque: Array
+
+
+class RecordedLaw(ArmController):
+    """A law whose ticks are kept.
+
+    Attributes:
+        ticks: so far.
+    """
+
+    def __init__(self, law: ArmController) -> None:
+        self._law, self.ticks = law, list[Tick]()
+        self._holding: Array | None = None
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
+        """Return the law's state at the first tick."""
+        self._holding = measurement.holding_torque
+        return self._law.init(measurement, reference)
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
+        """Return the law's command."""
+        command = self._law.step(measurement, reference, state)
+        given = measurement._replace(holding_torque=self._holding)
+        self.ticks.append(Tick(given, reference, command.torque))
+        return command
+
+
+class LawCode(NamedTuple):
+    """Traced code of one function of the interface.
+
+    Attributes:
+        tape: its operations; its inputs are the fields of measurement and reference, then the state.
+        state: the state after it, numbers.
+        torque: numbers, none of the start.
+        is_regular: mask, whether the law's conditions hold.
+    """
+
+    tape: Tape
+    state: Sequence[Number]
+    torque: Sequence[Number]
+    is_regular: Number
+
+    @property
+    def outputs(self) -> list[Number]:
+        """All numbers that the function returns."""
+        return [*self.torque, *self.state, self.is_regular]
+
+
+def fields(tick: Tick) -> tuple[Values, Values]:
+    """Return the values of measurement and reference that the law is given, by name."""
+    measured = {name: getattr(tick.measurement, name) for name in MEASURED}
+    absent = {name for name, value in measured.items() if value is None}
+    absent |= {f"{name}_age" for name in absent}
+    desired = {name: getattr(tick.reference, name) for name in DESIRED}
+    return {name: value for name, value in measured.items() if name not in absent}, desired
+
+
+def trace_law(arm: ArmConstants, rows: TaskRows, first: Tick) -> tuple[LawCode, LawCode]:
+    """Return the traced start and step of an arm's law, with its kinematics.
+
+    Args:
+        arm: numbers of the arm.
+        rows: task rows of the cell.
+        first: a tick with the fields that are given.
+
+    Raises:
+        TracingError: the law cannot be traced.
+    """
+
+    def record() -> tuple[Tape, ArmMeasurement, ArmReference]:
+        tape = Tape()
+        measured, desired = (
+            {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
+            for values in fields(first)
+        )
+        q, v = measured.pop("q"), measured.pop("v")
+        none = {"internal_wrench": None, **measured}
+        seen = arm.measurement(rows, arm.to_joints.dot(q), q, v, **none)
+        return tape, seen, ArmReference(**desired)
+
+    tape, seen, reference = record()
+    try:
+        begun = arm.law.init(seen, reference)
+        start = LawCode(tape, leaves(begun), (), _all(tape.guards))
+        tape, seen, reference = record()
+        state = rebuilt(begun, iter([tape.input() for _ in start.state]))
+        command = arm.law.step(seen._replace(holding_torque=None), reference, state)
+    except CoopPinError:
+        raise
+    except Exception as error:  # of libraries that do not know traced numbers
+        raise TracingError(f"computes with what cannot be traced: {type(error).__name__}: {error}") from error
+    if structure(command.state) != structure(begun):
+        raise TracingError("returns another kind of state from step than from init")
+    torque = list(plain(command.torque).flat)
+    return start, LawCode(tape, leaves(command.state), torque, _all(tape.guards))
+
+
+def _flat(tick: Tick) -> list[float]:
+    """Return the inputs of a tick in the order of the tape."""
+    return [float(x) for values in fields(tick) for value in values.values() for x in np.ravel(value)]
+
+
+def tolerance(ticks: Sequence[Tick]) -> float:
+    """Return how far torques may be off, N m."""
+    return _AGREEMENT * float(np.abs([tick.torque for tick in ticks]).max())
+
+
+def _all(guards: Sequence[Number]) -> Number:
+    return math.prod(guards, start=1.0)
+
+
+def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Tick]) -> None:
+    """Refuse traced code whose torques at the recorded ticks are not those of the law.
+
+    Raises:
+        TracingError: they are not.
+    """
+    allowed, state = tolerance(ticks), evaluate(start.tape, start.state, _flat(ticks[0]))
+    for tick in ticks:
+        values = evaluate(step.tape, [*step.torque, *step.state], [*_flat(tick), *state])
+        torque, state = values[: len(step.torque)], values[len(step.torque) :]
+        error = float(np.abs(np.array(torque) - tick.torque).max())
+        if not error <= allowed:
+            raise TracingError(
+                f"differs from its traced code by {error:.3g} N m at t = {tick.measurement.time:g} s:"
+                " it keeps state besides that of init and step, or depends on more than its arguments"
+            )

@@ -1,0 +1,195 @@
+"""Traced code as text of LLVM: one lane of each vector register for each of several runs.
+
+No operation is contracted or reordered, so that the bits do not depend on the width of the registers.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+
+from coop_pin.batch.emitter import Emitter
+from coop_pin.batch.kernel import LOAD, RECORD, Kernel, Program
+from coop_pin.batch.tape import Function, Number, Operand, Tape
+
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+
+
+def llvm_text(program: Program, width: int) -> str:
+    """Return LLVM's text of a program for a number of lanes; it is run by the function ``run``."""
+    emitter, size = LlvmEmitter(width), 8 * width
+    for kernel in program.kernels:
+        emitter.kernel(kernel)
+    names = [kernel.name for kernel in program.kernels]
+    run = _RUN.format(
+        LOAD=LOAD,
+        RECORD=RECORD,
+        block=size * program.lanes.size,
+        recorded=size * program.recorded,
+        loaded=size * program.loaded,
+        cases="\n".join(f"    i64 {index}, label %do_{name}" for index, name in enumerate(names)),
+        calls="\n".join(
+            f"do_{name}:\n  call void @{name}(ptr %block, ptr %u)\n  br label %next" for name in names
+        ),
+    )
+    return "\n".join([*emitter.parts, run])
+
+
+class LlvmEmitter(Emitter):
+    """Functions ``void (ptr inputs, ptr outputs)`` and kernels ``void (ptr block, ptr uniforms)``."""
+
+    def __init__(self, width: int) -> None:
+        """Write for a number of lanes."""
+        super().__init__()
+        self._width, self._vector = width, f"<{width} x double>"
+        for name in ("sqrt", "fabs"):
+            self.parts.append(f"declare {self._vector} @llvm.{name}.v{width}f64({self._vector})")
+        self.parts.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+
+    def kernel(self, kernel: Kernel) -> None:
+        """Add a kernel."""
+
+        def read(index: int, position: int) -> str:
+            space, slot = kernel.reads[position]
+            if space == "uniform":
+                return self._spread(f"%v{index}", slot)
+            return self._load(f"%v{index}", "%block", slot)
+
+        head = f"@{kernel.name}(ptr %block, ptr %uniforms)"
+        self._define(head, kernel.tape, kernel.writes, "%block", read)
+
+    def _function(self, function: Function) -> None:
+        def read(index: int, position: int) -> str:
+            return self._load(f"%v{index}", "%inputs", position)
+
+        head, outputs = f"@{function.name}(ptr %inputs, ptr %outputs)", list(enumerate(function.outputs))
+        self._define(head, function.tape, outputs, "%outputs", read)
+
+    def _define(
+        self,
+        head: str,
+        tape: Tape,
+        stores: Sequence[tuple[int, Number]],
+        target: str,
+        read: Callable[[int, int], str],
+    ) -> None:
+        lines = [f"define internal void {head} noinline {{"]
+        lines += self.body(tape, [number for _, number in stores], read)
+        for count, (slot, number) in enumerate(stores):
+            lines += self._store(f"%o{count}", self.value(number), target, slot)
+        self.parts.append("\n".join([*lines, "ret void", "}"]))
+
+    def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
+        vector, width, (a, *rest) = self._vector, self._width, operands
+        match name:
+            case "add" | "sub" | "mul" | "div":
+                yield f"%v{index} = {_ARITHMETIC[name]} {vector} {a}, {rest[0]}"
+            case "neg":
+                yield f"%v{index} = fneg {vector} {a}"
+            case "sqrt" | "abs":
+                intrinsic = "fabs" if name == "abs" else name
+                yield f"%v{index} = call {vector} @llvm.{intrinsic}.v{width}f64({vector} {a})"
+            case "less":
+                yield f"%m{index} = fcmp olt {vector} {a}, {rest[0]}"
+                yield f"%v{index} = uitofp <{width} x i1> %m{index} to {vector}"
+            case "select":
+                yield f"%m{index} = fcmp une {vector} {a}, zeroinitializer"
+                yield f"%v{index} = select <{width} x i1> %m{index}, {vector} {rest[0]}, {vector} {rest[1]}"
+            case "power_of_two":
+                integers = f"<{width} x i64>"
+                yield f"%c{index} = fptosi {vector} {a} to {integers}"
+                yield f"%n{index} = freeze {integers} %c{index}"  # of NaN: any number, but always the same
+                yield f"%e{index} = add {integers} %n{index}, splat (i64 1023)"
+                yield f"%s{index} = shl {integers} %e{index}, splat (i64 52)"
+                yield f"%v{index} = bitcast {integers} %s{index} to {vector}"
+
+    def _call(self, index: int, function: Function, arguments: Sequence[str]) -> Iterator[str]:
+        for buffer, size in (("a", len(arguments)), ("r", len(function.outputs))):
+            yield f"%{buffer}{index} = alloca [{max(size, 1)} x {self._vector}], align 64"
+        for count, argument in enumerate(arguments):
+            yield from self._store(f"%a{index}.{count}", argument, f"%a{index}", count)
+        yield f"call void @{function.name}(ptr %a{index}, ptr %r{index})"
+
+    def _result(self, index: int, call: int, position: int) -> str:
+        return self._load(f"%v{index}", f"%r{call}", position)
+
+    def _operand(self, operand: Operand) -> str:
+        if isinstance(operand, int):
+            return f"%v{operand}"
+        bits = struct.unpack("<Q", struct.pack("<d", operand))[0]
+        return f"splat (double 0x{bits:016X})"
+
+    def _load(self, name: str, pointer: str, slot: int) -> str:
+        return (
+            f"{name}.p = getelementptr {self._vector}, ptr {pointer}, i64 {slot}\n"
+            f"{name} = load {self._vector}, ptr {name}.p, align 8"
+        )
+
+    def _spread(self, name: str, slot: int) -> str:
+        """Load a number that all lanes share."""
+        vector = self._vector
+        return (
+            f"{name}.p = getelementptr double, ptr %uniforms, i64 {slot}\n"
+            f"{name}.s = load double, ptr {name}.p, align 8\n"
+            f"{name}.i = insertelement {vector} poison, double {name}.s, i32 0\n"
+            f"{name} = shufflevector {vector} {name}.i, {vector} poison, "
+            f"<{self._width} x i32> zeroinitializer"
+        )
+
+    def _store(self, name: str, value: str, pointer: str, slot: int) -> Iterator[str]:
+        yield f"{name}.p = getelementptr {self._vector}, ptr {pointer}, i64 {slot}"
+        yield f"store {self._vector} {value}, ptr {name}.p, align 8"
+
+
+_RUN = """define void @run(i64 %groups, i64 %count, ptr %program, ptr %blocks, ptr %uniforms,
+  i64 %uniform_bytes, ptr %loads, i64 %load_rows, ptr %record, i64 %record_rows) {{
+entry:
+  %load_bytes = mul i64 %load_rows, {loaded}
+  %record_bytes = mul i64 %record_rows, {recorded}
+  br label %group
+group:
+  %g = phi i64 [0, %entry], [%g1, %group_end]
+  %go = mul i64 %g, {block}
+  %block = getelementptr i8, ptr %blocks, i64 %go
+  %lo = mul i64 %g, %load_bytes
+  %load = getelementptr i8, ptr %loads, i64 %lo
+  %ro = mul i64 %g, %record_bytes
+  %rec = getelementptr i8, ptr %record, i64 %ro
+  br label %step
+step:
+  %k = phi i64 [0, %group], [%k1, %next]
+  %pi = getelementptr {{i64, i64}}, ptr %program, i64 %k
+  %code = load i64, ptr %pi, align 8
+  %pr = getelementptr i8, ptr %pi, i64 8
+  %row = load i64, ptr %pr, align 8
+  %uo = mul i64 %row, %uniform_bytes
+  %u = getelementptr i8, ptr %uniforms, i64 %uo
+  switch i64 %code, label %next [
+    i64 {LOAD}, label %do_load
+    i64 {RECORD}, label %do_record
+{cases}
+  ]
+do_load:
+  %from_o = mul i64 %row, {loaded}
+  %from = getelementptr i8, ptr %load, i64 %from_o
+  %to = getelementptr i8, ptr %block, i64 {recorded}
+  call void @llvm.memcpy.p0.p0.i64(ptr %to, ptr %from, i64 {loaded}, i1 false)
+  br label %next
+do_record:
+  %into_o = mul i64 %row, {recorded}
+  %into = getelementptr i8, ptr %rec, i64 %into_o
+  call void @llvm.memcpy.p0.p0.i64(ptr %into, ptr %block, i64 {recorded}, i1 false)
+  br label %next
+{calls}
+next:
+  %k1 = add i64 %k, 1
+  %more = icmp ult i64 %k1, %count
+  br i1 %more, label %step, label %group_end
+group_end:
+  %g1 = add i64 %g, 1
+  %again = icmp ult i64 %g1, %groups
+  br i1 %again, label %group, label %done
+done:
+  ret void
+}}
+"""

@@ -1,0 +1,157 @@
+"""Programs compiled by LLVM (llvmlite), with the compiled code kept on disk.
+
+The file's name is the hash of LLVM's text, of the processor and of LLVM's version.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.kernel import RECORD, Machine, Program
+from coop_pin.batch.llvm_emitter import llvm_text
+from coop_pin.errors import MissingExtraError
+from coop_pin.results.atomic_write import write_atomically
+
+_DIGEST = 32
+"""Bytes of the checksum in front of a file of compiled code."""
+
+
+class LlvmMachine(Machine):
+    """Runs a program by compiled code.
+
+    Attributes:
+        width: lanes of a register.
+    """
+
+    def __init__(self, program: Program, width: int | None = None) -> None:
+        """Compile a program, or load its code from disk.
+
+        Args:
+            program: what to run.
+            width: lanes of a register; those of this processor when omitted.
+
+        Raises:
+            MissingExtraError: llvmlite is not installed.
+        """
+        self._program, self.width = program, native_width() if width is None else width
+        self._engine = _engine(llvm_text(program, self.width))
+        pointer, whole = ctypes.c_void_p, ctypes.c_int64
+        kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
+        self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
+        self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
+
+    def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
+        """Run the program; see Machine."""
+        lanes, width, program = block.shape[1], self.width, self._program
+        groups, rows = -(-lanes // width), program.rows(RECORD)
+        lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
+        slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
+        given = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
+        given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
+        uniforms = np.ascontiguousarray(uniforms)
+        record = np.empty((groups, rows, program.recorded, width))
+        self._run(
+            groups,
+            len(self._instructions),
+            self._instructions.ctypes.data,
+            slots.ctypes.data,
+            uniforms.ctypes.data,
+            8 * uniforms.shape[1],
+            given.ctypes.data,
+            len(loads),
+            record.ctypes.data,
+            rows,
+        )
+        block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
+        return np.moveaxis(record, 0, 2).reshape(rows, program.recorded, -1)[:, :, :lanes]
+
+
+def _llvm() -> Any:
+    """Return llvmlite's binding.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import llvmlite.binding as llvm
+    except ImportError:
+        raise MissingExtraError("llvmlite", "fast", "to compile batches of runs") from None
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm
+
+
+def native_width() -> int:
+    """Return the number of doubles in a vector register of this processor; raises as _llvm."""
+    features = _llvm().get_host_cpu_features()
+    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
+
+
+def _engine(text: str) -> Any:
+    """Return an execution engine with the code of a text, compiled or from disk."""
+    llvm = _llvm()
+    processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=processor, features=features + ",-prefer-256-bit", opt=1
+    )
+    version = ".".join(map(str, llvm.llvm_version_info))
+    key = hashlib.sha256("\n".join((text, processor, features, version)).encode()).digest()
+    code = _kept(key)
+    if code is None:
+        # The tape has folded and shared what LLVM's passes would: they cost time and gain 8 % at most.
+        code = machine.emit_object(llvm.parse_assembly(text))
+        _keep(key, code)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+# ---------------------------------------------------------------- compiled code on disk
+
+
+def _path(key: bytes) -> Path:
+    """Return the file of compiled code, in the folder of the user's caches."""
+    caches = os.environ.get("XDG_CACHE_HOME", "")
+    folder = Path(caches) if caches else Path.home() / ".cache"
+    return folder / "coop_pin" / "compiled" / f"{key.hex()}.o"
+
+
+def _kept(key: bytes) -> bytes | None:
+    """Return compiled code that this user kept; None if there is none, or it is damaged.
+
+    Code is run, so that a file that others own or may write is not read. The checksum covers the key: a file
+    under another name is another program.
+    """
+    try:
+        with _path(key).open("rb") as file:
+            status = os.fstat(file.fileno())
+            if status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+                return None
+            data = file.read()
+    except OSError:
+        return None
+    digest, code = data[:_DIGEST], data[_DIGEST:]
+    return code if hashlib.sha256(key + code).digest() == digest else None
+
+
+def _keep(key: bytes, code: bytes) -> None:
+    """Keep compiled code; a folder that cannot be written costs the time to compile it again."""
+
+    def write(part: Path) -> None:
+        part.write_bytes(hashlib.sha256(key + code).digest() + code)
+        part.chmod(stat.S_IRUSR | stat.S_IWUSR)
+
+    try:
+        _path(key).parent.mkdir(parents=True, exist_ok=True, mode=stat.S_IRWXU)
+        write_atomically(_path(key), write)
+    except OSError:
+        return

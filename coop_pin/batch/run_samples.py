@@ -1,0 +1,136 @@
+"""Samples of a batch, with the names and shapes of a single run's and a leading axis of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.kernel import Layout
+from coop_pin.batch.numpy_emitter import evaluate
+from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.run_constants import ArmConstants
+from coop_pin.batch.serial_arm import Frames, frames, payload_jacobian
+from coop_pin.batch.tape import Tape
+from coop_pin.batch.traced_array import inputs, plain
+from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.cell_model import ArmPlace
+from coop_pin.results.quantities import Samples, quantities
+from coop_pin.simulation.plant import CHANNELS
+
+
+def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
+    """Return the recorded quantities of all runs, shape (runs, samples, ...).
+
+    The condition numbers of the Jacobians are worked out where they are asked for: jacobian_conditions.
+
+    Args:
+        prepared: the batch.
+        layout: of the record's slots.
+        record: shape (samples, slots, runs).
+    """
+    run, scenario = prepared.runs[0], prepared.scenarios[0]
+    places, every = run.plant.chain.model.arms, scenario.clock.record_every
+    kept = [tick for tick in range(run.timeline.ticks + 1) if tick % every == 0 or tick == run.timeline.ticks]
+
+    def field(name: str) -> Array:
+        slots = layout.slots(name)
+        values = np.moveaxis(record[:, slots.ravel()], 2, 0)
+        return values.reshape(record.shape[2], record.shape[0], *slots.shape)
+
+    q, v, desired = field("q"), field("v"), prepared.references[:, kept]
+    pose = np.zeros((*q.shape[:2], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = field("R_WP"), field("p_WP"), 1.0
+    determined = determinate_rows(run.plant.chain, run.plant.q)
+    angles, velocities = _split(q, places), _split(v, places)
+    drive_velocities = [own @ place.drive.T for own, place in zip(velocities, places, strict=True)]
+    work = [*np.moveaxis(field("work"), 2, 0), field("payload_energy")]
+    found: Samples = {
+        "time": np.broadcast_to([run.timeline.time(tick) for tick in kept], q.shape[:2]),
+        "configuration": np.concatenate(
+            [place.angles.configuration(own) for own, place in zip(angles, places, strict=True)], axis=2
+        ),
+        "velocity": v,
+        "payload_pose": pose,
+        "payload_twist": field("V_WP"),
+        "desired_pose": desired[..., :16].reshape(*desired.shape[:2], 4, 4),
+        "desired_twist": desired[..., 16:22],
+        "desired_squeeze": desired[..., 28:].reshape(*desired.shape[:2], -1, 6),
+        "tip_position": field("tips"),
+        "interaction_wrench": np.where(determined, field("wrenches"), np.nan),
+        "external_wrench": field("external"),
+        "closure_distance": field("closure_errors")[..., 0],
+        "closure_angle": field("closure_errors")[..., 1],
+        "kinetic_energy": field("kinetic"),
+        "potential_energy": field("potential"),
+        **{f"work_{name}": done for name, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
+        "torque": _per_joint(_split(field("torque"), places)),
+        "commanded_torque": _per_joint(_split(field("commanded"), places)),
+        "saturated": np.nan_to_num(_per_joint(_split(field("saturated"), places))) > 0.0,
+        "drive_velocity": _per_joint(drive_velocities),
+        "joint_position": _per_joint(angles),
+        "joint_velocity": _per_joint(velocities),
+    }
+    names = {quantity.name for quantity in quantities(scenario)}
+    if "seen_pose" in names:
+        found["seen_pose"] = _seen_poses(prepared, angles)
+    if "measured_internal_wrench" in names:
+        found |= _measured(scenario, kept, field("measured"))
+    return found
+
+
+def jacobian_conditions(prepared: Prepared, index: int, joint_position: Array) -> Array:
+    """Return the condition number of each arm's payload Jacobian at the samples of a run, (samples, m)."""
+    rows, found = prepared.scenarios[0].cell.task_rows, []
+    for arm, angles in zip(prepared.constants[index].arms, np.moveaxis(joint_position, 1, 0), strict=True):
+        J = _seen(arm, angles[:, : len(arm.drive)], lambda seen: payload_jacobian(seen.S, seen.p_WP))
+        found.append(np.linalg.cond(J[:, list(rows.indices)] @ arm.to_joints))
+    return np.stack(found, axis=1)
+
+
+def _seen_poses(prepared: Prepared, angles: list[Array]) -> Array:
+    """Return the payload poses that each arm's own kinematics see, shape (runs, samples, m, 4, 4)."""
+    poses = np.zeros((*angles[0].shape[:2], len(angles), 4, 4))
+    poses[..., 3, 3] = 1.0
+    for run, constants in enumerate(prepared.constants):
+        for column, (arm, own) in enumerate(zip(constants.arms, angles, strict=True)):
+            poses[run, :, column, :3] = _seen(
+                arm, own[run], lambda seen: np.concatenate((seen.R_WP, seen.p_WP[:, None]), axis=1)
+            )
+    return poses
+
+
+def _seen(arm: ArmConstants, angles: Array, quantity: Callable[[Frames], Any]) -> Array:
+    """Return a quantity of an arm's own kinematics at each of the joint positions, shape (samples, n)."""
+    tape = Tape()
+    wanted = plain(quantity(frames(arm.seen, inputs(tape, angles.shape[1]))))
+    values = evaluate(tape, list(wanted.flat), list(angles.T))
+    columns = [np.broadcast_to(value, len(angles)) for value in values]
+    return np.stack(columns, axis=1).reshape(len(angles), *wanted.shape)
+
+
+def _measured(scenario: Scenario, kept: list[int], measured: Array) -> Samples:
+    """Return the internal wrenches that the controllers get, in their rows of six, and their age in ticks."""
+    delay = scenario.controller.force_path.delay  # type: ignore[union-attr]
+    wrenches = np.full((*measured.shape[:3], 6), np.nan)
+    wrenches[..., scenario.cell.task_rows.indices] = measured
+    age = np.array([delay if tick > delay else np.inf for tick in kept], dtype=np.float64)
+    return {
+        "measured_internal_wrench": wrenches,
+        "measured_internal_wrench_age": np.broadcast_to(age, measured.shape[:2]),
+    }
+
+
+def _split(values: Array, places: tuple[ArmPlace, ...]) -> list[Array]:
+    return np.split(values, np.cumsum([len(place.drive) for place in places])[:-1], axis=2)
+
+
+def _per_joint(parts: Sequence[Array]) -> Array:
+    """Return values of the joints or drives of each arm, NaN beyond its own, shape (runs, samples, m, k)."""
+    table = np.full((*parts[0].shape[:2], len(parts), max(part.shape[2] for part in parts)), np.nan)
+    for index, part in enumerate(parts):
+        table[:, :, index, : part.shape[2]] = part
+    return table

@@ -1,0 +1,115 @@
+"""Trees of numbers: nested tuples, dataclasses and descriptions whose leaves are numbers.
+
+What differs between runs is found leaf by leaf and becomes an input; the rest is constant and folds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from coop_pin.batch.tape import Function, Tape, Traced
+from coop_pin.batch.traced_array import traced
+from coop_pin.schema.base import Description
+
+Tree = TypeVar("Tree")
+
+
+def leaves(tree: Any) -> list[Any]:
+    """Return the numbers of a tree, in order; truth values, texts and other objects are no numbers."""
+    if is_number(tree):
+        return [tree]
+    if isinstance(tree, np.ndarray) and tree.dtype != bool:
+        return list(tree.astype(object).ravel())
+    return [leaf for _, part in _parts(tree) for leaf in leaves(part)]
+
+
+def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
+    """Return the same tree with other numbers."""
+    if is_number(tree):
+        return next(numbers)
+    if isinstance(tree, np.ndarray) and tree.dtype != bool:
+        entries = np.empty(tree.size, dtype=object)
+        for index in range(tree.size):
+            entries[index] = next(numbers)
+        return traced(entries.reshape(tree.shape))
+    parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
+    if not parts:
+        return tree
+    if isinstance(tree, Description):
+        return tree.model_copy(update=parts)
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        return dataclasses.replace(tree, **parts)
+    values: Any = parts.values()
+    made: Any = type(tree)
+    return made(*values) if hasattr(tree, "_fields") else made(values)
+
+
+def structure(tree: Any) -> Hashable:
+    """Return what two trees must share to differ in their numbers only."""
+    if is_number(tree):
+        return float
+    if isinstance(tree, np.ndarray) and tree.dtype != bool:
+        return tree.shape
+    parts = _parts(tree)
+    if isinstance(tree, tuple | list) or parts:
+        return (type(tree), *((name, structure(part)) for name, part in parts))
+    return tree.tobytes() if isinstance(tree, np.ndarray) else tree
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, traced or not, but no truth value."""
+    return isinstance(value, Traced | float | int | np.floating) and not isinstance(value, bool)
+
+
+def _parts(tree: Any) -> list[tuple[str, Any]]:
+    """Return the parts of a tree by name; none for a value without numbers."""
+    if isinstance(tree, Description):
+        return [(name, getattr(tree, name)) for name in type(tree).model_fields]
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
+    if isinstance(tree, tuple | list):
+        names = getattr(tree, "_fields", map(str, range(len(tree))))
+        return list(zip(names, tree, strict=True))
+    return []
+
+
+def differing(trees: Sequence[Any]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return which leaves differ between trees, shape (leaves,), and their values, shape (trees, leaves)."""
+    values = np.array([leaves(tree) for tree in trees], dtype=np.float64).reshape(len(trees), -1)
+    return ~((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all(axis=0), values
+
+
+class SharedFunctions:
+    """Functions of a module of code that are traced once and called for every arm of the same model."""
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, tuple[Function, Any]] = {}
+
+    def call(self, tape: Tape, function: Callable[[Any, Any], Any], constants: Any, arguments: Any) -> Any:
+        """Return ``function(constants, arguments)`` by a call of its traced code.
+
+        Args:
+            tape: on which to call it.
+            function: from two trees to a tree.
+            constants: fold into the code; those of them that are traced are arguments.
+            arguments: always arguments.
+        """
+        numbers = leaves(constants)
+        folded = [None if isinstance(number, Traced) else float(number) for number in numbers]
+        # Equal robots in one Pinocchio tree differ by rounding.
+        rounded = tuple(None if number is None else f"{number:.13e}" for number in folded)
+        key = (function, structure(constants), structure(arguments), rounded)
+        if key not in self._known:
+            inner = Tape()
+            inside = rebuilt(constants, (inner.input() if f is None else f for f in folded))
+            result = function(inside, rebuilt(arguments, (inner.input() for _ in itertools.count())))
+            name = f"{function.__name__}_{len(self._known)}"
+            self._known[key] = Function(name, inner, leaves(result)), result
+        code, result = self._known[key]
+        given = [number for number in numbers if isinstance(number, Traced)]
+        return rebuilt(result, iter(code(tape, [*given, *leaves(arguments)])))

@@ -1,0 +1,111 @@
+"""Command ``coop-pin compare``: controllers by scenarios and trials, in one table."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from coop_pin.cli.exit_codes import OK
+
+
+@dataclasses.dataclass(frozen=True)
+class Compare:
+    """Compare controllers under standard trials. Finished runs are kept: the same command goes on with them.
+
+    For example, a controller of your own (mine.py in this folder) beside two others:
+
+    coop-pin compare adept-anchored --controllers anchored computed-torque mine:Law --trials nominal push
+
+    Attributes:
+        scenarios: names listed by 'coop-pin list', or TOML files.
+        controllers: names, or module:Class of your own; all that come with coop-pin when omitted.
+        trials: names; all standard trials when omitted.
+        out: output folder for the runs, comparison.csv, comparison.html, and figures of each
+            scenario.
+        seeds: of random trials.
+        duration: of every run, s; the scenarios' own when omitted.
+        untuned: do not use stored gains.
+        tune: search the gains of the controllers instead, and write gains.csv.
+        generations: of the search, after the first one.
+        size: points in a generation of the search, whatever the number of gains.
+        list: only print the names of controllers and trials.
+        workers: number of processes, 0 for this process; one for each processor when omitted.
+        scheduler: address of a dask scheduler to use instead of local processes.
+        quiet: no progress bar and no table.
+    """
+
+    scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
+    trials: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out") / "compare"
+    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 10
+    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    untuned: bool = False
+    tune: bool = False
+    generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4
+    size: Annotated[int, tyro.conf.arg(metavar="N")] = 6
+    list: bool = False
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    quiet: bool = False
+
+    def execute(self) -> int:
+        """Run what is missing, print the table and return the exit code; failed runs do not fail the command.
+
+        Raises:
+            CoopPinError: whatever ``compare`` or ``tune_controllers`` raises.
+        """
+        from coop_pin.comparison import compare, controller_names, tune_controllers
+
+        chosen = self.controllers or tuple(controller_names())
+        if self.list:
+            self._print_names(chosen)
+        elif self.tune:
+            for scenario in self.scenarios:
+                tune_controllers(
+                    scenario,
+                    chosen,
+                    out=self.out,
+                    generations=self.generations,
+                    size=self.size,
+                    duration=self.duration,
+                    workers=self.workers,
+                    quiet=self.quiet,
+                )
+            print(f"written to {self.out / 'gains.csv'}")
+        else:
+            found = compare(
+                self.scenarios,
+                {name: name for name in chosen},
+                self.trials or None,
+                out=self.out,
+                seeds=self.seeds,
+                duration=self.duration,
+                tuned=not self.untuned,
+                workers=self.workers,
+                scheduler=self.scheduler,
+                quiet=self.quiet,
+            )
+            self._draw(found)
+            if not self.quiet:
+                print(found.summary())
+                print(f"written to {self.out}")
+        return OK
+
+    def _draw(self, found: Any) -> None:
+        from coop_pin.figures import comparison_figure, save_figure
+
+        for name in map(str, found.data["scenario"].values):
+            save_figure(comparison_figure(found, name), self.out / name / "comparison")
+
+    def _print_names(self, controllers: tuple[str, ...]) -> None:
+        from coop_pin.comparison import benchmark_scenario, standard_trials
+        from coop_pin.description import Scenario
+
+        print("controllers:", ", ".join(controllers))
+        for name in self.scenarios:
+            trials = standard_trials(benchmark_scenario(Scenario.load(name)))
+            print(f"trials of {name}:", ", ".join(trials))

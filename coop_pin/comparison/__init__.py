@@ -1,0 +1,17 @@
+"""Controllers compared: the same cells, trials and measures for all, and a table with intervals."""
+
+from coop_pin.comparison.benchmark import compare, tune_controllers
+from coop_pin.comparison.controllers import controller_names, controllers_for
+from coop_pin.comparison.table import Comparison
+from coop_pin.comparison.trials import Trial, benchmark_scenario, standard_trials
+
+__all__ = [
+    "Comparison",
+    "Trial",
+    "benchmark_scenario",
+    "compare",
+    "controller_names",
+    "controllers_for",
+    "standard_trials",
+    "tune_controllers",
+]

@@ -1,0 +1,141 @@
+"""Controllers of the comparison: their descriptions, the gains that a cell sets, and stored tuned gains."""
+
+from __future__ import annotations
+
+import csv
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coop_pin.analysis import suggest
+from coop_pin.arrays import Array
+from coop_pin.chain.cell_chain import CellChain
+from coop_pin.description.controller import PayloadSpace
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.spatial import weight_wrench
+from coop_pin.user_files import read_toml
+
+_FOLDER = Path(__file__).parent
+GAINS = _FOLDER / "gains.csv"
+"""Tuned gains: scenario, controller, field, value, range, budget and cost of the search."""
+
+Controllers = Mapping[str, Any] | Sequence[str]
+"""Names of controllers of the table, or descriptions ("module:Class", a table of fields) by name."""
+
+
+@functools.cache
+def _table() -> dict[str, Any]:
+    return read_toml(_FOLDER / "controllers.toml", kind="the table of controllers")
+
+
+def controller_names() -> list[str]:
+    """Return the names of the controllers that come with coop_pin."""
+    return list(_table()["controllers"])
+
+
+def tuned_ranges(name: str) -> dict[str, tuple[float, float]]:
+    """Return the ranges of a controller's tuned fields, by path within it; none for others."""
+    return {path: (low, high) for path, (low, high) in _table()["vary"].get(name, {}).items()}
+
+
+def controllers_for(
+    scenario: Scenario, controllers: Controllers, *, tuned: bool = True
+) -> dict[str, dict[str, Any]]:
+    """Return the descriptions of controllers for a scenario, with stored tuned gains where there are any.
+
+    Args:
+        scenario: cell, whose gains fill in what a controller leaves to the cell.
+        controllers: names, or descriptions by name.
+        tuned: whether stored gains are used.
+
+    Raises:
+        NameNotFoundError: there is no controller of a name.
+        FieldError: a description is neither "module:Class" nor a table of fields.
+    """
+    chosen = controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
+    known, found = _table()["controllers"], {}
+    for name, given in chosen.items():
+        if isinstance(given, str) and ":" in given:
+            given = {"kind": "user", "target": given}
+        if isinstance(given, str):
+            if given not in known:
+                raise NameNotFoundError("controller", given, known, "the table; a class reads 'module:Class'")
+            stored = stored_gains(scenario.name).get(given, {}) if tuned else {}
+            given = _changed(known[given], stored)
+        elif hasattr(given, "model_dump"):
+            given = given.model_dump()
+        if not isinstance(given, Mapping):
+            raise FieldError(
+                f"is {given!r}; it must be 'module:Class' or a table of fields", f"controllers.{name}"
+            )
+        found[name] = dict(given)
+    if "@" not in repr(found):
+        return found
+    values = _cell_values(scenario)
+    return {name: _filled(given, values) for name, given in found.items()}
+
+
+def stored_gains(scenario: str, path: Path = GAINS) -> dict[str, dict[str, float]]:
+    """Return the stored gains of a scenario's name: field and value by controller."""
+    found: dict[str, dict[str, float]] = {}
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if row["scenario"] == scenario:
+                found.setdefault(row["controller"], {})[row["field"]] = float(row["value"])
+    return found
+
+
+def _changed(table: dict[str, Any], changes: Mapping[str, float]) -> dict[str, Any]:
+    """Return a table with fields of inner tables changed, by dotted path."""
+    table = {key: dict(value) if isinstance(value, dict) else value for key, value in table.items()}
+    for path, value in changes.items():
+        inner, field = path.split(".")
+        table[inner][field] = value
+    return table
+
+
+def _filled(given: Any, values: Mapping[str, Any]) -> Any:
+    """Return a description with the cell's values in the places of their names."""
+    if isinstance(given, Mapping):
+        return {key: _filled(value, values) for key, value in given.items()}
+    return values[given[1:]] if isinstance(given, str) and given.startswith("@") else given
+
+
+def _cell_values(scenario: Scenario) -> dict[str, Any]:
+    """Return what the table of controllers leaves to the cell, by name."""
+    law: Any = scenario.controller
+    rows = scenario.cell.task_rows
+    if not isinstance(law, PayloadSpace):
+        law = suggest(scenario).scenario.controller  # proposes no other law
+    K = np.diagonal(np.array(law.gains.sliding_gain) * np.eye(rows.size))
+    damping = _damping(scenario, K)
+    redundant = any(part.size > rows.size for part in damping)
+    # Arms with different numbers of joints share one number.
+    same = len({part.size for part in damping}) == 1
+    return {
+        "sliding": K.tolist(),
+        "half": (K / 2.0).tolist(),
+        "quarter": (K / 4.0).tolist(),
+        "tenth": (K / 10.0).tolist(),
+        "fivefold": (5.0 * K).tolist(),
+        "damping": np.max(damping, axis=0).tolist() if same else float(min(part.min() for part in damping)),
+        "weight": rows.select(weight_wrench(scenario.cell.payload.mass, scenario.cell.gravity)).tolist(),
+        "printed": "sliding-mode-redundant" if redundant else "sliding-mode",
+    }
+
+
+def _damping(scenario: Scenario, K: Array) -> list[Array]:
+    """Return the diagonal of J^T (K / 2m) J of each arm at the start, N m s/rad, shape (k,)."""
+    cell, rows, found = scenario.cell, scenario.cell.task_rows, []
+    chain = CellChain(cell, scenario.plant)
+    q = chain.configuration(scenario.start.matrix)
+    for place in chain.model.arms:
+        J = rows.select(ArmModel.from_cell(cell, place.name).payload_jacobian(q[place.q_slice]))
+        J = J @ np.linalg.inv(place.drive)
+        found.append(np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)))
+    return found

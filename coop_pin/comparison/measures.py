@@ -1,0 +1,64 @@
+"""Measures of one run in the comparison, and the cost that the search of gains minimises."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.results import RunResult
+from coop_pin.results.metrics import rms
+from coop_pin.run_scenario import run
+
+_FROM = 0.4
+"""Part of the run after which it is judged."""
+_NOISELESS: dict[str, Any] = {"sensors": {"wrist": {}}}
+MEASURES = (
+    "tracking_rms_mm",
+    "turning_rms_mrad",
+    "axial_rms_N",
+    "shear_rms_N",
+    "moment_rms_Nm",
+    "effort_rms_Nm",
+    "chatter_rms_Nm",
+)
+"""Names of the measures; with settling_time_s and trustworthy of every run they make the table."""
+
+
+def measures(result: RunResult) -> dict[str, float]:
+    """Return the measures of a run, from 0.4 of its duration to its end.
+
+    Effort is the rms of all drive torques, chatter that of their changes from one record to the next. Events
+    in the window count: what a push leaves is measured, too.
+    """
+    data = result.data
+    judged = data.time.values >= _FROM * result.scenario.duration - 1e-9
+    error = data.pose_error.values[judged]
+    torque = data.torque.values[judged]
+    internal = (_rms(data[f"internal_{part}_error"].values[judged]) for part in ("axial", "shear", "moment"))
+    distance, angle = (_rms(np.linalg.norm(part, axis=1)) for part in (error[:, :3], error[:, 3:]))
+    values = (1e3 * distance, 1e3 * angle, *internal, _rms(torque), _rms(np.diff(torque, axis=0)))
+    return dict(zip(MEASURES, values, strict=True))
+
+
+def tuning_cost(result: RunResult) -> dict[str, float]:
+    """Return the cost of a run with noise and of the same run without it, together.
+
+    The sum of both runs' tracking errors in mm and internal-force errors in N.
+
+    Raises:
+        CoopPinError: the run without noise fails.
+    """
+    return {"cost": _cost(result) + _cost(run(result.scenario, _NOISELESS))}
+
+
+def _cost(result: RunResult) -> float:
+    found = measures(result)
+    return found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])
+
+
+def _rms(values: Array) -> float:
+    """Return the rms of the entries that are numbers; joints that an arm does not have are none."""
+    return rms(values[np.isfinite(values)])

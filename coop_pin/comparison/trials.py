@@ -1,0 +1,127 @@
+"""Trials: named sets of changes under which controllers are compared."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin.description.scenario import Scenario
+from coop_pin.simulation.transmission import friction
+
+_NO_FRICTION = 1e-9
+"""Friction is scaled by it rather than by 0, so that a model with the nominal friction is a factor away."""
+_RATES_HZ = (80.0, 250.0, 1000.0)
+
+
+class Trial(NamedTuple):
+    """A trial.
+
+    Attributes:
+        changes: of the scenario, by dotted path. What a model must not know is an event or an error: models
+            are built from the scenario's cell.
+        random: whether anything in it is; it then runs once for each seed.
+        friction: factor on the friction of all arms, of which no model knows.
+    """
+
+    changes: dict[str, Any]
+    random: bool = False
+    friction: float = 1.0
+
+
+def benchmark_scenario(scenario: Scenario, duration: float | None = None) -> Scenario:
+    """Return a scenario as all controllers meet it.
+
+    It has no events, an ideal wrist sensor on every arm, and robots that carry their own weight.
+
+    Args:
+        scenario: cell, motion and squeeze.
+        duration: s; the scenario's own when None.
+    """
+    changes: dict[str, Any] = {"events": [], "sensors": {"wrist": {}}, "arm_sensors": {}, "arm_actuators": {}}
+    if any(scenario.cell.gravity):
+        changes["actuators.gravity_compensation"] = {}
+    if duration is not None:
+        changes["duration"] = duration
+    return scenario.override(changes)
+
+
+def standard_trials(scenario: Scenario) -> dict[str, Trial]:
+    """Return the standard trials of a benchmark scenario by name.
+
+    The first arm is the one with a bias, the last one loses its torque. The push is the payload's weight on
+    Earth for a fifth of a second. Cells without friction have no friction trials.
+
+    Args:
+        scenario: as of ``benchmark_scenario``.
+    """
+    arms, mass, half = list(scenario.cell.arms), scenario.cell.payload.mass, scenario.duration / 2.0
+    push = 9.81 * mass * np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]) / math.sqrt(5.0)
+    error, wrist = f"cell.arms.{arms[0]}.calibration_error", "sensors.wrist"
+    pulse = {"kind": "wrench-pulse", "time": half, "duration": 0.2, "wrench": push.tolist()}
+    noise = {
+        wrist: {"noise": {"force": 1.0, "moment": 0.05}},
+        "sensors.encoder": {"resolution": 1e-5, "noise": 1e-5},
+    }
+    lost = scenario.actuators.replace(torque_lost_at=half)
+    rubbing = any(
+        found.viscous.any() or found.coulomb.any()
+        for found in (friction(arm, name) for name, arm in scenario.cell.arms.items())
+    )
+    return {
+        "nominal": Trial({}),
+        **{f"mass x{factor:g}": Trial({"events": [_mass(factor * mass)]}) for factor in (0.5, 2.0)},
+        **(
+            {"friction x0": Trial({}, friction=0.0), "friction x3": Trial({}, friction=3.0)}
+            if rubbing
+            else {}
+        ),
+        "push": Trial({"events": [pulse]}),
+        "bias 0.1 mm": Trial({f"{error}.tip.xyz": [1e-4, 0.0, 0.0]}),
+        "bias 1 mm": Trial({f"{error}.tip.xyz": [1e-3, 0.0, 0.0]}),
+        "base turned by 1 mrad": Trial({f"{error}.base.rpy": [0.0, 0.0, 1e-3]}),
+        "noise": Trial(noise, random=True),
+        "wrench 1 tick late": Trial({f"{wrist}.delay": 1}),
+        "wrench 3 ticks late": Trial({f"{wrist}.delay": 3}),
+        **{f"{rate:g} Hz": Trial(_rate(scenario, rate)) for rate in _RATES_HZ},
+        "wrist lost at half time": Trial({f"{wrist}.lost": [[half, scenario.duration]]}),
+        "torque of an arm lost": Trial({f"arm_actuators.{arms[-1]}": lost.model_dump()}),
+    }
+
+
+def friction_changes(scenario: Scenario, factor: float) -> dict[str, Any]:
+    """Return the changes that scale the friction of all arms."""
+    changes = {}
+    for name, arm in scenario.cell.arms.items():
+        found = friction(arm, name)
+        changes[f"cell.arms.{name}.friction"] = {
+            "viscous": (factor * found.viscous).tolist(),
+            "coulomb": (factor * found.coulomb).tolist(),
+            "coulomb_velocity": found.coulomb_velocity,
+            "stiction": (factor * (found.coulomb + found.excess)).tolist(),
+            "stribeck_velocity": found.stribeck_velocity,
+        }
+    return changes
+
+
+def changes_of(scenario: Scenario, trial: Trial, controller: dict[str, Any]) -> dict[str, Any]:
+    """Return all changes of a run: the controller, and the trial without what a model could know of it."""
+    if trial.friction == 1.0:
+        return {"controller": controller} | trial.changes
+    factor = max(trial.friction, _NO_FRICTION)
+    if "model" in (options := controller.get("options", {})):
+        known = options["model"].get("friction", 1.0) / factor
+        controller = controller | {"options": options | {"model": options["model"] | {"friction": known}}}
+    return friction_changes(scenario, factor) | {"controller": controller} | trial.changes
+
+
+def _mass(mass: float) -> dict[str, Any]:
+    return {"kind": "payload-change", "time": 0.0, "mass": mass}
+
+
+def _rate(scenario: Scenario, rate_hz: float) -> dict[str, Any]:
+    """Return the changes to another control rate, with integration steps no longer than before."""
+    clock = scenario.clock
+    steps = math.ceil(clock.steps_per_tick * clock.rate_hz / rate_hz - 1e-9)
+    return {"clock.rate_hz": rate_hz, "clock.steps_per_tick": max(1, steps)}

@@ -1,0 +1,506 @@
+"""Batches of runs: traced numbers, the dynamics against Pinocchio, whole runs against coop_pin.run."""
+
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numpy as np
+import pinocchio as pin
+import pytest
+from cells import SCENARIOS
+from numpy.testing import assert_allclose, assert_array_equal
+
+import coop_pin as cp
+from coop_pin import batch as batch_package
+from coop_pin import control
+from coop_pin.batch import elementary, simulate_batch, support
+from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
+from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
+from coop_pin.batch.llvm_machine import LlvmMachine
+from coop_pin.batch.numpy_emitter import evaluate
+from coop_pin.batch.preparation import prepare
+from coop_pin.batch.simulate import assemble
+from coop_pin.batch.tape import Tape
+from coop_pin.batch.traced_array import inputs, plain, traced
+from coop_pin.batch.tree import SharedFunctions
+from coop_pin.chain.cell_chain import CellChain
+from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.description.scenario import scenario_names
+from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.run_scenario import build_controller
+from coop_pin.spatial import make_pose
+
+CATALOGUE = scenario_names()
+QUICK = ("adept-paper", "five-joint-pair")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory):
+    """Compiled code is kept in a folder of the tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def in_tiers(names, quick=QUICK):
+    """The quick cells in the default tier, the others in the slow one."""
+    return [pytest.param(name, marks=[] if name in quick else [pytest.mark.slow]) for name in names]
+
+
+# ---------------------------------------------------------------- traced numbers
+
+
+def test_constants_fold_and_equal_operations_are_recorded_once():
+    tape = Tape()
+    x, y = tape.input(), tape.input()
+    assert 0.0 * x == 0.0
+    assert (1.0 * x).index == (x + 0.0).index == (0.0 + x).index == x.index
+    minus = -x
+    assert (-minus).index == x.index
+    assert x - x == 0.0
+    assert (x * y).index == (y * x).index
+    assert ((x + 2.0) * y).index == (y * (2.0 + x)).index
+    assert elementary.exp(1.0) == math.e
+    assert len(tape.live([x * y + x * y])) == 4
+
+
+def test_numbers_are_not_taken_for_the_indices_of_operations():
+    """The first input has index 0, which equals the constant 0.0 in Python."""
+    tape = Tape()
+    x, y = tape.input(), tape.input()
+    values = [x + 5.0, 5.0 + x, x - 5.0, x + y, y * 2.0, y + 1.0, x * 7.0, x / 3.0]
+    assert evaluate(tape, values, [10.0, 20.0]) == [15.0, 15.0, 5.0, 30.0, 40.0, 21.0, 70.0, 10.0 / 3.0]
+
+
+@pytest.mark.parametrize(
+    "branch",
+    [
+        lambda x: 1.0 if x > 0.0 else 2.0,
+        math.exp,
+        float,
+        lambda x: np.linalg.eigvals(traced([[x, 1.0], [0.0, x]])),
+        lambda x: np.arcsinh(traced([x])),
+        lambda x: x**3,
+        lambda x: x + "a",
+        lambda x: x + Tape().input(),
+    ],
+)
+def test_what_cannot_be_traced_is_refused(branch):
+    with pytest.raises(TracingError):
+        branch(Tape().input())
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high", "allowed"),
+    [
+        ("sin", -50.0, 50.0, 4e-16),
+        ("cos", -50.0, 50.0, 4e-16),
+        ("tanh", -20.0, 20.0, 3e-16),
+        ("exp", -30.0, 30.0, 5e-16),
+        ("sqrt", 0.0, 9.0, 0.0),
+    ],
+)
+def test_elementary_functions_are_accurate(name, low, high, allowed):
+    tape = Tape()
+    x = np.random.default_rng(1).uniform(low, high, 20_000)
+    (found,) = evaluate(tape, [getattr(elementary, name)(tape.input())], [x])
+    wanted = getattr(np, name)(x)
+    scale = wanted if name == "exp" else np.ones_like(wanted)
+    assert np.abs((found - wanted) / scale).max() <= allowed
+
+
+def test_the_arc_tangent_is_accurate_in_all_quadrants():
+    tape, rng = Tape(), np.random.default_rng(2)
+    y, x = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-6, 6, (2, 20_000))
+    (found,) = evaluate(tape, [elementary.atan2(tape.input(), tape.input())], [y, x])
+    assert np.abs(found - np.arctan2(y, x)).max() < 1e-15
+
+
+def test_the_inverse_pivots():
+    tape, rng = Tape(), np.random.default_rng(3)
+    A = rng.normal(size=(6, 6, 500))
+    A[0, 0] = 0.0  # elimination without pivots would divide by zero
+    entries = inputs(tape, 6, 6)
+    inverse = np.array(evaluate(tape, list(np.linalg.inv(entries).flat), list(A.reshape(36, -1))))
+    wanted = np.linalg.inv(np.moveaxis(A, 2, 0))
+    error = np.abs(np.moveaxis(inverse.reshape(6, 6, -1), 2, 0) - wanted)
+    condition = np.linalg.cond(np.moveaxis(A, 2, 0))
+    assert (error.max(axis=(1, 2)) / (condition * np.abs(wanted).max(axis=(1, 2)))).max() < 1e-15
+
+
+# ---------------------------------------------------------------- laws
+
+
+LAWS = {
+    "sliding-mode": ("planar", {}),
+    "sliding-mode, late": ("planar", {"controller.force_path": {"kind": "late"}}),
+    "saturation": ("planar", {"controller.switching": {"kind": "saturation"}}),
+    "tanh": ("planar", {"controller.switching": {"kind": "tanh"}}),
+    "spatial": ("spatial", {}),
+    "zeroed": ("spatial", {"controller.zero_at_grasp": True}),
+    "redundant": ("two-pandas-box", {"controller.kind": "sliding-mode-redundant"}),
+    "payload-space": ("two-pandas-box", {}),
+    "positional": ("five-joint-pair", {}),
+}
+
+
+def law_scenario(name):
+    cell, changes = LAWS[name]
+    if name != "redundant":
+        scenario = SCENARIOS[cell]() if cell in SCENARIOS else cp.Scenario.load(cell)
+        return scenario.override(changes)
+    gains = {"pose_gain": 2.0, "sign_gain": 0.1, "damping_gain": 20.0, "transient_rate": 5.0}
+    return cp.Scenario.load(cell).replace(
+        controller={"kind": "sliding-mode-redundant", "gains": gains}, beyond_bound=True
+    )
+
+
+@pytest.mark.parametrize("name", in_tiers(LAWS, set(LAWS) - {"redundant"}))
+def test_every_law_of_control_is_traced_as_it_is(name):
+    """The traced law at random measurements against the law itself."""
+    scenario, rng = law_scenario(name), np.random.default_rng(4)
+    rows, has_path = scenario.cell.task_rows, scenario.controller.force_path.kind != "none"
+    for arm, law in build_controller(scenario).controllers.items():
+        joints = ArmModel.from_cell(scenario.cell, arm).nv
+        pose = lambda: make_pose(rng.normal(size=3), 0.3 * rng.normal(size=3))  # noqa: E731
+        values = {
+            "time": 0.3,
+            "q": rng.normal(size=joints),
+            "v": rng.normal(size=joints),
+            "payload_pose": pose(),
+            "payload_twist": rng.normal(size=rows.size),
+            "payload_jacobian": rng.normal(size=(rows.size, joints)),
+            "internal_wrench": rng.normal(size=rows.size),
+            "saturated": np.zeros(joints, dtype=bool),
+            "holding_torque": rng.normal(size=joints),
+        }
+        desired = [pose(), *rng.normal(size=(3, rows.size))]
+        tape = Tape()
+        seen = {field: inputs(tape, *np.shape(value)) for field, value in values.items()}
+        references = (
+            ArmReference(*(inputs(tape, *np.shape(value)) for value in desired)),
+            ArmReference(*desired),
+        )
+        torques = []
+        for fields, reference in zip((seen, values), references, strict=True):
+            measured = ArmMeasurement(**fields, internal_wrench_age=0.0 if has_path else np.inf)
+            measured = measured if has_path else measured._replace(internal_wrench=None)
+            later = measured._replace(time=measured.time + 0.01)
+            torques.append(law.step(later, reference, law.init(measured, reference)).torque)
+        given = [entry for value in (*values.values(), *desired) for entry in np.ravel(value)]
+        found = np.array(evaluate(tape, list(plain(torques[0]).flat), given))
+        assert np.abs(torques[1]).max() > 1e-3
+        assert_allclose(found, torques[1], rtol=0, atol=1e-12 * np.abs(torques[1]).max())
+
+
+def test_laws_use_neither_math_nor_scipy():
+    for file in Path(control.__file__).parent.glob("*.py"):
+        modules = re.findall(r"^(?:from|import) (\S+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+        assert not [module for module in modules if module.split(".")[0] in ("math", "scipy")], file.name
+
+
+# ---------------------------------------------------------------- dynamics
+
+
+@pytest.mark.parametrize("name", in_tiers(CATALOGUE))
+def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
+    """Accelerations and wrenches at random states, slightly off the closures and pushed."""
+    scenario, rng = cp.Scenario.load(name), np.random.default_rng(5)
+    chain = CellChain(scenario.cell, scenario.plant)
+    model, cell, q_start = (
+        chain.mechanism.model,
+        CellModel.from_chain(chain),
+        chain.configuration(scenario.start.matrix),
+    )
+    tape, sizes = Tape(), [len(arm.bodies) for arm in cell.arms]
+    parts = [[inputs(tape, size) for size in sizes] for _ in range(3)]
+    motion = cell_motion(SharedFunctions(), tape, cell, CellState(*parts, inputs(tape, 6)))
+    outputs = [*np.concatenate(motion.accelerations), *motion.wrenches.flat, motion.kinetic, motion.potential]
+    rows = cell.moving_rows
+    for _ in range(3):
+        near = pin.integrate(model, q_start, 0.03 * rng.normal(size=model.nv))
+        q = pin.integrate(
+            model, chain.mechanism.project_configuration(near), 1e-5 * rng.normal(size=model.nv)
+        )
+        v = chain.mechanism.project_velocity(q, rng.normal(size=model.nv)) + 1e-4 * rng.normal(size=model.nv)
+        tau, external = 20.0 * rng.normal(size=model.nv), np.zeros(6)
+        external[rows] = 10.0 * rng.normal(size=len(rows))
+        force = tau + chain.payload_jacobian(q).T @ external
+        angles = np.concatenate([arm.angles.of(q[arm.q_slice]) for arm in chain.model.arms])
+        found = np.array(evaluate(tape, outputs, [*angles, *v, *tau, *external]))
+        wanted, seen = chain.mechanism.solver.acceleration(q, v, force), chain.observe(q, v, force, external)
+        assert np.abs(found[: model.nv] - wanted).max() < 1e-10 * np.abs(wanted).max()
+        wrenches = found[model.nv : -2].reshape(-1, 6)[:, rows]
+        scale = np.abs(seen.interaction_wrenches).max()
+        assert np.abs(wrenches - seen.interaction_wrenches[:, rows]).max() < 1e-10 * scale
+        assert_allclose(found[-2:], seen.energy, rtol=0, atol=1e-10)
+
+
+# ---------------------------------------------------------------- whole runs
+
+
+DURATIONS = {True: 0.05, False: 0.02}
+"""Of whole runs in a plane and in space, s; the numpy oracle takes 0.1 s a tick."""
+
+
+def runs(name, duration, count):
+    """Scenarios that differ in a gain and in the payload's mass, with a mass drop and a push."""
+    base = cp.Scenario.load(name)
+    mass = base.cell.payload.mass
+    events = (
+        {"kind": "payload-change", "time": 0.31 * duration, "mass": 0.5 * mass},
+        {
+            "kind": "wrench-pulse",
+            "time": 0.5 * duration,
+            "duration": 0.1 * duration,
+            "wrench": (5, 2, 0, 0, 0, 0.2),
+        },
+    )
+    base = base.replace(duration=duration, events=events)
+    return [
+        base.override(
+            {"controller.gains.transient_rate": 4.0 + k, "cell.payload.mass": (1.0 + 0.1 * k) * mass}
+        )
+        for k in range(count)
+    ]
+
+
+@pytest.mark.parametrize("name", in_tiers(CATALOGUE))
+def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
+    scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.all()
+    found, wanted = batch.result(1), cp.run(scenarios[1])
+    assert set(found.data.variables) == set(wanted.data.variables)
+    for variable, array in wanted.data.variables.items():
+        values = found.data[variable].values
+        assert values.shape == array.shape
+        assert values.dtype == array.dtype
+        if values.dtype.kind != "f":
+            assert_array_equal(values, array.values)
+            continue
+        scale = max(1.0, np.nanmax(np.abs(array.values), initial=0.0))
+        assert_allclose(values, array.values, rtol=0, atol=1e-9 * scale, err_msg=variable)
+    numbers = {key: value for key, value in wanted.metrics().items() if np.isfinite(value)}
+    assert len(numbers) > 5
+    for key, value in numbers.items():
+        assert found.metrics()[key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
+    scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
+    program, uniforms, block, loads = assemble(prepare(scenarios))
+    records = []
+    for machine in (
+        LlvmMachine(program, 8),
+        LlvmMachine(program, 4),
+        LlvmMachine(program, 1),
+        NumpyMachine(program),
+    ):
+        records.append(machine.run(block.copy(), uniforms, loads))
+        assert_array_equal(records[-1], records[0])
+    two = LlvmMachine(program, 8).run(block[:, [0, 2]], uniforms, loads[:, :, [0, 2]])
+    assert_array_equal(two, records[0][:, :, [0, 2]])
+    assert np.isfinite(records[0]).all()
+    assert np.ptp(records[0][-1], axis=1).max() > 0.0
+
+
+def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
+    """One more of them diverges: it is not valid, and the others do not notice."""
+    base = cp.Scenario.load("adept-anchored").replace(duration=0.1, events=())
+    scenarios = [
+        base.override(
+            {
+                "motion.constant": [0.4 + 0.01 * k, 0.03, 0.0],
+                "start.xyz": [0.6, 0.14 + 0.01 * k, 0.0],
+                "cell.arms.left.friction.coulomb": 0.01 * k,
+                "squeeze": {"left": [-10.0 - k, 0, 0, 0, 0, 0], "right": [10.0 + k, 0, 0, 0, 0, 0]},
+                "cell.arms.right.calibration_error": {"tip": {"xyz": [1e-4 * (1 + k), 0.0, 0.0]}},
+            }
+        )
+        for k in range(2)
+    ]
+    scenarios.append(base.override({"controller.gains.sliding_gain": 1e7}))
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.tolist() == [True, True, False]
+    with pytest.raises(cp.CoopPinError):
+        cp.run(scenarios[2])
+    for index in (0, 1):
+        wanted = cp.run(scenarios[index]).data
+        for name in ("configuration", "torque", "internal_wrench", "seen_pose_error"):
+            assert_allclose(batch.result(index).data[name], wanted[name], rtol=0, atol=1e-9)
+    assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
+
+
+@pytest.mark.slow
+def test_late_and_filtered_wrenches_saturation_and_sparse_records():
+    scenario = cp.Scenario.load("adept-anchored").replace(duration=0.15, events=())
+    scenario = scenario.override(
+        {
+            "controller.force_path": {"kind": "low-pass", "pole": 0.5, "delay": 2},
+            "controller.gains.anchor_gain": 0.05,
+            "cell.arms.left.torque_limits": [3.0, 3.0, 0.5],
+            "clock.record_every": 5,
+        }
+    )
+    found, wanted = simulate_batch([scenario]).result(0).data, cp.run(scenario).data
+    assert wanted["saturated"].any()
+    assert np.isfinite(wanted["measured_internal_wrench_age"]).any()
+    for name, array in wanted.data_vars.items():
+        if array.dtype.kind == "f":
+            assert_allclose(found[name], array, rtol=0, atol=1e-9, err_msg=name)
+        else:
+            assert_array_equal(found[name], array)
+
+
+def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr("coop_pin.arrays.free_memory", lambda: 1_000_000)
+    scenario = cp.Scenario.load("adept-paper").replace(duration=0.05, events=())
+    with pytest.raises(NotEnoughMemoryError):
+        simulate_batch([scenario] * 100, machine=NumpyMachine)
+
+
+# ---------------------------------------------------------------- support
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"plant.payload": "free"}, "free"),
+        ({"plant.integrator": "semi-implicit-euler"}, "semi-implicit-euler"),
+        ({"plant.project": "step"}, "step"),
+        ({"actuators.lag": 0.01}, "lag"),
+        ({"actuators.rate_limit": 100.0}, "rate"),
+        ({"actuators.missed_ticks": 0.1}, "missed"),
+        ({"actuators.torque_lost_at": 0.1}, "loss"),
+        ({"actuators.gravity_compensation": {}}, "gravity"),
+        ({"sensors.encoder.noise": 1e-5}, "encoders"),
+        ({"sensors.wrist": {}}, "wrist"),
+    ],
+)
+def test_what_cannot_run_in_a_batch_is_said_in_words(changes, word):
+    scenario = cp.Scenario.load("adept-paper")
+    assert support(scenario) is None
+    scenario = scenario.override(changes)
+    assert word in support(scenario)
+    with pytest.raises(ArgumentError, match=word):
+        simulate_batch([scenario])
+
+
+def test_scenarios_that_differ_in_more_than_numbers_are_refused():
+    base = cp.Scenario.load("adept-paper").replace(duration=0.1, events=())
+    for change in ({"duration": 0.2}, {"controller.switching": {"kind": "tanh"}}, {"clock.rate_hz": 100.0}):
+        with pytest.raises(ArgumentError, match=r"scenarios\[1\]"):
+            simulate_batch([base, base.override(change)], machine=NumpyMachine)
+    with pytest.raises(ArgumentError):
+        simulate_batch([])
+
+
+def small_program():
+    lanes, uniforms = Layout(), Layout()
+    lanes.add("x", 2)
+    uniforms.add("h")
+    kernel = Kernel("advance", lanes, uniforms)
+    x = kernel.read("x")
+    kernel.write("x", [x[0] + kernel.uniform("h") * x[1], np.exp(x[1])])
+    return Program([kernel], lanes, 2, 0, [Instruction(0, 0), Instruction(RECORD, 0)])
+
+
+def run_small_program():
+    block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
+    record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))
+    assert_allclose(record[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
+
+
+def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
+    block = np.vstack((np.arange(11.0), 0.3 * np.arange(11.0)))
+    machines = [
+        NumpyMachine(small_program()),
+        *(LlvmMachine(small_program(), width) for width in (1, 2, 4, 8)),
+    ]
+    records = [machine.run(block.copy(), np.array([[0.1]]), np.zeros((1, 0, 11))) for machine in machines]
+    for record in records:
+        assert_array_equal(record, records[0])
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """The folder and the file of the small program's code."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    run_small_program()
+    (file,) = (tmp_path / "coop_pin" / "compiled").iterdir()
+    return file
+
+
+def test_compiled_code_is_kept(kept, monkeypatch):
+    assert kept.stat().st_mode & 0o777 == 0o600
+    assert kept.parent.stat().st_mode & 0o777 == 0o700
+    monkeypatch.setattr("llvmlite.binding.TargetMachine.emit_object", None)
+    run_small_program()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda file: file.write_bytes(file.read_bytes()[:-100]),
+        lambda file: file.write_bytes(b""),
+        lambda file: file.write_bytes(file.read_bytes()[:-1] + b"?"),
+        lambda file: file.chmod(0o660),  # others may have written it
+        lambda file: (file.unlink(), file.mkdir()),
+    ],
+    ids=["truncated", "empty", "changed", "writable by a group", "a folder"],
+)
+def test_code_that_is_damaged_or_may_be_anothers_is_compiled_again(spoil, kept, monkeypatch):
+    spoil(kept)
+    compiled, emit = [], llvm.TargetMachine.emit_object
+    monkeypatch.setattr(llvm.TargetMachine, "emit_object", lambda *args: compiled.append(args) or emit(*args))
+    run_small_program()
+    assert len(compiled) == 1
+    run_small_program()
+    assert len(compiled) == (2 if kept.is_dir() else 1)
+
+
+def test_code_under_the_name_of_another_program_is_not_run(kept):
+    program = small_program()
+    program.kernels[0].write("x", [1.0, 2.0])
+    other = LlvmMachine(program).run(np.zeros((2, 1)), np.array([[0.5]]), np.zeros((1, 0, 1)))
+    (file,) = set(kept.parent.iterdir()) - {kept}
+    kept.write_bytes(file.read_bytes())
+    assert_array_equal(other[0], [[1.0], [2.0]])
+    run_small_program()
+
+
+def test_a_cache_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    run_small_program()
+
+
+@pytest.mark.slow
+def test_programs_that_are_compiled_at_the_same_time_keep_one_whole_file(kept):
+    kept.unlink()
+    script = "from test_batch import run_small_program; run_small_program()"
+    folders = os.pathsep.join((str(Path(__file__).parent), *sys.path))
+    started = [
+        subprocess.Popen([sys.executable, "-c", script], env={**os.environ, "PYTHONPATH": folders})
+        for _ in range(3)
+    ]
+    assert [process.wait(timeout=120.0) for process in started] == [0, 0, 0]
+    assert list(kept.parent.iterdir()) == [kept]
+
+
+def test_without_llvmlite_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    with pytest.raises(MissingExtraError) as caught:
+        LlvmMachine(small_program())
+    assert caught.value.extra == "fast"
+    for file in Path(batch_package.__file__).parent.glob("*.py"):
+        assert not re.search(r"^(import|from) llvmlite", file.read_text(encoding="utf-8"), re.MULTILINE)

@@ -1,0 +1,198 @@
+"""Comparison of controllers: three controllers in two cells under four trials, resumed, and a stranger's."""
+
+import numpy as np
+import pytest
+from cells import ANCHORED, SCENARIOS
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.cli import main
+from coop_pin.comparison import Trial, benchmark_scenario, controller_names, controllers_for, standard_trials
+from coop_pin.comparison.controllers import stored_gains, tuned_ranges
+from coop_pin.comparison.measures import measures, tuning_cost
+from coop_pin.comparison.trials import changes_of
+from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.figures import comparison_figure
+from coop_pin.model_based import ArmDynamics
+
+CONTROLLERS = ("printed", "anchored", "computed-torque")
+TRIALS = ("nominal", "mass x2", "bias 1 mm", "noise")
+SHORT = 0.3
+
+
+@pytest.fixture(scope="module")
+def scenarios():
+    found = [SCENARIOS[name]().replace(controller=ANCHORED[name], name=name) for name in SCENARIOS]
+    return [scenario.override({"clock.steps_per_tick": 1, "events": []}) for scenario in found]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("compare")
+
+
+def run(scenarios, folder):
+    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True}
+    return cp.compare(scenarios, CONTROLLERS, TRIALS, out=folder, **quick)
+
+
+@pytest.fixture(scope="module")
+def table(scenarios, folder):
+    return run(scenarios, folder)
+
+
+def test_every_cell_says_how_many_runs_how_many_trustworthy_and_its_interval(table):
+    data = table.data
+    assert dict(data.sizes) == {"scenario": 2, "controller": 3, "trial": 4}
+    assert data.trial.values.tolist() == list(TRIALS)
+    random = np.array([name == "noise" for name in TRIALS])
+    assert_allclose(data.runs.values, np.broadcast_to(np.where(random, 2, 1), data.runs.shape))
+    assert (data.finished <= data.runs).all()
+    assert (data.trustworthy <= data.finished).all()
+    low, middle, high = (data[f"tracking_rms_mm{end}"] for end in ("_low", "", "_high"))
+    assert ((low <= middle) & (middle <= high)).all()
+    assert (high > low).sel(trial="noise").any()
+    assert_allclose((high - low).sel(trial="nominal"), 0.0)
+
+
+def test_a_cell_is_the_run_that_it_names(table, scenarios):
+    """The same run by itself, judged by the definition of the measure."""
+    scenario = benchmark_scenario(scenarios[0], SHORT)
+    changes = standard_trials(scenario)["bias 1 mm"].changes
+    controller = controllers_for(scenarios[0], ["anchored"])["anchored"]
+    result = cp.run(scenario, {"controller": controller} | changes)
+    late = result.data.time.values >= 0.4 * SHORT - 1e-9
+    position = 1e3 * np.linalg.norm(result.data.pose_error.values[late, :3], axis=1)
+    cell = table.data.sel(scenario=scenarios[0].name, controller="anchored", trial="bias 1 mm")
+    assert_allclose(cell.tracking_rms_mm, np.sqrt(np.mean(position**2)), rtol=1e-12)
+
+
+@pytest.mark.usefixtures("table")
+def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folder, monkeypatch):
+    before = (folder / "comparison.csv").read_bytes()
+    monkeypatch.setattr("coop_pin.run_scenario.simulate", None)
+    run(scenarios, folder)
+    assert (folder / "comparison.csv").read_bytes() == before
+
+
+def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
+    ranks = table.ranks("tracking_rms_mm")
+    values = table.data.tracking_rms_mm.transpose("controller", "scenario", "trial").values.reshape(3, -1)
+    rank_of = [[np.sum(column < x) + (np.sum(column == x) + 1) / 2 for x in column] for column in values.T]
+    expected = np.array(rank_of)
+    assert_allclose(ranks.loc[list(CONTROLLERS), "rank"], expected.mean(axis=0))
+    assert ((ranks["low"] <= ranks["rank"]) & (ranks["rank"] <= ranks["high"])).all()
+    with pytest.raises(NameNotFoundError):
+        table.ranks("speed")
+
+
+def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder):
+    page = (folder / "comparison.html").read_text()
+    assert page.count("<tr") == 1 + table.table.shape[0]
+    assert "http" not in page
+    figure = comparison_figure(table, "planar")
+    front, ranks, tracking, force = figure.axes[:4]
+    assert len(front.lines) == len(CONTROLLERS)
+    assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
+    assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
+    with pytest.raises(FieldError):
+        comparison_figure(table, "nowhere")
+
+
+def test_a_model_knows_nothing_of_the_trials(scenarios):
+    """Masses change by an event, friction behind the model's back."""
+    scenario = benchmark_scenario(scenarios[1], SHORT)
+    trials = standard_trials(scenario)
+    assert not any("payload.mass" in path for trial in trials.values() for path in trial.changes)
+    arm = next(iter(scenario.cell.arms))
+    controller = controllers_for(scenario, ["computed-torque"])["computed-torque"]
+    nominal = ArmDynamics(scenario, arm).parameters()[0]
+    for name in ("friction x0", "friction x3", "mass x2"):
+        changed = scenario.override(changes_of(scenario, trials[name], controller))
+        known = ArmDynamics(changed, arm, changed.controller.options["model"]).parameters()[0]
+        assert_allclose(known, nominal, rtol=1e-9)
+        truth = ArmDynamics(changed, arm).parameters()[0]
+        assert (name == "mass x2") == np.allclose(truth, nominal)
+
+
+def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenarios, tmp_path, monkeypatch):
+    (tmp_path / "strange_law.py").write_text(STRANGE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    stiff = {"kind": "user", "target": "strange_law:Spring", "options": {"k": 1e9}}
+    own = {"mine": "strange_law:Spring", "stiff": stiff}
+    found = cp.compare(
+        scenarios[0],
+        own,
+        {"calm": {}, "tilted": Trial({"cell.gravity": [1.0, 0.0, 0.0]})},
+        out=tmp_path / "out",
+        duration=SHORT,
+        workers=0,
+        quiet=True,
+    )
+    assert found.data.finished.sel(controller="mine").values.tolist() == [[1, 1]]
+    assert found.data.finished.sel(controller="stiff").values.tolist() == [[0, 0]]
+    assert np.isinf(found.data.tracking_rms_mm.sel(controller="stiff")).all()
+    assert found.table.shape[0] == 4
+
+
+STRANGE = """
+import numpy as np
+import coop_pin as cp
+
+class Spring(cp.ArmController):
+    def __init__(self, scenario, arm, k=300.0):
+        self.rows, self.k = scenario.cell.task_rows, k
+    def init(self, measurement, reference):
+        return None
+    def step(self, measurement, reference, state):
+        error = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        return cp.ArmCommand(-measurement.payload_jacobian.T @ (self.k * error), state)
+"""
+
+
+def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys):
+    words = ["compare", "adept-anchored", "--controllers", "payload-pd", "--trials", "nominal", "push"]
+    words += ["--duration", "0.3", "--out", str(tmp_path), "--workers", "0"]
+    assert main(words) == 0
+    assert "payload-pd" in capsys.readouterr().out
+    for name in ("comparison.csv", "comparison.html", "adept-anchored/comparison.png"):
+        assert (tmp_path / name).stat().st_size > 300
+    assert main([*words, "--list"]) == 0
+    assert "push" in capsys.readouterr().out
+
+
+def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
+    for controllers, trials in ((["printd"], None), (["printed"], ["nominel"])):
+        with pytest.raises(NameNotFoundError):
+            cp.compare(scenarios, controllers, trials, out=tmp_path, quiet=True)
+    with pytest.raises(FieldError):
+        cp.compare(scenarios, {"mine": 3}, out=tmp_path, quiet=True)
+
+
+def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
+    names = set(controller_names())
+    for scenario in cp.scenario_names():
+        for controller, gains in stored_gains(scenario).items():
+            ranges = tuned_ranges(controller)
+            assert controller in names
+            assert set(gains) == set(ranges)
+            assert all(ranges[field][0] <= value <= ranges[field][1] for field, value in gains.items())
+
+
+def test_the_cost_of_a_search_counts_the_run_with_and_without_noise(scenarios):
+    scenario = benchmark_scenario(scenarios[0], SHORT)
+    noisy = cp.run(scenario, standard_trials(scenario)["noise"].changes)
+    both = [measures(result) for result in (noisy, cp.run(scenario))]
+    wanted = sum(m["tracking_rms_mm"] + np.hypot(m["axial_rms_N"], m["shear_rms_N"]) for m in both)
+    assert_allclose(tuning_cost(noisy)["cost"], wanted, rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
+def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
+    """Planar, redundant and with three arms: nominal, half a second."""
+    names = [entry for entry in controller_names() if entry != "torque-qp"]
+    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=0.5, workers=0, quiet=True)
+    print(found.summary())
+    assert (found.data.finished == 1).all()
+    assert (found.data.tracking_rms_mm < 100.0).all()
