@@ -374,6 +374,15 @@ def test_formulations_have_their_solvers_and_anything_else_is_refused():
         ClosedChain(model, closures, formulation=np.array(["kkt", "auto"]))
 
 
+def test_rows_that_the_proximal_solver_can_express():
+    kinds = {
+        rows: ProximalSolver.can_solve([Closure("a", "b"), Closure("a", "b", rows)])
+        for rows in ("full", "point", "planar", "axis", (False, False, False, True, True, True))
+    }
+    assert [rows for rows, can in kinds.items() if can] == ["full", "point"]
+    assert ProximalSolver.can_solve([])
+
+
 def test_the_kkt_solver_has_no_wrenches_before_its_first_solution():
     chain = kkt_of(chain_of(("planar", "welded"))[0].mechanism)
     assert chain.solver.wrenches().tolist() == [[0.0] * 6]

@@ -196,3 +196,10 @@ def test_a_search_starts_from_the_posture_from_twelve_around_it_and_from_seeds(s
     search(arm, start, posture=posture + 0.0123)
     assert len(starts) == 1 + 12 + seeds
     np.testing.assert_array_equal(starts[0], posture + 0.0123)
+
+
+def test_a_solution_is_remembered_for_every_model_of_the_same_arm(monkeypatch):
+    (arm, start, posture), (same, _, _) = arm_of("planar", "left"), arm_of("planar", "left")
+    first = solve_ik(arm, start, posture=posture + 0.0321)
+    monkeypatch.setattr(IKSolver, "solve", lambda *_: pytest.fail("solved again"))
+    np.testing.assert_array_equal(solve_ik(same, start, posture=posture + 0.0321), first)

@@ -77,6 +77,8 @@ def test_a_motion_of_a_billion_steps_is_refused():
 def test_a_time_grid_needs_its_times_and_what_goes_with_them(monkeypatch):
     """Five times of eight bytes, each with 92 more."""
     assert time_grid(1.0, 0.25, 92).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert 0.07 / 0.01 > 7.0  # by rounding
+    np.testing.assert_allclose(time_grid(0.07, 0.01, 92), np.linspace(0.0, 0.07, 8), rtol=1e-14)
     monkeypatch.setattr(arrays, "free_memory", lambda: 0)
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         time_grid(1.0, 0.25, 92)

@@ -21,7 +21,8 @@ from coop_pin.spatial import (
     shift_wrench,
     task_rows,
 )
-from coop_pin.spatial.pose import log3, quaternions
+from coop_pin.spatial.pose import log3, quaternions, weight_wrench
+from coop_pin.spatial.scalars import atan2, exp, inverse, require_less, sqrt, where
 from coop_pin.spatial.task_rows import joint_shortage
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
@@ -195,6 +196,49 @@ def test_bad_values_are_refused_by_argument_name():
     assert (finite.value.name, finite.value.index) == ("rpy", (1,))
 
 
+@pytest.mark.parametrize(
+    ("function", "of_numpy", "arguments"),
+    [(exp, np.exp, (0.7,)), (sqrt, np.sqrt, (0.7,)), (atan2, np.arctan2, (0.3, -0.7))],
+    ids=["exp", "sqrt", "atan2"],
+)
+def test_functions_of_scalars_keep_floats_and_take_arrays(function, of_numpy, arguments):
+    """A float of Python costs a tenth of numpy's."""
+    assert type(function(*arguments)) is float
+    assert_allclose(function(*arguments), of_numpy(*arguments), rtol=1e-15)
+    arrays = [np.array((value, 2.0 * value)) for value in arguments]
+    assert_array_equal(function(*arrays), of_numpy(*arrays))
+    assert_array_equal(function(arrays[0], *arguments[1:]), of_numpy(arrays[0], *arguments[1:]))
+    assert_array_equal(function(*arguments[:-1], arrays[-1]), of_numpy(*arguments[:-1], arrays[-1]))
+
+
+def test_where_chooses_numbers_and_tuples_and_rows():
+    assert (where(True, 1.0, 2.0), where(False, 1.0, 2.0), where(False, (1, 2), (3, 4))) == (1.0, 2.0, (3, 4))
+    assert_array_equal(where(np.array((True, False)), 1.0, np.array((2.0, 3.0))), (1.0, 3.0))
+
+
+def test_an_inverse_comes_with_its_condition_number():
+    A = np.array([[2.0, 1.0], [0.5, 3.0]])
+    found, condition = inverse(A)
+    assert_allclose(found @ A, np.eye(2), atol=1e-15)
+    assert_allclose(condition, np.linalg.norm(A) * np.linalg.norm(np.linalg.inv(A)), rtol=1e-14)
+    found, condition = inverse(np.ones((2, 2)))
+    assert (found.tolist(), condition) == ([[np.inf] * 2] * 2, np.inf)
+
+
+@pytest.mark.parametrize(("value", "is_refused"), [(1.0, False), (3.0, True), (np.nan, True)])
+def test_what_is_not_less_than_its_limit_is_refused_with_the_value(value, is_refused):
+    if not is_refused:
+        require_less(value, 2.0, ValueError)
+        return
+    with pytest.raises(ValueError, match="3" if value == 3.0 else "nan") as caught:
+        require_less(value, 2.0, ValueError)
+    assert type(caught.value.args[0]) is float
+
+
+def test_a_weight_is_mass_times_gravity_without_a_moment():
+    assert weight_wrench(2.0, (1, -3, -9.5)).tolist() == [2.0, -6.0, -19.0, 0.0, 0.0, 0.0]
+
+
 def test_a_pose_without_an_orientation_is_a_translation():
     X = make_pose((1.0, 2.0, 3.0))
     assert np.array_equal(X[:3, :3], np.eye(3))
@@ -231,7 +275,8 @@ def test_an_arm_with_too_few_joints_is_told_of_fewer_rows_if_three_would_do(join
 def test_log3_is_the_rotation_vector_at_all_angles(angle):
     """Against scipy's, which goes through a normalised quaternion."""
     rng = np.random.default_rng(5)
-    for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3)]:
+    diagonals = 1.0 - np.eye(3)
+    for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3), *diagonals, *-diagonals]:
         vector = angle * direction / np.linalg.norm(direction)
         assert_allclose(
             log3(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=0, atol=1e-15 * (1 + angle)

@@ -384,9 +384,9 @@ def test_a_torque_cut_of_the_allowed_time_is_borne(at_once):
 
 @pytest.mark.parametrize("at_once", [True, False])
 def test_energy_may_be_off_by_a_share_of_all_work_done_and_of_all_lifting(at_once):
-    """Each work counts by its amount; allowed are 0.5, 0.7, 0.8, 1.1, 1.4 and 1.4 J."""
-    works = {"work_actuation": [10, 11, 12, 12, 12, 12], "work_friction": [-1, -2, -2, -2, -2, -2]}
-    lifted, off = np.array([0, 0, 0, 3, 0, 0]), np.array([0.0, 0.69, 0.81, 1.0, 2.0, 1.9])
+    """Works count by amount; allowed are 0.5, 0.7, 0.8, 1.1, 1.4 and 1.5 J; worst is the most beyond."""
+    works = {"work_actuation": [10, 11, 12, 12, 12, 13], "work_friction": [-1, -2, -2, -2, -2, -2]}
+    lifted, off = np.array([0, 0, 0, 3, 0, 0]), np.array([0.0, 0.69, 0.81, 1.0, 2.0, 2.05])
     kinetic = 5.0 + off - lifted + np.sum(list(works.values()), axis=0)
     found = found_by_hand(kinetic_energy=kinetic, potential_energy=lifted, at_once=at_once, **works)
     assert [breach[:3] for breach in found] == [("energy", "", "")] * (1 if at_once else 3)
