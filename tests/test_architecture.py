@@ -108,6 +108,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "analysis",
             "chain",
+            "control",
             "description",
             "model",
             "results",

@@ -23,7 +23,7 @@ from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMach
 from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.numpy_emitter import evaluate
 from coop_pin.batch.preparation import prepare
-from coop_pin.batch.simulate import assemble
+from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.batch.tape import Tape
 from coop_pin.batch.traced_array import inputs, plain, traced
 from coop_pin.batch.tree import SharedFunctions
@@ -296,7 +296,9 @@ def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
     scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
-    program, uniforms, block, loads = assemble(prepare(scenarios))
+    prepared = prepare(scenarios)
+    code = BatchSimulator()._code(prepared)
+    program, uniforms, (block, loads) = code.program, code.uniforms, code.begin(prepared)
     records = []
     for machine in (
         LlvmMachine(program, 8),
@@ -310,6 +312,21 @@ def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
     assert_array_equal(two, records[0][:, :, [0, 2]])
     assert np.isfinite(records[0]).all()
     assert np.ptp(records[0][-1], axis=1).max() > 0.0
+
+
+@pytest.mark.slow
+def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_other():
+    scenarios = runs("adept-paper", 0.05, count=3)
+    simulator = BatchSimulator(machine=NumpyMachine)
+    whole, code = simulator.run(scenarios).samples, simulator._program
+    alone = simulator.run(scenarios[2:]).samples  # numbers that were inputs stay inputs
+    assert simulator._program is code
+    folded = BatchSimulator(machine=NumpyMachine).run(scenarios[2:]).samples  # no number is an input
+    for name, values in folded.items():
+        assert_array_equal(values[0], whole[name][2], err_msg=name)
+        assert_array_equal(alone[name], values, err_msg=name)
+    simulator.run([scenario.override({"controller.gains.damping_gain": 31.0}) for scenario in scenarios])
+    assert simulator._program is not code
 
 
 def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():

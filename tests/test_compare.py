@@ -7,7 +7,14 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.cli import main
-from coop_pin.comparison import Trial, benchmark_scenario, controller_names, controllers_for, standard_trials
+from coop_pin.comparison import (
+    Trial,
+    benchmark_scenario,
+    controller_names,
+    controllers_for,
+    standard_trials,
+    tick_costs,
+)
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures, tuning_cost
 from coop_pin.comparison.trials import changes_of
@@ -187,12 +194,21 @@ def test_the_cost_of_a_search_counts_the_run_with_and_without_noise(scenarios):
     assert_allclose(tuning_cost(noisy)["cost"], wanted, rtol=1e-12)
 
 
+def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
+    names = ["payload-pd", "computed-torque", "leader-follower", "adaptive-verginis"]
+    table = tick_costs(scenarios[0], names)
+    assert table.loc["payload-pd", "ratio"] == 1.0
+    assert table.loc["computed-torque", "ratio"] > 1.0
+    wanted = ["nothing", "model, internal wrench", "own wrench, role", "regressor"]
+    assert table["needs"].tolist() == wanted
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
 def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
-    """Planar, redundant and with three arms: nominal, half a second."""
+    """Planar, redundant and with three arms: nominal, 1 s at rest and 1 s in motion."""
     names = [entry for entry in controller_names() if entry != "torque-qp"]
-    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=0.5, workers=0, quiet=True)
+    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=2.0, workers=0, quiet=True)
     print(found.summary())
     assert (found.data.finished == 1).all()
     assert (found.data.tracking_rms_mm < 100.0).all()

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start
+from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start, with_laws
 from coop_pin.batch.support import support
-from coop_pin.batch.tree import structure
+from coop_pin.batch.tree import leaves, structure
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
@@ -31,6 +31,8 @@ class Prepared(NamedTuple):
         constants: numbers of each.
         starts: of each.
         references: X_WP_d, V_WP_d, A_WP_d and squeeze at all ticks, shape (runs, ticks + 1, 28 + 6 m).
+        values: leaves of the constants, shape (runs, leaves).
+        kind: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
@@ -38,35 +40,45 @@ class Prepared(NamedTuple):
     constants: Sequence[RunConstants]
     starts: Sequence[Start]
     references: Array
+    values: Array
+    kind: Hashable
 
 
 def prepare(scenarios: Sequence[Scenario]) -> Prepared:
-    """Return plants, numbers and references of all runs; those of equal plants are shared."""
-    runs: list[Simulation] = []
-    constants: list[RunConstants] = []
-    starts: list[Start] = []
-    references: list[Array] = []
-    first = scenarios[0]
+    """Return plants, numbers and references of all runs; those of equal plants are shared.
+
+    Raises:
+        ArgumentError: a scenario cannot run in a batch, or they differ in more than numbers.
+    """
+    first, runs = scenarios[0], list[Simulation]()
+    constants, starts, references = list[RunConstants](), list[Start](), list[Array]()
     for scenario in scenarios:
-        run = runs[0] if runs and _same_plant(scenario, first) else None
-        if run is None:
-            if reason := support(scenario):
-                raise ArgumentError(f"{scenario.name!r} cannot run in a batch: {reason}")
-            run = Simulation(scenario, build_controller(scenario))
-        is_new = not runs or run is not runs[0]
+        if runs and _same_plant(scenario, first):
+            runs.append(runs[0])
+            constants.append(with_laws(constants[0], scenario))
+            starts.append(starts[0])
+            references.append(references[0])
+            continue
+        if reason := support(scenario):
+            raise ArgumentError(f"{scenario.name!r} cannot run in a batch: {reason}")
+        run = Simulation(scenario, build_controller(scenario))
         runs.append(run)
         constants.append(run_constants(scenario, run))
-        starts.append(start(scenario, run) if is_new else starts[0])
-        references.append(_references(run) if is_new else references[0])
-        if _kind(scenario, constants[-1]) != _kind(first, constants[0]):
-            raise ArgumentError(f"scenarios[{len(runs) - 1}] differs from the first in more than numbers")
-    return Prepared(scenarios, runs, constants, starts, np.array(references))
+        starts.append(start(scenario, run))
+        references.append(_references(run))
+    kinds = list(map(_kind, scenarios, constants))
+    for index, kind in enumerate(kinds):
+        if kind != kinds[0]:
+            raise ArgumentError(f"scenarios[{index}] differs from the first in more than numbers")
+    values = np.array([leaves(tree) for tree in constants], dtype=np.float64)
+    return Prepared(scenarios, runs, constants, starts, np.array(references), values, kinds[0])
 
 
 def _same_plant(scenario: Scenario, other: Scenario) -> bool:
     fields = set(Scenario.model_fields) - _NO_DIFFERENCE
-    same_path = scenario.controller.force_path == other.controller.force_path
-    return same_path and all(getattr(scenario, name) == getattr(other, name) for name in fields)
+    law, other_law = scenario.controller, other.controller
+    same_kind = type(law) is type(other_law) and law.force_path == other_law.force_path
+    return same_kind and all(getattr(scenario, name) == getattr(other, name) for name in fields)
 
 
 def _kind(scenario: Scenario, constants: RunConstants) -> Hashable:

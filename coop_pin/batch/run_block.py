@@ -78,7 +78,7 @@ class RunBlock:
             *(("q", N), ("v", N), ("work", 3), ("payload_energy",), ("torque", N), ("commanded", N)),
             *(("saturated", N), ("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
             *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
-            *(("external", 6), ("measured", m, k_0)),
+            *(("external", 6), ("measured", m, k_0), ("seen_poses", m, 4, 4), ("jacobians", k_0 * N)),
         ):
             lanes.add(str(name), *sizes)
         self.recorded = lanes.size

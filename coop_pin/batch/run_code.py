@@ -102,9 +102,8 @@ class RunCode:
         references = self._block.arm_references(kernel)
         states = rebuilt(self._state, iter(kernel.read("law")))
         commanded, torques, saturated, forces, after = [], [], [], [], []
-        for arm, seen, reference, state in zip(
-            constants.arms, self._measurements(kernel, constants, False), references, states, strict=True
-        ):
+        measurements = self._measurements(kernel, constants, False)
+        for arm, seen, reference, state in zip(constants.arms, measurements, references, states, strict=True):
             command = arm.law.step(seen, reference, state)
             asked = traced(command.torque)
             torque = np.minimum(np.maximum(asked, -arm.limit), arm.limit)
@@ -113,6 +112,8 @@ class RunCode:
             saturated.append(np.not_equal(torque, asked))
             forces.append(arm.drive.T.dot(torque))
             after.append(command.state)
+        kernel.write("seen_poses", np.stack([seen.payload_pose for seen in measurements]))
+        kernel.write("jacobians", np.concatenate([seen.payload_jacobian.ravel() for seen in measurements]))
         kernel.write("commanded", np.concatenate(commanded))
         kernel.write("torque", np.concatenate(torques))
         kernel.write("saturated", np.concatenate(saturated))

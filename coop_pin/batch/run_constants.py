@@ -131,6 +131,14 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     return RunConstants(CellModel.from_chain(run.plant.chain), arms, pole, instants(scenario, run))
 
 
+def with_laws(constants: RunConstants, scenario: Scenario) -> RunConstants:
+    """Return the numbers of a run with the same plant under the laws of another scenario."""
+    controller = build_controller(scenario)
+    assert isinstance(controller, DecentralisedController)
+    arms = zip(constants.arms, controller.controllers.values(), strict=True)
+    return constants._replace(arms=tuple(arm._replace(law=law) for arm, law in arms))
+
+
 def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> ArmConstants:
     """Return the numbers of one arm.
 

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
-from coop_pin.batch.numpy_emitter import evaluate
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.run_constants import ArmConstants
-from coop_pin.batch.serial_arm import Frames, frames, payload_jacobian
-from coop_pin.batch.tape import Tape
-from coop_pin.batch.traced_array import inputs, plain
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
@@ -24,8 +18,6 @@ from coop_pin.simulation.plant import CHANNELS
 
 def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
     """Return the recorded quantities of all runs, shape (runs, samples, ...).
-
-    The condition numbers of the Jacobians are worked out where they are asked for: jacobian_conditions.
 
     Args:
         prepared: the batch.
@@ -73,43 +65,20 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         "drive_velocity": _per_joint(drive_velocities),
         "joint_position": _per_joint(angles),
         "joint_velocity": _per_joint(velocities),
+        "jacobian_condition": _conditions(field("jacobians"), scenario.cell.task_rows.size, places),
     }
     names = {quantity.name for quantity in quantities(scenario)}
     if "seen_pose" in names:
-        found["seen_pose"] = _seen_poses(prepared, angles)
+        found["seen_pose"] = field("seen_poses")
     if "measured_internal_wrench" in names:
         found |= _measured(scenario, kept, field("measured"))
     return found
 
 
-def jacobian_conditions(prepared: Prepared, index: int, joint_position: Array) -> Array:
-    """Return the condition number of each arm's payload Jacobian at the samples of a run, (samples, m)."""
-    rows, found = prepared.scenarios[0].cell.task_rows, []
-    for arm, angles in zip(prepared.constants[index].arms, np.moveaxis(joint_position, 1, 0), strict=True):
-        J = _seen(arm, angles[:, : len(arm.drive)], lambda seen: payload_jacobian(seen.S, seen.p_WP))
-        found.append(np.linalg.cond(J[:, list(rows.indices)] @ arm.to_joints))
-    return np.stack(found, axis=1)
-
-
-def _seen_poses(prepared: Prepared, angles: list[Array]) -> Array:
-    """Return the payload poses that each arm's own kinematics see, shape (runs, samples, m, 4, 4)."""
-    poses = np.zeros((*angles[0].shape[:2], len(angles), 4, 4))
-    poses[..., 3, 3] = 1.0
-    for run, constants in enumerate(prepared.constants):
-        for column, (arm, own) in enumerate(zip(constants.arms, angles, strict=True)):
-            poses[run, :, column, :3] = _seen(
-                arm, own[run], lambda seen: np.concatenate((seen.R_WP, seen.p_WP[:, None]), axis=1)
-            )
-    return poses
-
-
-def _seen(arm: ArmConstants, angles: Array, quantity: Callable[[Frames], Any]) -> Array:
-    """Return a quantity of an arm's own kinematics at each of the joint positions, shape (samples, n)."""
-    tape = Tape()
-    wanted = plain(quantity(frames(arm.seen, inputs(tape, angles.shape[1]))))
-    values = evaluate(tape, list(wanted.flat), list(angles.T))
-    columns = [np.broadcast_to(value, len(angles)) for value in values]
-    return np.stack(columns, axis=1).reshape(len(angles), *wanted.shape)
+def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Array:
+    """Return the condition number of each arm's payload Jacobian, shape (runs, samples, m)."""
+    parts = np.split(jacobians, rows * np.cumsum([len(place.drive) for place in places])[:-1], axis=2)
+    return np.stack([np.linalg.cond(part.reshape(*part.shape[:2], rows, -1)) for part in parts], axis=2)
 
 
 def _measured(scenario: Scenario, kept: list[int], measured: Array) -> Samples:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
@@ -76,12 +76,6 @@ def _parts(tree: Any) -> list[tuple[str, Any]]:
         names = getattr(tree, "_fields", map(str, range(len(tree))))
         return list(zip(names, tree, strict=True))
     return []
-
-
-def differing(trees: Sequence[Any]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Return which leaves differ between trees, shape (leaves,), and their values, shape (trees, leaves)."""
-    values = np.array([leaves(tree) for tree in trees], dtype=np.float64).reshape(len(trees), -1)
-    return ~((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all(axis=0), values
 
 
 class SharedFunctions:

@@ -21,7 +21,8 @@ from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw,
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.plant import Formulation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
-from coop_pin.model.pinocchio_model import configuration_at, frame_id, mechanism_model, velocity_at
+from coop_pin.model.mechanism_model import configuration_at, mechanism_model, velocity_at
+from coop_pin.model.pinocchio_model import frame_id
 
 _RESIDUAL_ALLOWED = 1e-6
 _CLOSED = 1e-9

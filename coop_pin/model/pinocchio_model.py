@@ -1,4 +1,4 @@
-"""Pinocchio models of arms and mechanisms from URDF, and safe access to their frames and joints.
+"""Pinocchio models of arms from URDF, and safe access to their frames and joints.
 
 Pinocchio reports some mistakes, such as a wrong frame name, only by undefined behaviour; the functions of
 this module raise typed errors instead.
@@ -6,22 +6,19 @@ this module raise typed errors instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_number, require_path, require_type
+from coop_pin.arrays import Array, require_type
 from coop_pin.description.arm import Arm
-from coop_pin.description.urdf import UrdfFile, UrdfLoop, find_urdf, load_checked, read_loops, text_checked
+from coop_pin.description.urdf import UrdfFile, load_checked
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArgumentError, MimicJointError, NameNotFoundError, UrdfError
+from coop_pin.errors import MimicJointError, NameNotFoundError, UrdfError
 
 _DRIVEN = ("revolute", "continuous", "prismatic")
 _SLACK = 1e-9
@@ -239,85 +236,3 @@ def _lock(model: pin.Model, q: Array, joint: str, angle: float) -> None:
                 f"is {angle:g}; the joint moves between {lower:g} and {upper:g}", f"locked.{joint}"
             )
         q[first] = angle
-
-
-def mechanism_model(
-    path_or_xml: str | Path,
-    gravity: ArrayLike,
-    ignore_mimic: bool = False,
-    package_dirs: Sequence[str] = (),
-    xacro_args: Mapping[str, str] = MappingProxyType({}),
-) -> tuple[pin.Model, tuple[UrdfLoop, ...]]:
-    """Return the model of a URDF tree whose root link is fixed in the world, and the loops of the file.
-
-    Args:
-        path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
-        gravity: m/s^2, in world axes, shape (3,).
-        ignore_mimic: let mimic joints move independently.
-        package_dirs: as for find_urdf.
-        xacro_args: as for find_urdf.
-
-    Raises:
-        UrdfError: there is no such file; it has structural defects, or loops that cannot be read;
-            MimicJointError: it has mimic joints.
-        ShapeError, OutOfRangeError: gravity is not three finite numbers.
-    """
-    along = as_array("gravity", gravity, 3)
-    require_type("path_or_xml", path_or_xml, str, Path)
-    require_type("package_dirs", package_dirs, Sequence)
-    for folder in package_dirs:
-        require_path("package_dirs", folder)
-    require_type("xacro_args", xacro_args, Mapping)
-    is_text = isinstance(path_or_xml, str) and path_or_xml.lstrip("\ufeff \t\r\n").startswith("<")
-    name = "the text" if is_text else Path(path_or_xml).name
-    if is_text:
-        text = text_checked(str(path_or_xml), loops=True)
-    else:
-        text = load_checked(
-            find_urdf(path_or_xml, package_dirs=package_dirs, xacro_args=xacro_args), loops=True
-        )
-    followers = Robot(text).mimics
-    if followers and not ignore_mimic:
-        raise MimicJointError(name, followers, "mimic")
-    model = model_from_text(text, name)
-    model.gravity.linear = along
-    return model, read_loops(text)
-
-
-def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
-    """Return the configuration with named joints at given positions and the others neutral, shape (nq,).
-
-    Args:
-        model: the tree.
-        angles: rad, or m for a prismatic joint, by joint name.
-
-    Raises:
-        NameNotFoundError: a joint does not exist.
-        ArgumentError: a joint has more than one degree of freedom.
-    """
-    require_type("angles", angles, Mapping)
-    configuration: Array = pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
-    return configuration
-
-
-def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
-    """Return the velocity with named joints at given rates and the others at rest, shape (nv,).
-
-    Args:
-        model: the tree.
-        rates: rad/s, or m/s for a prismatic joint, by joint name.
-
-    Raises:
-        NameNotFoundError: a joint does not exist.
-        ArgumentError: a joint has more than one degree of freedom.
-    """
-    require_type("rates", rates, Mapping)
-    v = np.zeros(model.nv)
-    for name, rate in rates.items():
-        joint = model.joints[joint_id(model, name)]
-        if joint.nv != 1:
-            raise ArgumentError(
-                f"joint {name!r} has {joint.nv} degrees of freedom; set its entries of q and v directly"
-            )
-        v[joint.idx_v] = as_number(f"the value of joint {name!r}", rate)
-    return v
