@@ -45,8 +45,24 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
             stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
-        for job in jobs:
-            yield [run_job(job)]
+        while batch := _next_batch(jobs, 1):
+            yield run_jobs(batch)
+
+
+def run_jobs(jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs of one engine."""
+    if jobs[0].engine == "single":
+        return [run_job(job) for job in jobs]
+    from coop_pin.sweeps.batch_job import run_batch  # slow to load
+
+    return run_batch(jobs)
+
+
+def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
+    """Return the next jobs: as many as wanted, or the most of those that are simulated together."""
+    first = list(itertools.islice(jobs, 1))
+    wanted = _LARGEST_BATCH if first and first[0].engine == "batch" else size
+    return first + list(itertools.islice(jobs, wanted - 1))
 
 
 class Backend(Protocol):
@@ -73,7 +89,7 @@ def outcomes(backend: Backend, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             free = 2 * backend.slots() - len(under_way)
         for _ in range(free):
             size = max(1, min(_LARGEST_BATCH, round(BATCH_S / mean_s)))
-            if batch := list(itertools.islice(jobs, size)):
+            if batch := _next_batch(jobs, size):
                 with _reported():
                     under_way.add(backend.submit(batch))
         if not under_way:

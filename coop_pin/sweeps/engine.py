@@ -6,6 +6,7 @@ import contextlib
 import datetime
 import functools
 import itertools
+import logging
 import os
 import time
 from collections import Counter
@@ -16,7 +17,9 @@ from typing import Any, NamedTuple
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
+    CoopPinError,
     FieldError,
+    FileReadError,
     MissingExtraError,
     RunTimeoutError,
     ScenarioError,
@@ -34,6 +37,9 @@ from coop_pin.sweeps.table import require_own_names
 
 _TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
+_WORTH_A_BATCH = 64
+"""Runs from which "auto" compiles code for them."""
+_LOG = logging.getLogger("coop_pin.sweeps")
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
 
@@ -123,8 +129,8 @@ class Session:
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
-                    scenario_json = scenario.model_dump_json()
-                    yield Job(key, scenario_json, point.changes, plan.metrics, *limits, keep, code)
+                    content = scenario.model_dump_json()
+                    yield Job(key, content, point.changes, plan.metrics, *limits, keep, code, plan.engine)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
@@ -195,7 +201,7 @@ def sweep(
         retry_failed: repeat runs that failed for lack of time, of memory or of a worker.
         quiet: no progress bar.
         plan: further fields of the SweepPlan: changes, cases, zipped, sample, metrics, time_limit_s,
-            memory_limit_gb, keep.
+            memory_limit_gb, keep, engine, repeats.
 
     Raises:
         ScenarioError: the plan has mistakes.
@@ -214,11 +220,44 @@ def sweep(
     fields = plan if axes is None else {**plan, "axes": axes}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
     with open_session(out, workers, scheduler, len(chosen), quiet=quiet) as session:
+        chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
         session.compute(chosen, retry_failed=retry_failed)
     result = SweepResult(chosen, session.store)
     result.write_tables()
     return result
+
+
+def with_engine(plan: SweepPlan, store: SweepStore) -> SweepPlan:
+    """Return a plan with its engine decided: as the folder has it, otherwise by its first run.
+
+    Raises:
+        FieldError: the plan wants batches, and its first run cannot be in one.
+        MissingExtraError: it wants them, and llvmlite is not installed.
+    """
+    if plan.engine == "single":
+        return plan
+    with contextlib.suppress(FileReadError):
+        kept = store.read_plan()
+        if plan.engine == "auto" and kept.replace(engine="auto") == plan:
+            return kept
+    from coop_pin.batch import require_compiler, support  # slow to load
+
+    reason: object = f"{len(plan)} runs are fewer than {_WORTH_A_BATCH}"
+    if plan.engine == "batch" or len(plan) >= _WORTH_A_BATCH:
+        try:
+            require_compiler()
+            reason = support(plan.scenario(0))
+        except CoopPinError as error:
+            reason = error
+    if reason is None:
+        return plan.replace(engine="batch")
+    if plan.engine == "batch":
+        if isinstance(reason, MissingExtraError):
+            raise reason
+        raise FieldError(f"is 'batch', but the first run cannot be simulated in one: {reason}", "engine")
+    _LOG.warning("runs are simulated one by one: %s", reason)
+    return plan.replace(engine="single")
 
 
 class Estimate(NamedTuple):
