@@ -77,7 +77,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
         {"llvmlite", "pinocchio"},
     ),
-    "figures": ({"description", "results", "sweeps"}, {"matplotlib", "xarray"}),
+    "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
             "reference",
@@ -108,6 +108,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "analysis",
             "chain",
+            "control",
             "description",
             "model",
             "results",

@@ -6,11 +6,20 @@ from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.comparison import Trial, benchmark_scenario, controller_names, controllers_for, standard_trials
+from coop_pin.cli import main
+from coop_pin.comparison import (
+    Trial,
+    benchmark_scenario,
+    controller_names,
+    controllers_for,
+    standard_trials,
+    tick_costs,
+)
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures, tuning_cost
 from coop_pin.comparison.trials import changes_of
 from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
 
 CONTROLLERS = ("printed", "anchored", "computed-torque")
@@ -84,6 +93,19 @@ def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
         table.ranks("speed")
 
 
+def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder):
+    page = (folder / "comparison.html").read_text()
+    assert page.count("<tr") == 1 + table.table.shape[0]
+    assert "http" not in page
+    figure = comparison_figure(table, "planar")
+    front, ranks, tracking, force = figure.axes[:4]
+    assert len(front.lines) == len(CONTROLLERS)
+    assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
+    assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
+    with pytest.raises(FieldError):
+        comparison_figure(table, "nowhere")
+
+
 def test_a_model_knows_nothing_of_the_trials(scenarios):
     """Masses change by an event, friction behind the model's back."""
     scenario = benchmark_scenario(scenarios[1], SHORT)
@@ -135,6 +157,17 @@ class Spring(cp.ArmController):
 """
 
 
+def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys):
+    words = ["compare", "adept-anchored", "--controllers", "payload-pd", "--trials", "nominal", "push"]
+    words += ["--duration", "0.3", "--out", str(tmp_path), "--workers", "0"]
+    assert main(words) == 0
+    assert "payload-pd" in capsys.readouterr().out
+    for name in ("comparison.csv", "comparison.html", "adept-anchored/comparison.png"):
+        assert (tmp_path / name).stat().st_size > 300
+    assert main([*words, "--list"]) == 0
+    assert "push" in capsys.readouterr().out
+
+
 def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
     for controllers, trials in ((["printd"], None), (["printed"], ["nominel"])):
         with pytest.raises(NameNotFoundError):
@@ -161,12 +194,21 @@ def test_the_cost_of_a_search_counts_the_run_with_and_without_noise(scenarios):
     assert_allclose(tuning_cost(noisy)["cost"], wanted, rtol=1e-12)
 
 
+def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
+    names = ["payload-pd", "computed-torque", "leader-follower", "adaptive-verginis"]
+    table = tick_costs(scenarios[0], names)
+    assert table.loc["payload-pd", "ratio"] == 1.0
+    assert table.loc["computed-torque", "ratio"] > 1.0
+    wanted = ["nothing", "model, internal wrench", "own wrench, role", "regressor"]
+    assert table["needs"].tolist() == wanted
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
 def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
-    """Planar, redundant and with three arms: nominal, half a second."""
+    """Planar, redundant and with three arms: nominal, 1 s at rest and 1 s in motion."""
     names = [entry for entry in controller_names() if entry != "torque-qp"]
-    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=0.5, workers=0, quiet=True)
+    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=2.0, workers=0, quiet=True)
     print(found.summary())
     assert (found.data.finished == 1).all()
     assert (found.data.tracking_rms_mm < 100.0).all()

@@ -6,7 +6,7 @@ from cells import SCENARIOS
 
 import coop_pin as cp
 from coop_pin.errors import ShapeError
-from coop_pin.spatial import internal_wrenches, shift_wrench
+from coop_pin.spatial import internal_wrenches, rotate_vector6, rotation_from_rpy, shift_wrench
 from coop_pin.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
     minimum_norm_internal_wrenches,
@@ -121,6 +121,19 @@ def test_tensions_of_the_virtual_linkage_are_the_forces_along_its_edges():
         tensions = np.linalg.lstsq(edges, force.ravel(), rcond=None)[0]
         np.testing.assert_allclose(internal[:, :3].ravel(), edges @ tensions, atol=1e-11)
         np.testing.assert_allclose(shift_wrench(internal, -tips)[:, 3:], 0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", sorted(ANY_UNIT_OF_LENGTH))
+@pytest.mark.parametrize("middle", [0.0, 0.2])
+def test_the_split_of_two_arms_turns_with_the_world(name, middle):
+    """From the x axis to all of (1, -1, 0) and the other axes, with P in the middle of the tips and not."""
+    F, _ = grasp(2)
+    r = np.array([(-0.3 + middle, 0.0, 0.0), (0.3 + middle, 0.0, 0.0)])
+    expected = DEFINITIONS[name](F[0], r)
+    for rpy in ((0.0, 0.0, -np.pi / 4), (0.0, np.pi / 2, 0.0), (0.3, 0.0, np.pi / 2)):
+        R = rotation_from_rpy(rpy)
+        found = DEFINITIONS[name](rotate_vector6(R, F[0]), r @ R.T)
+        np.testing.assert_allclose(found, rotate_vector6(R, expected), atol=1e-11)
 
 
 def test_tips_count_as_collinear_by_the_ratio_of_their_spreads():

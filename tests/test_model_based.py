@@ -236,3 +236,23 @@ def test_the_torque_qp_keeps_torque_limits_and_friction_cones(name):
     across = np.linalg.norm(force - pressed[..., None] * axis, axis=-1)
     assert pressed[1:].min() > 0.0
     assert (across - 0.5 * np.sqrt(2.0) * pressed)[1:].max() < 0.5
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_disturbance_estimate_takes_out_a_constant_push(name):
+    """Verginis, Mastellaro and Dimarogonas (2018): the pose error vanishes under an unknown disturbance."""
+    K_d = [20.0, 20.0, 2.0] if name == "planar" else [30.0, 30.0, 20.0, 2.0, 2.0, 1.0]
+    options = {
+        "damping_gain": K_d,
+        "adaptation": 0.0,
+        "payload_adaptation": 0.0,
+        "anchor_gain": 0.0,
+        "model": {},
+    }
+    event = {"kind": "wrench-pulse", "time": 0.0, "duration": 2.0, "wrench": [20.0, 0, 0, 0, 0, 0]}
+    left = {}
+    for rate in (0.0, 100.0):
+        controller = stated("coop_pin.model_based:AdaptiveController", **options, disturbance_rate=rate)
+        left[rate] = np.abs(x_error(cp.run(still(name, controller, duration=2.0, events=[event])))[-1])
+    assert left[0.0] > 1e-3
+    assert left[100.0] < 0.05 * left[0.0]

@@ -20,6 +20,7 @@ SHORT = {
     "03_your_own_arm": "seconds = 0.5",
     "04_sweeps": "gains, poles, force_gains, workers = 2, 2, 4, 0",
     "06_internal_force": "seconds = 4.5",
+    "07_compare": "seconds = 1.0",
 }
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 

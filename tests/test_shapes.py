@@ -1,13 +1,14 @@
 """Shapes that are drawn: extents by hand, and the shape of a payload."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
 from close import assert_close
 
 from coop_pin.description import Payload
 from coop_pin.errors import UrdfWarning
-from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape
+from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape, shape_of
 
 CORNERS = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, 0.3)])
 FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
@@ -24,6 +25,22 @@ FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 )
 def test_half_extents(shape, extents):
     assert_close(half_extents(shape), extents, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "shape"),
+    [
+        ('<box size="0.2 0.4 0.6"/>', Box((0.2, 0.4, 0.6))),
+        ('<cylinder radius="0.2" length="0.7"/>', Cylinder(0.2, 0.7)),
+        ('<sphere radius="0.3"/>', Sphere(0.3)),
+    ],
+)
+def test_the_shape_of_a_geometry_of_pinocchio_has_the_sizes_of_the_urdf(drawn, shape):
+    text = f'<robot name="r"><link name="l"><visual><geometry>{drawn}</geometry></visual></link></robot>'
+    model = pin.buildModelFromXML(text)
+    geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL).geometryObjects[0].geometry
+    assert shape_of(geometry) == shape
+    assert shape_of(None) is None
 
 
 def test_the_shape_of_a_payload():

@@ -243,7 +243,11 @@ def test_rotations_have_the_bits_of_scipys_and_many_logs_those_of_each():
     angles = np.concatenate((rng.uniform(-4.0, 4.0, (200, 3)), 0.5 * np.pi * rng.integers(-2, 3, (50, 3))))
     R = np.stack([rotation_from_rpy(each) for each in angles])
     assert_array_equal(R, Rotation.from_euler("xyz", angles).as_matrix())
-    assert_array_equal(quaternions(R[:200]), Rotation.from_matrix(R[:200]).as_quat())
+    q = Rotation.from_matrix(R[:200]).as_quat()
+    assert_array_equal(quaternions(R[:200]), q)
+    assert_array_equal(quaternions(R[:200].reshape(5, 40, 3, 3)), q.reshape(5, 40, 4))
+    assert_array_equal(quaternions(R[7]), q[7])
+    assert_allclose(log3(R[:200].reshape(5, 40, 3, 3)), log3(R[:200]).reshape(5, 40, 3), rtol=0, atol=0)
     assert_allclose(log3(R), [log3(each) for each in R], rtol=0, atol=2e-15)
 
 

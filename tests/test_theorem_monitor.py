@@ -50,9 +50,9 @@ def test_the_internal_force_is_what_equation_25_says(run_and_monitor):
     assert float(monitor["balance_25"].max()) < 1e-6 * float(np.abs(error).max())
 
 
-def test_the_figure_has_its_four_panels(run_and_monitor):
+def test_the_figure_has_its_six_panels(run_and_monitor):
     figure = theorem_figure(*run_and_monitor)
-    assert len(figure.axes) == 4
+    assert len(figure.axes) == 6
     assert all(axes.lines for axes in figure.axes)
 
 

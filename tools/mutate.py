@@ -50,8 +50,7 @@ FLOOR = 0.95
 TESTS = {
     "chain": "branches cell_chain closed_chain closures ik_solver integrators inverse_kinematics mechanisms"
     " projection sizes",
-    "control": "anchored bounds interface invariants payload_space redundant_sliding_mode refusals sensing"
-    " simulation sliding_mode",
+    "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
     "results": "internal_wrench_definitions metrics results trust user_files",
     "spatial": "internal_wrench_definitions payload_space spatial",
 }

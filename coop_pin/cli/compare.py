@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -23,7 +23,8 @@ class Compare:
         scenarios: names listed by 'coop-pin list', or TOML files.
         controllers: names, or module:Class of your own; all that come with coop-pin when omitted.
         trials: names; all standard trials when omitted.
-        out: output folder for the runs and comparison.csv.
+        out: output folder for the runs, comparison.csv, comparison.html, and figures of each
+            scenario.
         seeds: of random trials.
         duration: of every run, s; the scenarios' own when omitted.
         untuned: do not use stored gains.
@@ -88,10 +89,17 @@ class Compare:
                 scheduler=self.scheduler,
                 quiet=self.quiet,
             )
+            self._draw(found)
             if not self.quiet:
                 print(found.summary())
-                print(f"written to {self.out / 'comparison.csv'}")
+                print(f"written to {self.out}")
         return OK
+
+    def _draw(self, found: Any) -> None:
+        from coop_pin.figures import comparison_figure, save_figure
+
+        for name in map(str, found.data["scenario"].values):
+            save_figure(comparison_figure(found, name), self.out / name / "comparison")
 
     def _print_names(self, controllers: tuple[str, ...]) -> None:
         from coop_pin.comparison import benchmark_scenario, standard_trials

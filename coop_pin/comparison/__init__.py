@@ -1,7 +1,9 @@
 """Controllers compared: the same cells, trials and measures for all, and a table with intervals."""
 
-from coop_pin.comparison.compare import Comparison, compare, tune_controllers
+from coop_pin.comparison.benchmark import compare, tune_controllers
 from coop_pin.comparison.controllers import controller_names, controllers_for
+from coop_pin.comparison.costs import tick_costs
+from coop_pin.comparison.table import Comparison
 from coop_pin.comparison.trials import Trial, benchmark_scenario, standard_trials
 
 __all__ = [
@@ -12,5 +14,6 @@ __all__ = [
     "controller_names",
     "controllers_for",
     "standard_trials",
+    "tick_costs",
     "tune_controllers",
 ]

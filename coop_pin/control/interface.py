@@ -100,8 +100,8 @@ class ArmController(ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
-        needs: what it uses besides kinematics: "model", "own wrench", "internal wrench" (of which every
-            wrist's wrench is a part), "wrenches of all arms", "states of all arms", "role".
+        needs: what it uses besides kinematics: "model", "regressor", "own wrench", "internal wrench" (made of
+            every wrist's wrench), "wrenches of all arms", "states of all arms", "role".
     """
 
     needs: ClassVar[tuple[str, ...]] = ()

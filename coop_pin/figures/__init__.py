@@ -6,6 +6,7 @@ Everything is loaded on first use: matplotlib is slow to load, and ``figures.pal
 from coop_pin import lazy_names
 
 _PUBLIC = {
+    "comparison_figure": "coop_pin.figures.comparison_figures",
     "error_figure": "coop_pin.figures.run_figures",
     "internal_force_figure": "coop_pin.figures.run_figures",
     "motion_figure": "coop_pin.figures.run_figures",

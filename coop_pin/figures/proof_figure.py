@@ -20,11 +20,14 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
     """Return the terms of a law's convergence proof over time, with the marks where it breaks.
 
     Of law (23), above: sum_i Vdot_3, averaged over 1 s, red where it is positive; and ``|rho|`` of each arm
-    beside ``lambda_min(K_d) |s_r|``, beyond which V may grow. Below: what Theorem 3 concludes from, ``|sum_i
+    beside ``lambda_min(K_d) |s_r|``, beyond which V may grow. Middle: what Theorem 3 concludes from, ``|sum_i
     u_i'|``, beside the largest ``|u_i'|``, which it says must vanish, averaged over 1 s; and the
-    internal-force error. Of the payload-space law, above: how much the integrals disagree, with what anchor,
-    integral and leak predict, and V with marks where it may grow. Below: what the shared integral has yet to
-    take over, and the internal-force error.
+    internal-force error. Below: in which part of a second's ticks sliding is not assured and signs differ
+    between arms; and the condition of each arm's Jacobian.
+
+    Of the payload-space law, above: how much the integrals disagree, with what anchor, integral and leak
+    predict, and V with marks where it may grow. Below: what the shared integral has yet to take over, and the
+    internal-force error.
 
     Args:
         result: the run.
@@ -68,8 +71,8 @@ def _payload_space(result: RunResult, monitor: xr.Dataset) -> Figure:
 def _sliding_mode(result: RunResult, monitor: xr.Dataset) -> Figure:
     time = monitor["time"].values
     ticks = max(round(_AVERAGED * result.scenario.clock.rate_hz), 1)
-    with run_figure(2, 2, result, "terms of the convergence proof") as (figure, axes):
-        (rates, bounds), (sums, forces) = axes
+    with run_figure(3, 2, result, "terms of the convergence proof") as (figure, axes):
+        (rates, bounds), (sums, forces), (marks, poses) = axes
         _draw_rate(rates, time, _averaged(monitor["V_rate_3_sum"].values, ticks))
         for index, arm in enumerate(monitor["arm"].values):
             colour = palette.SERIES[index % len(palette.SERIES)]
@@ -81,10 +84,22 @@ def _sliding_mode(result: RunResult, monitor: xr.Dataset) -> Figure:
         u = np.apply_along_axis(_averaged, 0, monitor["u_prime"].values, ticks)
         sums.plot(time, np.linalg.norm(u.sum(axis=1), axis=1), color=palette.ACTUAL, label="|Σ u′|")
         sums.plot(time, np.linalg.norm(u, axis=2).max(axis=1), color=palette.INTERNAL, label="max |u′|")
-        label(sums, "Theorem 3: the sum vanishes, its terms do not", "N, N m")
+        label(sums, "Theorem 3: Σ u′ vanishes, u′ does not", "N, N m")
         sums.set_yscale("log")
         _draw_force(forces, result, monitor)
-        for panel in (bounds, sums):
+        sliding = monitor["sliding_is_not_assured"].values.any(axis=1)
+        for marked, colour, text in (
+            (sliding, palette.ACTUAL, "sliding not assured"),
+            (monitor["signs_differ"].values, palette.INTERNAL, "signs of s_q differ"),
+        ):
+            marks.plot(time, _averaged(marked.astype(float), ticks), color=colour, label=text)
+        label(marks, "part of the ticks that is marked", "")
+        marks.set_ylim(-0.02, 1.35)
+        for index, arm in enumerate(monitor["arm"].values):
+            colour = palette.SERIES[index % len(palette.SERIES)]
+            poses.plot(time, monitor["condition"].values[:, index], color=colour, label=arm)
+        label(poses, "condition of J", "")
+        for panel in (bounds, sums, marks, poses):
             panel.legend(loc="best", ncols=2, fontsize=7.0)
     return figure
 

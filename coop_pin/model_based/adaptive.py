@@ -57,7 +57,7 @@ class AdaptiveController(ArmController):
     is left out. The estimates start at 0, or at those of the ``model``.
     """
 
-    needs = ("internal wrench",)
+    needs = ("regressor", "internal wrench")
 
     def __init__(
         self,

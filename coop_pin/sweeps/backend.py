@@ -28,8 +28,9 @@ from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, run_job
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
 _LARGEST_BATCH = 64
-_START_S, _POLL_S, _GRACE_S = 60.0, 2.0, 2.0
-"""Time of a start, interval of looks at the slots, and time that a host has to end, s."""
+_START_S, _POLL_S, _GRACE_S = 180.0, 2.0, 2.0
+"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; time
+that a host has to end; s."""
 _STARTS, _DEATHS, _DELAYS = 5, 3, 2
 """Workers that may die in a row while they start; that die with a job, or are killed at its time limit,
 before it has failed."""
@@ -178,7 +179,7 @@ class Worker:
             code = self._stop()
             if self._is_closed:
                 break
-        reason = f"workers end while they start, the last host with exit code {code}"
+        reason = f"workers do not start; the last host ended with exit code {code}"
         raise WorkersLostError(f"{reason}; run with workers = 0 to see why")
 
     def _reply(self, limit_s: float, *call: Any) -> tuple[Any, bytes]:

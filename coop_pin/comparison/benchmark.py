@@ -12,81 +12,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.arrays import Array, as_count, require_path, require_type
+from coop_pin.arrays import as_count, require_path, require_type
 from coop_pin.comparison.controllers import Controllers, controllers_for, tuned_ranges
-from coop_pin.comparison.measures import MEASURES, measures, tuning_cost
+from coop_pin.comparison.measures import measures, tuning_cost
+from coop_pin.comparison.table import COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NameNotFoundError
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep, tune
 
-_COLUMNS = (*MEASURES, "settling_time_s")
-_RESAMPLES = 1000
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
-
-
-class Comparison:
-    """Table of controllers by scenarios and trials.
-
-    Attributes:
-        data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
-            ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count; dimensions scenario, controller, trial. A failed run has the measure inf.
-    """
-
-    def __init__(self, data: xr.Dataset) -> None:
-        self.data = data
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """One row for each scenario, controller and trial that was run."""
-        frame = self.data.to_dataframe().dropna(subset=["runs"])
-        return frame.astype(dict.fromkeys(("runs", "finished", "trustworthy"), int))
-
-    def write_csv(self, path: str | Path) -> None:
-        """Write the table; the same runs give the same bytes."""
-        require_path("path", path)
-        self.table.to_csv(path, float_format="%.9g", lineterminator="\n")
-
-    def ranks(self, measure: str = "tracking_rms_mm", *, seed: int = 0) -> pd.DataFrame:
-        """Return the mean rank of each controller over all scenarios and trials, with its 95 % interval.
-
-        Controllers with equal values share their mean rank; trials are resampled for the interval.
-
-        Args:
-            measure: a measure.
-            seed: of the bootstrap.
-
-        Raises:
-            NameNotFoundError: there is no such measure.
-        """
-        if measure not in _COLUMNS:
-            raise NameNotFoundError("measure", measure, _COLUMNS, "the comparison")
-        cells = self.data[measure].stack(place=("scenario", "trial")).transpose("place", "controller")
-        ran = self.data["runs"].stack(place=("scenario", "trial")).transpose("place", "controller")
-        complete = np.isfinite(ran.values).all(axis=1)
-        ranks = pd.DataFrame(cells.values[complete]).rank(axis=1).to_numpy()
-        low, high = _interval(ranks, np.mean, seed)
-        columns = {"rank": ranks.mean(axis=0), "low": low, "high": high}
-        return pd.DataFrame(columns, index=cells["controller"].values).sort_values("rank", kind="stable")
-
-    def summary(self) -> str:
-        """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text."""
-        force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
-        lines = []
-        for scenario in self.data["scenario"].values:
-            own = self.data.sel(scenario=scenario)
-            texts = {
-                str(trial): [
-                    _cell_text(own, force.sel(scenario=scenario), controller, trial)
-                    for controller in self.data["controller"].values
-                ]
-                for trial in self.data["trial"].values
-            }
-            frame = pd.DataFrame(texts, index=self.data["controller"].values)
-            lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
-        return "\n".join(lines)
 
 
 def compare(
@@ -104,7 +40,8 @@ def compare(
 ) -> Comparison:
     """Return the comparison of controllers in scenarios under trials; finished runs are never repeated.
 
-    Every scenario is run as ``benchmark_scenario`` makes it. The table is written to ``comparison.csv``.
+    Every scenario is run as ``benchmark_scenario`` makes it. The table is written to ``comparison.csv``
+    and, to be sorted in a browser, to ``comparison.html``.
 
     Args:
         scenarios: scenarios, or their names or paths.
@@ -155,6 +92,7 @@ def compare(
     }
     comparison = Comparison(merged.reindex(order))
     comparison.write_csv(folder / "comparison.csv")
+    comparison.write_html(folder / "comparison.html")
     return comparison
 
 
@@ -185,34 +123,13 @@ def _part(result: SweepResult, scenario: str, controllers: list[str], trials: li
     counts = {"runs": np.full(shape[:2], finished.shape[2]), "finished": finished.sum(axis=2)}
     counts["trustworthy"] = (finished & trusted).sum(axis=2)
     values = {name: (("scenario", "controller", "trial"), count[None]) for name, count in counts.items()}
-    for name in _COLUMNS:
+    for name in COLUMNS:
         column = table.get(name, none).to_numpy(dtype=float).reshape(shape)
         runs = np.where(finished & np.isfinite(column), column, np.inf)
-        low, high = _interval(np.moveaxis(runs, 2, 0), np.median, 0)
+        low, high = bootstrap_interval(np.moveaxis(runs, 2, 0), np.median, 0)
         for label, value in ((name, np.median(runs, axis=2)), (f"{name}_low", low), (f"{name}_high", high)):
             values[label] = ("scenario", "controller", "trial"), value[None]
     return xr.Dataset(values, {"scenario": [scenario], "controller": controllers, "trial": trials})
-
-
-def _interval(samples: Array, statistic: Any, seed: int) -> tuple[Array, Array]:
-    """Return the 95 % bootstrap interval of a statistic over the first axis; resamples are seeded."""
-    rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(samples), size=(_RESAMPLES, len(samples)))
-    spread = statistic(samples[drawn], axis=1)
-    # By order, not by interpolation: failed runs are infinite.
-    low, high = np.quantile(spread, (0.025, 0.975), axis=0, method="nearest")
-    return low, high
-
-
-def _cell_text(own: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
-    cell = own.sel(controller=controller, trial=trial)
-    if not np.isfinite(cell["runs"]):
-        return "-"
-    if not np.isfinite(cell["tracking_rms_mm"]):
-        return "failed"
-    mark = "" if cell["trustworthy"] == cell["runs"] else " *"
-    newtons = float(force.sel(controller=controller, trial=trial))
-    return f"{float(cell['tracking_rms_mm']):.2g} / {newtons:.2g}{mark}"
 
 
 def tune_controllers(
