@@ -47,16 +47,12 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
         if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
             stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
         while batch := _next_batch(jobs, 1):
-            yield run_jobs(batch)
+            if batch[0].engine == "single":
+                yield [run_job(job) for job in batch]
+            else:
+                from coop_pin.sweeps.batch_job import run_batch  # slow to load
 
-
-def run_jobs(jobs: Sequence[Job]) -> list[Outcome]:
-    """Return the outcomes of jobs of one engine."""
-    if jobs[0].engine == "single":
-        return [run_job(job) for job in jobs]
-    from coop_pin.sweeps.batch_job import run_batch  # slow to load
-
-    return run_batch(jobs)
+                yield run_batch(batch)
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:

@@ -20,6 +20,11 @@ _simulators: dict[Hashable, BatchSimulator] = {}
 """With their code, by the family of the scenarios, for all batches of a process."""
 
 
+def run_jobs(jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs of one engine; raises as run_batch."""
+    return run_batch(jobs) if jobs[0].engine == "batch" else [run_job(job) for job in jobs]
+
+
 def run_batch(jobs: Sequence[Job]) -> list[Outcome]:
     """Return the outcomes of jobs in their order.
 

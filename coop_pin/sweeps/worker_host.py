@@ -30,7 +30,7 @@ _POLL_S, _PAUSE_S = 0.2, 0.1
 
 def compute(jobs: bytes, memory_limit: int) -> bytes:
     """Return the pickled outcomes of pickled jobs; called in a worker."""
-    from coop_pin.sweeps.backend import run_jobs
+    from coop_pin.sweeps.batch_job import run_jobs
 
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, hard))
