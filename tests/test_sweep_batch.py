@@ -9,7 +9,7 @@ from faulty import law
 
 import coop_pin as cp
 from coop_pin.errors import FieldError, MissingExtraError
-from coop_pin.sweeps import SweepPlan, batch_job, engine
+from coop_pin.sweeps import SweepPlan, batch_job, engine_choice
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
@@ -94,14 +94,14 @@ def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(t
 
 
 def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(engine, "_WORTH_A_BATCH", 3)
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 3)
     store = SweepStore(tmp_path)
-    assert engine.with_engine(plan(engine="auto"), store).engine == "batch"
+    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "batch"
     with caplog.at_level(logging.WARNING):
-        assert engine.with_engine(plan(engine="auto", axes={}), store).engine == "single"
+        assert engine_choice.with_engine(plan(engine="auto", axes={}), store).engine == "single"
     assert "1 runs are fewer than 3" in caplog.text
     store.write_plan(plan(engine="single"))  # as decided when llvmlite was not there
-    assert engine.with_engine(plan(engine="auto"), store).engine == "single"
+    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "single"
 
 
 @pytest.mark.parametrize(
@@ -110,23 +110,25 @@ def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
     ids=["lag", "user"],
 )
 def test_the_reason_why_runs_are_single_is_told(changes, word, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(engine, "_WORTH_A_BATCH", 1)
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
     wanted = plan(changes=changes, axes={})
     with caplog.at_level(logging.WARNING):
-        assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
+        assert (
+            engine_choice.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
+        )
     assert word in caplog.text
     with pytest.raises(FieldError, match=word) as caught:
-        engine.with_engine(wanted, SweepStore(tmp_path))
+        engine_choice.with_engine(wanted, SweepStore(tmp_path))
     assert caught.value.path == "engine"
 
 
 def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setattr(engine, "_WORTH_A_BATCH", 1)
-    assert engine.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
+    assert engine_choice.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
     with pytest.raises(MissingExtraError):
-        engine.with_engine(plan(), SweepStore(tmp_path))
+        engine_choice.with_engine(plan(), SweepStore(tmp_path))
 
 
 def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():

@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import functools
 import itertools
-import logging
 import os
 import time
 from collections import Counter
@@ -17,9 +16,7 @@ from typing import Any, NamedTuple
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import (
-    CoopPinError,
     FieldError,
-    FileReadError,
     MissingExtraError,
     RunTimeoutError,
     ScenarioError,
@@ -28,6 +25,7 @@ from coop_pin.errors import (
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
+from coop_pin.sweeps.engine_choice import with_engine
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
@@ -37,9 +35,6 @@ from coop_pin.sweeps.table import require_own_names
 
 _TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
-_WORTH_A_BATCH = 64
-"""Runs from which "auto" compiles code for them."""
-_LOG = logging.getLogger("coop_pin.sweeps")
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
 
@@ -226,38 +221,6 @@ def sweep(
     result = SweepResult(chosen, session.store)
     result.write_tables()
     return result
-
-
-def with_engine(plan: SweepPlan, store: SweepStore) -> SweepPlan:
-    """Return a plan with its engine decided: as the folder has it, otherwise by its first run.
-
-    Raises:
-        FieldError: the plan wants batches, and its first run cannot be in one.
-        MissingExtraError: it wants them, and llvmlite is not installed.
-    """
-    if plan.engine == "single":
-        return plan
-    with contextlib.suppress(FileReadError):
-        kept = store.read_plan()
-        if plan.engine == "auto" and kept.replace(engine="auto") == plan:
-            return kept
-    from coop_pin.batch import require_compiler, support  # slow to load
-
-    reason: object = f"{len(plan)} runs are fewer than {_WORTH_A_BATCH}"
-    if plan.engine == "batch" or len(plan) >= _WORTH_A_BATCH:
-        try:
-            require_compiler()
-            reason = support(plan.scenario(0))
-        except CoopPinError as error:
-            reason = error
-    if reason is None:
-        return plan.replace(engine="batch")
-    if plan.engine == "batch":
-        if isinstance(reason, MissingExtraError):
-            raise reason
-        raise FieldError(f"is 'batch', but the first run cannot be simulated in one: {reason}", "engine")
-    _LOG.warning("runs are simulated one by one: %s", reason)
-    return plan.replace(engine="single")
 
 
 class Estimate(NamedTuple):
