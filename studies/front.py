@@ -315,7 +315,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", nargs="+", choices=CELLS, default=list(CELLS))
-    parser.add_argument("--seeds", nargs=2, type=int, default=(10, 10), help="of random trials, for each cell")
+    parser.add_argument(
+        "--seeds", nargs=2, type=int, default=(10, 10), help="of random trials, for each cell"
+    )
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "front")
     parser.add_argument("--draw", action="store_true", help="only draw the figures from the tables")
     asked = parser.parse_args()
