@@ -5,6 +5,7 @@ import importlib
 import inspect
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import coop_pin
@@ -148,8 +149,16 @@ def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
         lines += ["", *inspect.cleandoc(texts).splitlines(), ""]
 
 
+def _write_replay(app: Any) -> None:
+    """Write the replay that the page on the internal force embeds."""
+    if app.builder.format == "html":
+        result = coop_pin.run("adept-paper", {"duration": 12.0})
+        coop_pin.viz.save_replay(result, Path(app.outdir) / "_static" / "replay.html")
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the callbacks with Sphinx."""
+    app.connect("builder-inited", _write_replay)
     app.connect("source-read", _fill)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)

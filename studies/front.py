@@ -4,7 +4,7 @@ Each law is tuned in a moderate trial with a seed of its own, then judged in eve
 is random, else the median over the seeds. Finished runs are kept in out/studies/front, so an interrupted
 command continues when it is repeated. Writes the tables in studies/front and the figures in docs/images.
 
-Usage: python studies/front.py [--cells adept panda] [--seeds 10 3] [--out DIR] [--draw]
+Usage: python studies/front.py [--cells adept panda] [--seeds 10 10] [--out DIR] [--draw]
 """
 
 from __future__ import annotations
@@ -315,7 +315,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", nargs="+", choices=CELLS, default=list(CELLS))
-    parser.add_argument("--seeds", nargs=2, type=int, default=(10, 3), help="of random trials, for each cell")
+    parser.add_argument(
+        "--seeds", nargs=2, type=int, default=(10, 10), help="of random trials, for each cell"
+    )
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "front")
     parser.add_argument("--draw", action="store_true", help="only draw the figures from the tables")
     asked = parser.parse_args()

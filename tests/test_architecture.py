@@ -101,12 +101,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
+        {"batch", "schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
         {
             "analysis",
+            "batch",
             "chain",
             "control",
             "description",

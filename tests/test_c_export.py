@@ -114,7 +114,7 @@ def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, tmp_path):
     arm, rows = scenario.cell.arms["left"], scenario.cell.task_rows
     kinematics = ArmKinematics(arm, scenario.cell.grasps["left"].matrix, rows)
     rng, posture = np.random.default_rng(2), np.array(arm.posture)
-    n, k, motion = len(posture), rows.size, scenario.motion.at(0.0)
+    n, k, motion, drive = len(posture), rows.size, scenario.motion.at(0.0), ArmModel(arm).drive
     reference = ArmReference(
         motion.X_WP_d, rows.select(motion.V_WP_d), rows.select(motion.A_WP_d), rng.normal(size=k)
     )
@@ -123,10 +123,10 @@ def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, tmp_path):
     memory = None
     for tick in range(ticks):
         t = tick * scenario.clock.period
-        q = posture + 0.1 * np.sin(3.0 * t + np.arange(n))
-        v, cut = 0.3 * np.cos(3.0 * t + np.arange(n)), rng.random(n) < 0.02
+        angles, cut = posture + 0.1 * np.sin(3.0 * t + np.arange(n)), rng.random(n) < 0.02
+        q, v = drive @ angles, drive @ (0.3 * np.cos(3.0 * t + np.arange(n)))
         wrench, hold = rng.normal(size=k), rng.normal(size=n)
-        view = kinematics.view(q)
+        view = kinematics.view(angles)
         seen = ArmMeasurement(
             t, q, v, view.pose, view.jacobian @ v, view.jacobian, wrench, cut, 1.0, None, np.inf, hold
         )

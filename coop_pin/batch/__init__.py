@@ -5,7 +5,18 @@ numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast``
 """
 
 from coop_pin.batch.c_export import CLaw, export_c
+from coop_pin.batch.llvm_machine import require_compiler
+from coop_pin.batch.preparation import family
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
 from coop_pin.batch.support import support
 
-__all__ = ["BatchResult", "BatchSimulator", "CLaw", "export_c", "simulate_batch", "support"]
+__all__ = [
+    "BatchResult",
+    "BatchSimulator",
+    "CLaw",
+    "export_c",
+    "family",
+    "require_compiler",
+    "simulate_batch",
+    "support",
+]

@@ -89,6 +89,11 @@ def _llvm() -> Any:
     return llvm
 
 
+def require_compiler() -> None:
+    """Raise MissingExtraError unless llvmlite is installed."""
+    _llvm()
+
+
 def native_width() -> int:
     """Return the number of doubles in a vector register of this processor; raises as _llvm."""
     features = _llvm().get_host_cpu_features()

@@ -81,14 +81,25 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
     return same_kind and all(getattr(scenario, name) == getattr(other, name) for name in fields)
 
 
+def family(scenario: Scenario) -> Hashable:
+    """Return what scenarios must share to be simulated together, as far as their fields show it."""
+    fields = set(Scenario.model_fields) - {"name", "summary", "trust"}
+    return *(structure(getattr(scenario, name)) for name in sorted(fields)), _times(scenario)
+
+
 def _kind(scenario: Scenario, constants: RunConstants) -> Hashable:
     """Return what the scenarios of a batch must share."""
+    return structure(constants), scenario.cell.rows, _times(scenario)
+
+
+def _times(scenario: Scenario) -> Hashable:
+    """Return ticks and delays, and events by their times."""
     path, events = scenario.controller.force_path, scenario.events
     times = [(event.time, event.end if isinstance(event, WrenchPulse) else np.nan) for event in events]
     delay = None if isinstance(path, NoForcePath) else path.delay
     clock = scenario.clock
     ticks = (clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration)
-    return structure(constants), scenario.cell.rows, ticks, str(times), delay
+    return ticks, str(times), delay
 
 
 def _references(run: Simulation) -> Array:

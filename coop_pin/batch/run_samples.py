@@ -76,9 +76,15 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
 
 
 def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Array:
-    """Return the condition number of each arm's payload Jacobian, shape (runs, samples, m)."""
+    """Return the condition number of each arm's payload Jacobian, shape (runs, samples, m); NaN after NaN."""
     parts = np.split(jacobians, rows * np.cumsum([len(place.drive) for place in places])[:-1], axis=2)
-    return np.stack([np.linalg.cond(part.reshape(*part.shape[:2], rows, -1)) for part in parts], axis=2)
+    conditions = np.full((*jacobians.shape[:2], len(places)), np.nan)
+    for index, part in enumerate(parts):
+        is_finite = np.isfinite(part).all(axis=2)
+        conditions[is_finite, index] = np.linalg.cond(
+            part[is_finite].reshape(-1, rows, part.shape[2] // rows)
+        )
+    return conditions
 
 
 def _measured(scenario: Scenario, kept: list[int], measured: Array) -> Samples:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -45,6 +45,8 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return dataclasses.replace(tree, **parts)
     values: Any = parts.values()
+    if isinstance(tree, Mapping):
+        values = zip(tree, values, strict=True)
     made: Any = type(tree)
     return made(*values) if hasattr(tree, "_fields") else made(values)
 
@@ -56,7 +58,7 @@ def structure(tree: Any) -> Hashable:
     if isinstance(tree, np.ndarray) and tree.dtype != bool:
         return tree.shape
     parts = _parts(tree)
-    if isinstance(tree, tuple | list) or parts:
+    if isinstance(tree, tuple | list | Mapping) or parts:
         return (type(tree), *((name, structure(part)) for name, part in parts))
     return tree.tobytes() if isinstance(tree, np.ndarray) else tree
 
@@ -72,6 +74,8 @@ def _parts(tree: Any) -> list[tuple[str, Any]]:
         return [(name, getattr(tree, name)) for name in type(tree).model_fields]
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
+    if isinstance(tree, Mapping):
+        return [(str(name), part) for name, part in tree.items()]
     if isinstance(tree, tuple | list):
         names = getattr(tree, "_fields", map(str, range(len(tree))))
         return list(zip(names, tree, strict=True))

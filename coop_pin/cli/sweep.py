@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -23,6 +23,7 @@ class Sweep:
         scheduler: address of a dask scheduler to use instead of local processes, for example
             tcp://127.0.0.1:8786.
         retry_failed: repeat runs that failed for lack of time or of a worker.
+        engine: the plan's engine: single, batch, or auto; the file's when omitted.
         estimate: only print the plan and an estimate of its duration.
         quiet: no progress bar and no summary.
     """
@@ -32,6 +33,7 @@ class Sweep:
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     retry_failed: bool = False
+    engine: Literal["single", "batch", "auto"] | None = None
     estimate: bool = False
     quiet: bool = False
 
@@ -40,6 +42,8 @@ class Sweep:
         from coop_pin.sweeps import SweepPlan, estimate, sweep
 
         plan = SweepPlan.load(self.plan)
+        if self.engine is not None:
+            plan = plan.replace(engine=self.engine)
         if self.estimate:
             print(plan.summary(), estimate(plan, workers=self.workers).summary(), sep="\n")
             return OK

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from coop_pin.batch import export_c
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control import (
@@ -20,6 +23,7 @@ from coop_pin.control import (
 )
 from coop_pin.description.controller import NoForcePath, PayloadSpace
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import simulate
 
@@ -46,10 +50,11 @@ class _Timed(CellController):
 
 
 def tick_costs(scenario: Scenario, controllers: Controllers) -> pd.DataFrame:
-    """Return the computing time of controllers in Python, for each arm and tick, and what they need.
+    """Return the cost of controllers for each arm and tick, and what they need.
 
-    The least of a hundred ticks, in us, and its ratio to that of the first controller: absolute times are of
-    this machine. ``needs`` is what a controller uses besides kinematics.
+    ``us`` is the least time of a hundred ticks in Python, of this machine, and ``ratio`` that to the first
+    controller's. ``operations`` counts those of the law of the first arm with its kinematics, as exported to
+    C; NaN for laws that cannot be. ``needs`` is what a controller uses besides kinematics.
 
     Args:
         scenario: the cell.
@@ -67,10 +72,23 @@ def tick_costs(scenario: Scenario, controllers: Controllers) -> pd.DataFrame:
         timed = _Timed(law)
         simulate(chosen, timed)
         least = 1e6 * float(np.min(timed.steps)) / len(chosen.cell.arms)
-        rows[name] = {"us": least, "needs": ", ".join(_needs(chosen, law)) or "nothing"}
+        rows[name] = {
+            "us": least,
+            "operations": _operations(chosen),
+            "needs": ", ".join(_needs(chosen, law)) or "nothing",
+        }
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.insert(1, "ratio", table["us"] / table["us"].iloc[0])
     return table
+
+
+def _operations(scenario: Scenario) -> float:
+    """Return the arithmetic operations of a tick of the first arm's law; NaN if it cannot be traced."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return float(sum(export_c(scenario, next(iter(scenario.cell.arms)), folder).flops.values()))
+    except (TracingError, ArgumentError):
+        return math.nan
 
 
 def _needs(scenario: Scenario, law: CellController) -> tuple[str, ...]:

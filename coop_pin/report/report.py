@@ -201,11 +201,13 @@ def _verdict(result: RunResult) -> str:
 def _tiles(result: RunResult) -> str:
     """Return the internal wrench and the tracking error at the telling instant, of the worst arm."""
     now = result.data.sel(time=telling_instant(result).time)
-    parts = (("along", "axial", "N"), ("across", "shear", "N"), ("moment", "moment", "N m"))
+    parts = (("", "axial", "N"), ("across", "shear", "N"), ("moment", "moment", "N m"))
     tiles = []
     for name, part, unit in parts:
         arm = int(np.nan_to_num(np.abs(now[f"internal_{part}"].values)).argmax())
         value, wanted = (float(now[f"{of}internal_{part}"].values[arm]) for of in ("", "desired_"))
+        if part == "axial":
+            name = "pull apart" if value > 0.0 else "squeeze"
         tiles.append((name, value, unit, f"wanted {round(wanted, 3) + 0.0:g} {unit}"))
     distance, angle = (
         1e3 * np.linalg.norm(now["pose_error"].values[rows]) for rows in (slice(3), slice(3, 6))

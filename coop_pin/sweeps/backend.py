@@ -46,8 +46,20 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
             stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
-        for job in jobs:
-            yield [run_job(job)]
+        while batch := _next_batch(jobs, 1):
+            if batch[0].engine == "single":
+                yield [run_job(job) for job in batch]
+            else:
+                from coop_pin.sweeps.batch_job import run_batch  # slow to load
+
+                yield run_batch(batch)
+
+
+def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
+    """Return the next jobs: as many as wanted, or the most of those that are simulated together."""
+    first = list(itertools.islice(jobs, 1))
+    wanted = _LARGEST_BATCH if first and first[0].engine == "batch" else size
+    return first + list(itertools.islice(jobs, wanted - 1))
 
 
 class Backend(Protocol):
@@ -74,7 +86,7 @@ def outcomes(backend: Backend, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             free = 2 * backend.slots() - len(under_way)
         for _ in range(free):
             size = max(1, min(_LARGEST_BATCH, round(BATCH_S / mean_s)))
-            if batch := list(itertools.islice(jobs, size)):
+            if batch := _next_batch(jobs, size):
                 with _reported():
                     under_way.add(backend.submit(batch))
         if not under_way:

@@ -25,6 +25,7 @@ from coop_pin.errors import (
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
+from coop_pin.sweeps.engine_choice import with_engine
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
@@ -123,8 +124,8 @@ class Session:
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
-                    scenario_json = scenario.model_dump_json()
-                    yield Job(key, scenario_json, point.changes, plan.metrics, *limits, keep, code)
+                    content = scenario.model_dump_json()
+                    yield Job(key, content, point.changes, plan.metrics, *limits, keep, code, plan.engine)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
@@ -195,7 +196,7 @@ def sweep(
         retry_failed: repeat runs that failed for lack of time, of memory or of a worker.
         quiet: no progress bar.
         plan: further fields of the SweepPlan: changes, cases, zipped, sample, metrics, time_limit_s,
-            memory_limit_gb, keep.
+            memory_limit_gb, keep, engine, repeats.
 
     Raises:
         ScenarioError: the plan has mistakes.
@@ -214,6 +215,7 @@ def sweep(
     fields = plan if axes is None else {**plan, "axes": axes}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
     with open_session(out, workers, scheduler, len(chosen), quiet=quiet) as session:
+        chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
         session.compute(chosen, retry_failed=retry_failed)
     result = SweepResult(chosen, session.store)

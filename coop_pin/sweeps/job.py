@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError
+from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.run_scenario import run
 from coop_pin.schema.user_code import load_function
@@ -54,6 +55,7 @@ class Record:
         message: the error's message.
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
+        engine: what simulated it: "single", or "batch" together with others.
         wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
         cpu_s: processor time.
     """
@@ -65,6 +67,7 @@ class Record:
     message: str = ""
     failed_at_s: float | None = None
     trace: str = ""
+    engine: str = "single"
     wall_s: float = 0.0
     cpu_s: float = 0.0
 
@@ -113,6 +116,7 @@ class Job(NamedTuple):
         memory_limit: memory of a worker, bytes; 0 for no limit.
         keep: whether the full result is requested.
         code: digests of the user's code that the key covers.
+        engine: "single", or "batch" for a run that is simulated together with others if it can be.
     """
 
     key: str
@@ -123,6 +127,7 @@ class Job(NamedTuple):
     memory_limit: int = 0
     keep: bool = False
     code: Code = ()
+    engine: str = "single"
 
 
 class Outcome(NamedTuple):
@@ -151,10 +156,19 @@ def run_job(job: Job) -> Outcome:
         KeyboardInterrupt: Ctrl-C.
     """
     require_unchanged(job.code)
+
+    def compute() -> RunResult:
+        return run(Scenario.model_validate_json(job.scenario), progress=deadline(job.time_limit_s))
+
+    return outcome_of(job, compute)
+
+
+def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
+    """Return the outcome of a job whose result is computed by a function; see run_job."""
     content, wall, cpu = None, time.perf_counter(), time.process_time()
     try:
         with contextlib.redirect_stdout(sys.stderr):
-            result = run(Scenario.model_validate_json(job.scenario), progress=deadline(job.time_limit_s))
+            result = compute()
             metrics = result.metrics()
             for name in job.metrics:  # the user's last
                 metrics |= {own: float(value) for own, value in load_function(name, {})(result).items()}

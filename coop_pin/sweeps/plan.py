@@ -8,7 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -94,6 +94,9 @@ class SweepPlan(Description):
         time_limit_s: wall time after which a run is aborted, s.
         memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
+        engine: "single", "batch" (runs of one kind are simulated together by compiled code, many times
+            faster; those that cannot be are run singly), or "auto": "batch" if the first run can be and there
+            are enough of them, decided when the sweep first starts.
         repeats: of each run, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension of the plan. With
             1 the scenario keeps its own seed.
     """
@@ -108,6 +111,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
+    engine: Literal["single", "batch", "auto"] = "single"
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")

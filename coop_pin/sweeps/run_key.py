@@ -132,6 +132,8 @@ def run_key(
     metrics: tuple[str, ...] = (),
     code: Code | None = None,
     digest: Callable[[Path], str] = file_digest,
+    *,
+    engine: str = "single",
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
@@ -145,12 +147,14 @@ def run_key(
         metrics: the user's metrics, "module:function".
         code: digests of the user's code; computed when omitted.
         digest: ``file_digest``, or one that remembers.
+        engine: of the plan; batches differ from single runs by rounding.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
     files = {name: digest(path) for name, path in _files(scenario)}
-    return _hash(content | {"files": files, "code": dict(code)})
+    named = {} if engine == "single" else {"engine": engine}
+    return _hash(content | {"files": files, "code": dict(code)} | named)
 
 
 def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
@@ -203,4 +207,5 @@ def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), error)
             continue
         code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
-        yield KeyedPoint(point, run_key(scenario, plan.metrics, code, digest), scenario, code)
+        key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine)
+        yield KeyedPoint(point, key, scenario, code)

@@ -30,11 +30,11 @@ _POLL_S, _PAUSE_S = 0.2, 0.1
 
 def compute(jobs: bytes, memory_limit: int) -> bytes:
     """Return the pickled outcomes of pickled jobs; called in a worker."""
-    from coop_pin.sweeps.job import run_job
+    from coop_pin.sweeps.batch_job import run_jobs
 
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, hard))
-    return pickle.dumps([run_job(job) for job in pickle.loads(jobs)])
+    return pickle.dumps(run_jobs(pickle.loads(jobs)))
 
 
 def start_worker() -> None:

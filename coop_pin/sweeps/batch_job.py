@@ -1,0 +1,73 @@
+"""Jobs of a sweep that are simulated together; what cannot be is simulated singly."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+
+from coop_pin.batch import BatchSimulator, family
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import CoopPinError
+from coop_pin.sweeps.job import Job, Outcome, outcome_of, run_job
+from coop_pin.sweeps.run_key import require_unchanged
+
+_simulators: dict[Hashable, BatchSimulator] = {}
+"""With their code, by the family of the scenarios, for all batches of a process."""
+
+
+def run_jobs(jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs of one engine; raises as run_batch."""
+    return run_batch(jobs) if jobs[0].engine == "batch" else [run_job(job) for job in jobs]
+
+
+def run_batch(jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs in their order.
+
+    What a run gives does not depend on those that it is simulated with.
+
+    Raises:
+        CodeChangedError: this process has loaded other code than a job's key covers.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    families, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome]()
+    scenarios = [Scenario.model_validate_json(job.scenario) for job in jobs]
+    for place, (job, scenario) in enumerate(zip(jobs, scenarios, strict=True)):
+        require_unchanged(job.code)
+        families[family(scenario)].append(place)
+    for kind, places in families.items():
+        simulator = _simulators.setdefault(kind, BatchSimulator())
+        alike = [(jobs[place], scenarios[place]) for place in places]
+        found |= zip(places, _together(simulator, alike), strict=True)
+    return [found[place] for place in range(len(jobs))]
+
+
+def _together(simulator: BatchSimulator, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome]:
+    """Return the outcomes of runs of a family.
+
+    A run that breaks a guard is repeated singly, for its error; when a batch cannot start, its halves can.
+    """
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            batch = simulator.run([scenario for _, scenario in runs])
+    except CoopPinError:
+        if len(runs) == 1:
+            return [run_job(runs[0][0])]
+        half = len(runs) // 2
+        return _together(simulator, runs[:half]) + _together(simulator, runs[half:])
+    wall, cpu = (time.perf_counter() - wall) / len(runs), (time.process_time() - cpu) / len(runs)
+    found = []
+    for place, (job, _) in enumerate(runs):
+        if not batch.is_valid[place]:
+            found.append(run_job(job))
+            continue
+        record, content = outcome_of(job, functools.partial(batch.result, place))
+        wall_s, cpu_s = record.wall_s + wall, record.cpu_s + cpu
+        record = dataclasses.replace(record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
+        found.append(Outcome(record, content))
+    return found

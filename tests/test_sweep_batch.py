@@ -1,0 +1,145 @@
+"""Sweeps whose runs are simulated together: the same table, the same errors, the engine in key and record."""
+
+import logging
+import sys
+
+import numpy as np
+import pytest
+from faulty import law
+
+import coop_pin as cp
+from coop_pin.errors import FieldError, MissingExtraError
+from coop_pin.sweeps import SweepPlan, batch_job, engine_choice
+from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.store import SweepStore
+
+GAINS = {"controller.gains.damping_gain": [40.0, 1e5, 50.0]}
+"""The second one diverges."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory):
+    """Compiled code is kept in a folder of the tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def plan(**fields):
+    base = cp.Scenario.load("adept-paper").replace(duration=0.1, events=(), beyond_bound=True)
+    return SweepPlan(base=base, **{"axes": GAINS, "engine": "batch"} | fields)
+
+
+def swept(chosen, folder):
+    """The runs of a sweep, and the engine of each."""
+    result = cp.sweep(chosen, out=folder, workers=0, quiet=True)
+    engines = {record.key: record.engine for record in SweepStore(folder).records()}
+    return [result.point(n) for n in range(len(chosen))], [engines[p.key] for p in keyed_points(result.plan)]
+
+
+def bits(runs):
+    """The metrics as text, in which NaN equals NaN."""
+    return [repr(run.metrics) for run in runs]
+
+
+def test_the_table_of_batches_is_that_of_single_runs_and_errors_are_the_same(tmp_path):
+    single, _ = swept(plan(engine="single"), tmp_path / "single")
+    batch, engines = swept(plan(keep=(0,)), tmp_path / "batch")
+    assert engines == ["batch", "single", "batch"]
+    for found, wanted in zip(batch, single, strict=True):
+        assert (found.parameters, found.kind, found.message) == (
+            wanted.parameters,
+            wanted.kind,
+            wanted.message,
+        )
+        assert found.metrics == pytest.approx(wanted.metrics, rel=1e-9, abs=1e-9, nan_ok=True)
+    assert [run.kind for run in batch] == ["", "DivergedError", ""]
+    kept = cp.SweepResult.load(tmp_path / "batch").open(0).metrics()
+    assert kept == pytest.approx({name: batch[0].metrics[name] for name in kept}, rel=0, abs=0, nan_ok=True)
+
+
+@pytest.mark.slow
+def test_a_finished_batch_is_kept_and_values_that_come_later_are_simulated(tmp_path, monkeypatch):
+    simulated, original = [], batch_job.run_batch
+    monkeypatch.setattr(batch_job, "run_batch", lambda jobs: simulated.append(len(jobs)) or original(jobs))
+    gain = "controller.gains.pose_gain"
+    first, _ = swept(plan(axes={gain: [5.0, 6.0]}), tmp_path)
+    again, _ = swept(plan(axes={gain: [5.0, 6.0]}), tmp_path)
+    more, _ = swept(plan(axes={gain: [5.0, 5.5, 6.0]}), tmp_path)
+    assert simulated == [2, 1]
+    assert bits(again) == bits(more[::2]) == bits(first)
+
+
+@pytest.mark.slow
+def test_what_a_run_gives_does_not_depend_on_the_runs_beside_it(tmp_path):
+    axes = {"controller.gains.pose_gain": [5.0, 6.0], "cell.payload.mass": [1.0, 2.0]}
+    together, _ = swept(plan(axes=axes), tmp_path / "together")
+    batch_job._simulators.clear()  # as in another process
+    (alone,), _ = swept(plan(axes={field: values[1:] for field, values in axes.items()}), tmp_path / "alone")
+    assert bits([alone]) == bits(together[3:])
+    assert bits([alone]) != bits(together[:1])
+
+
+@pytest.mark.slow
+def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(tmp_path):
+    runs, engines = swept(plan(axes={"start.xyz": [[0.6, 0.14, 0.0], [5.0, 0.0, 0.0]]}), tmp_path / "far")
+    assert engines == ["batch", "single"]
+    assert [run.kind for run in runs] == ["", "UnreachablePoseError"]
+    runs, engines = swept(plan(axes={"actuators.lag": [0.0, 0.005]}), tmp_path / "lag")
+    assert engines == ["batch", "single"]
+    assert [run.kind for run in runs] == ["", ""]
+
+
+# ---------------------------------------------------------------- the choice
+
+
+def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 3)
+    store = SweepStore(tmp_path)
+    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "batch"
+    with caplog.at_level(logging.WARNING):
+        assert engine_choice.with_engine(plan(engine="auto", axes={}), store).engine == "single"
+    assert "1 runs are fewer than 3" in caplog.text
+    store.write_plan(plan(engine="single"))  # as decided when llvmlite was not there
+    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "single"
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [({"actuators.lag": 0.01}, "lag"), (law("none"), "Faulty")],
+    ids=["lag", "user"],
+)
+def test_the_reason_why_runs_are_single_is_told(changes, word, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
+    wanted = plan(changes=changes, axes={})
+    with caplog.at_level(logging.WARNING):
+        assert (
+            engine_choice.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
+        )
+    assert word in caplog.text
+    with pytest.raises(FieldError, match=word) as caught:
+        engine_choice.with_engine(wanted, SweepStore(tmp_path))
+    assert caught.value.path == "engine"
+
+
+def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
+    assert engine_choice.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
+    with pytest.raises(MissingExtraError):
+        engine_choice.with_engine(plan(), SweepStore(tmp_path))
+
+
+def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():
+    keys = {name: [point.key for point in keyed_points(plan(engine=name))] for name in ("single", "batch")}
+    assert keys["single"][0] == cp.sweeps.run_key.run_key(plan().scenario(0))
+    assert len({*keys["single"], *keys["batch"]}) == 6
+
+
+@pytest.mark.slow
+def test_workers_simulate_batches_with_the_bits_of_this_process(tmp_path):
+    axes = {"controller.gains.pose_gain": list(np.linspace(5.0, 9.0, 150))}
+    here, _ = swept(plan(axes=axes), tmp_path / "here")
+    there = cp.sweep(plan(axes=axes), out=tmp_path / "there", workers=2, quiet=True)
+    assert bits([there.point(n) for n in range(150)]) == bits(here)
