@@ -92,26 +92,48 @@ def test_a_kinematic_bias_leaves_a_constant_internal_force(name):
     assert_allclose(error[-50], error[-1], atol=1e-3 * np.linalg.norm(expected))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CATALOGUE_CELLS)
-def test_a_bias_loads_every_arm_by_its_own_part(name):
-    """Redundant, unequal, three and continuous arms: f_i = c_i k_I K gamma (b_i - bbar) / beta."""
+def held_with_a_bias(name, duration, changes=None):
+    """Internal-force errors at the end with 0.5 mm of bias in the first arm, shape (m, 3); their scenario.
+
+    Also what a rate of 1 /s would make of the bias: c_i k_I K gamma (b_i - bbar).
+    """
     scenario = Scenario.load(name)
     first, *_ = arms = list(scenario.cell.arms)
-    changes = {
-        "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
-        "duration": 5.0,
-        f"cell.arms.{first}.calibration_error.tip.xyz": [4e-4, 3e-4, 0.0],
-    }
-    result = cp.run(scenario, changes)
-    gamma, stiffness, beta = rates(scenario)
+    result = cp.run(
+        scenario,
+        {
+            "motion": {"kind": "hold", "pose": scenario.start.model_dump()},
+            "duration": duration,
+            f"cell.arms.{first}.calibration_error.tip.xyz": [4e-4, 3e-4, 0.0],
+        }
+        | (changes or {}),
+    )
+    gamma, stiffness, _ = rates(result.scenario)
     shares = np.array(scenario.cell.shares)
     R_WP = Rotation.from_quat(result.data.payload_quaternion.values[-1]).as_matrix()
     bias = R_WP @ scenario.cell.grasps[first].matrix[:3, :3] @ [4e-4, 3e-4, 0.0]
     errors = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-1, :, :3]
     own = np.eye(len(arms))[0]
-    expected = np.outer(shares * (own - shares[0]), stiffness * gamma * bias / beta)
+    return errors, result.scenario, np.outer(shares * (own - shares[0]), stiffness * gamma * bias)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CATALOGUE_CELLS)
+def test_a_bias_loads_every_arm_by_its_own_part(name):
+    """Redundant, unequal, three and continuous arms: f_i = c_i k_I K gamma (b_i - bbar) / beta."""
+    errors, scenario, by_rate = held_with_a_bias(name, 5.0)
+    expected = by_rate / rates(scenario)[2]
     assert_allclose(errors, expected, atol=0.02 * np.linalg.norm(expected[0]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["three-ur5-plate", "panda-ur5-bar"])
+def test_a_lost_sensor_loads_every_arm_by_its_own_part(name):
+    """Three and unequal arms: f_i = c_i k_I K gamma (b_i - bbar) (1 / beta + 1 / leak)."""
+    errors, scenario, by_rate = held_with_a_bias(name, 8.0, {"sensors.wrist": {"lost": [[5.0, 8.0]]}})
+    leak = scenario.controller.leak_of(next(iter(scenario.cell.arms)))
+    expected = by_rate * (1.0 / rates(scenario)[2] + 1.0 / leak)
+    assert_allclose(errors, expected, atol=0.1 * np.linalg.norm(expected[0]))
 
 
 @pytest.mark.slow
