@@ -82,7 +82,7 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
 
 
 def family(scenario: Scenario) -> Hashable:
-    """Return what scenarios must share to be simulated together, as far as their fields show it."""
+    """Return what a scenario must share with others of its batch, as far as its fields show it."""
     fields = set(Scenario.model_fields) - {"name", "summary", "trust"}
     return *(structure(getattr(scenario, name)) for name in sorted(fields)), _times(scenario)
 
