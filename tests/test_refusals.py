@@ -76,6 +76,18 @@ def test_a_simulation_refuses_objects_of_a_wrong_class(cell):
 
 
 @CELLS
+def test_a_time_at_which_the_motion_is_not_finite_is_refused(cell):
+    growing = {"kind": "exponentials", "constant": (0.6, 0.1, 0.0), "amplitudes": [(0.1, 0.0, 0.0)]}
+    scenario = SCENARIOS[cell]().override(SHORT | {"motion": growing | {"time_constants": [6.6]}})
+    run = cp.Simulation(SCENARIOS[cell](), build_controller(SCENARIOS[cell]()))
+    run.motion = scenario.motion
+    with pytest.raises(errors.OutOfRangeError) as caught:
+        run.references(-1e300)
+    assert (caught.value.name, caught.value.value) == ("time", -1e300)
+    assert np.isfinite(run.references(0.0)[0].pose).all()
+
+
+@CELLS
 @pytest.mark.parametrize("q", [None, [0.0], "x", np.zeros((2, 3))], ids=repr)
 def test_closure_errors_and_the_like_refuse_a_configuration_of_a_wrong_shape(chains, cell, q):
     chain = chains[cell]

@@ -16,7 +16,7 @@ from coop_pin.control.interface import ArmReference, CellController
 from coop_pin.description.events import Event, PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import DivergedError, FieldError, InvalidStateError
+from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
 from coop_pin.results import RunResult, Snapshot
@@ -172,9 +172,17 @@ class Simulation:
         self._replaced.append(f"squeeze replaced at t = {self.time:g} s")
 
     def references(self, time: float) -> list[ArmReference]:
-        """Return the reference of each arm at a time, s."""
+        """Return the reference of each arm at a time, s.
+
+        Raises:
+            OutOfRangeError: the motion is not finite at that time.
+        """
         time = as_number("time", time)
-        return self._references(self.motion.at(time), self.squeeze.at(time, self._grasps))
+        with np.errstate(over="ignore", invalid="ignore"):
+            target = self.motion.at(time)
+        if not all(np.isfinite(part).all() for part in target):
+            raise OutOfRangeError("time", time, "a time at which the motion is finite")
+        return self._references(target, self.squeeze.at(time, self._grasps))
 
     def _tick(self, tick: int) -> None:
         time = self.timeline.time(tick)
