@@ -90,13 +90,13 @@ WRIST = {"wrist": {"rate_hz": 40.0}}
 @pytest.mark.parametrize(
     ("path", "sensors", "groups"),
     [
-        (NONE, {}, set()),
-        (LATE, {}, set()),
-        (FILTERED, {}, set()),
-        (LATE | {"delay": 1}, {}, {"force path"}),
-        (LATE, WRIST, {"force path", "wrist"}),
-        (FILTERED | {"delay": 2}, WRIST, {"force path", "wrist"}),
-        (NONE, WRIST, {"wrist"}),
+        (NONE, {}, ()),
+        (LATE, {}, ()),
+        (FILTERED, {}, ()),
+        (LATE | {"delay": 1}, {}, ("force path",)),
+        (LATE, WRIST, ("force path", "wrist")),
+        (FILTERED | {"delay": 2}, WRIST, ("force path", "wrist")),
+        (NONE, WRIST, ("wrist",)),
     ],
     ids=str,
 )
