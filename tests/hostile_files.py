@@ -144,7 +144,7 @@ def _replaced(chance, data, pattern, by):
 
 def resigned(chance: random.Random, data: bytes) -> bytes:
     """Return a file of a sweep with a damaged line and the checksum that belongs to it."""
-    lines = data.strip().split(b"\n")
+    lines = [line for line in data.split(b"\n") if line]  # batches begin with an empty one
     number = chance.randrange(len(lines))
     content = json.loads(checked_content(lines[number]))
     tables = [content] + [entry for entry in content.values() if isinstance(entry, dict) and entry]
