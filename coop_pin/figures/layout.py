@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 _CHARACTER, _LINE, _LEAST_CHARACTERS = 0.08, 0.13, 3
 """Width and height of a digit at the ticks, inches; numbers of fewer characters have the room of three."""
 _TICK, _LABEL, _EDGE, _RIGHT = 0.12, 0.16, 0.1, 0.18
-"""Room of a tick mark, of a label beside its numbers, at an edge, and at the right for half a number, inches."""
+"""Room of a tick mark, a label beside its numbers, an edge, and half a number at the right, inches."""
 _TITLE, _FIGURE_TITLE, _CAPTION = 0.22, 0.22, 0.18
 """Room of the titles of a panel and of the figure, and of its caption, inches."""
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
