@@ -26,6 +26,7 @@ class Plant:
     """Closed chain in motion: its state and the forces on it.
 
     Attributes:
+        engine: what computes it.
         chain: the cell's closed chain.
         transmission: between its drives and joints, with friction.
         q: configuration, shape (nq,).
@@ -33,6 +34,8 @@ class Plant:
         external: wrench on the payload about P in world axes, N and N m, shape (6,).
         work: done so far by each of CHANNELS, J, shape (3,).
     """
+
+    engine = "pinocchio"
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         """Start at rest, without torques.

@@ -66,12 +66,15 @@ class Simulation:
         recorder: what was recorded so far.
     """
 
-    def __init__(self, scenario: Scenario, controller: CellController) -> None:
+    def __init__(
+        self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant
+    ) -> None:
         """Start at t = 0, at rest.
 
         Args:
             scenario: what to run.
             controller: it need not be the one that the scenario names.
+            plant: what computes the motion.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
@@ -84,7 +87,7 @@ class Simulation:
         self.ticks_done = 0
         self.timeline = self._timeline()
         chain = CellChain(scenario.cell, scenario.plant)
-        self.plant = Plant(chain, scenario.plant, _start(chain, scenario))
+        self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario, self.plant, limits)
         self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)

@@ -1,0 +1,264 @@
+"""Plant of a single run as compiled code: the engine "traced", in place of Pinocchio's solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
+from coop_pin.batch.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.batch.llvm_machine import LlvmMachine
+from coop_pin.batch.run_code import STAGES
+from coop_pin.batch.serial_arm import Numbers, RigidInertia
+from coop_pin.batch.traced_array import traced
+from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt, structure
+from coop_pin.chain.cell_chain import CellChain, Observation
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.trajectory import Energy
+from coop_pin.description.plant import PlantOptions
+from coop_pin.errors import ArgumentError, TracingError
+from coop_pin.simulation.plant import CHANNELS, Plant
+from coop_pin.simulation.transmission import Friction, friction
+
+_AT_ONCE = 64
+"""Plant steps of one call."""
+_KEPT_CODES = 8
+"""Cells whose code a process keeps."""
+_OBSERVED = ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinetic", "potential")
+
+
+class PlantNumbers(NamedTuple):
+    """Numbers that fold into the code of a plant.
+
+    Attributes:
+        cell: its dynamics; the payload is an input.
+        friction: of each arm.
+    """
+
+    cell: CellModel
+    friction: tuple[Friction, ...]
+
+
+class PlantCode:
+    """Kernels "observe" and "step" of a cell, and the slots that they read and write.
+
+    Attributes:
+        lanes: the slots.
+        program: observes first, and then makes steps, each by a row of the uniforms that has its length.
+    """
+
+    def __init__(self, numbers: PlantNumbers) -> None:
+        self._numbers, self._functions = numbers, SharedFunctions()
+        self._sizes = [len(arm.bodies) for arm in numbers.cell.arms]
+        m, N = len(self._sizes), sum(self._sizes)
+        self.lanes, self._uniforms = Layout(), Layout()
+        for name, *sizes in (
+            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("force", N), ("external", 6), ("payload", 13)),
+            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3), ("wrenches", m, 6)),
+            *(("closure_errors", m, 2), ("kinetic",), ("potential",)),
+        ):
+            self.lanes.add(str(name), *sizes)
+        self._uniforms.add("h")
+        steps = [Instruction(1, row) for row in range(_AT_ONCE)]
+        kernels = [self._observe(), self._step()]
+        self.program = Program(kernels, self.lanes, 0, 0, [Instruction(0, 0), *steps])
+
+    def _observe(self) -> Kernel:
+        kernel = Kernel("observe", self.lanes, self._uniforms)
+        motion, _ = self._motion(kernel, kernel.read("q"), kernel.read("v"))
+        for name in _OBSERVED:
+            kernel.write(name, getattr(motion, name))
+        return kernel
+
+    def _step(self) -> Kernel:
+        """Return one step of h of the classical Runge-Kutta method, with the work of the forces."""
+        kernel = Kernel("step", self.lanes, self._uniforms)
+        q, v, h, force = kernel.read("q"), kernel.read("v"), kernel.uniform("h"), kernel.read("force")
+        q_end, v_end, work = q, v, kernel.read("work")
+        q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
+        for node, weight in STAGES:
+            q_i, v_i = q + node * h * q_rate, v + node * h * v_rate
+            motion, resistance = self._motion(kernel, q_i, v_i)
+            q_rate, v_rate = v_i, traced(np.concatenate(motion.accelerations))
+            power = traced([force @ v_i, resistance @ v_i, kernel.read("external") @ motion.V_WP])
+            q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
+            work = work + weight * h * power
+        for name, values in (("q", q_end), ("v", v_end), ("work", work)):
+            kernel.write(name, values)
+        return kernel
+
+    def _motion(self, kernel: Kernel, q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers]:
+        """Return the motion under the held forces, and the friction of all joints."""
+        cell = self._numbers.cell
+        cell = cell._replace(payload=rebuilt(cell.payload, iter(kernel.read("payload"))))
+        rates, forces = self._split(v), self._split(kernel.read("force"))
+        resistance = [own.force(rate) for own, rate in zip(self._numbers.friction, rates, strict=True)]
+        tau = [force + own for force, own in zip(forces, resistance, strict=True)]
+        state = CellState(self._split(q), rates, tau, kernel.read("external"))
+        return cell_motion(self._functions, kernel.tape, cell, state), traced(np.concatenate(resistance))
+
+    def _split(self, values: Numbers) -> list[Numbers]:
+        parts = np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
+        return [traced(part) for part in parts]
+
+
+class TracedPlant(Plant):
+    """Plant whose steps and observations are compiled code; its chain remains that of Pinocchio.
+
+    Steps wait until the state is read or a force changes, so that a tick without events is one call.
+    """
+
+    engine = "traced"
+
+    def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
+        """Start at rest, without torques; arguments as of Plant.
+
+        Raises:
+            ArgumentError: the engine does not have the options, or an arm is no serial chain.
+            MissingExtraError: llvmlite is not installed.
+        """
+        code, machine = _compiled(_numbers(chain, options))
+        self._waiting: list[float] = []
+        self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((_AT_ONCE, 1))
+        self._call = machine.bound(self._block, self._lengths)
+        self._at = {
+            name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
+            for name in ("q", "v", "work", "force", "external", "payload", *_OBSERVED)
+            for slots in (code.lanes.slots(name),)
+        }
+        self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
+        super().__init__(chain, options, q)
+        self._weigh()
+
+    @property
+    def q(self) -> Array:  # type: ignore[override]
+        """Configuration, shape (nq,)."""
+        self._settle()
+        return self._q
+
+    @q.setter
+    def q(self, q: Array) -> None:
+        self._settle()
+        self._q = q
+        parts = [q] if self._is_vector else [place.angles.of(q[place.q_slice]) for place in self._places]
+        self._at["q"][:] = np.concatenate(parts)
+
+    @property
+    def v(self) -> Array:  # type: ignore[override]
+        """Velocity, shape (nv,)."""
+        self._settle()
+        return self._v
+
+    @v.setter
+    def v(self, v: Array) -> None:
+        self._settle()
+        self._v = self._at["v"][:] = v
+
+    @property
+    def work(self) -> Array:  # type: ignore[override]
+        """Work done so far by each of CHANNELS, J, shape (3,)."""
+        self._settle()
+        return self._at["work"].copy()
+
+    @work.setter
+    def work(self, work: Array) -> None:
+        self._settle()
+        self._at["work"][:] = work
+
+    def hold(self, force: Array) -> None:
+        """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
+        self._settle()
+        super().hold(force)
+        self._at["force"][:] = force
+
+    def push(self, external: Array) -> None:
+        """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
+        self._settle()
+        super().push(external)
+        self._at["external"][:] = external
+
+    def advance(self, t: float, h: float) -> None:
+        """Integrate from time t over h seconds."""
+        if self.chain.model.payload_inertia is not self._payload:
+            self._settle()
+            self._weigh()
+        self._waiting.append(h)
+        if len(self._waiting) == _AT_ONCE:
+            self._settle()
+
+    def observe(self) -> Observation:
+        """Return poses, wrenches and energy of the chain at the present state, under the present forces."""
+        seen, X_WP = self._observed(), np.zeros((4, 4))
+        X_WP[:3, :3], X_WP[:3, 3], X_WP[3, 3] = seen["R_WP"], seen["p_WP"], 1.0
+        return Observation(
+            payload_pose=X_WP,
+            payload_twist=seen["V_WP"].copy(),
+            tip_positions=seen["tips"].copy(),
+            closure_errors=[ClosureError(*error) for error in seen["closure_errors"].tolist()],
+            interaction_wrenches=seen["wrenches"].copy(),
+            energy=Energy(seen["kinetic"].item(), seen["potential"].item()),
+        )
+
+    def interaction_wrenches(self) -> Array:
+        """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
+        return self._observed()["wrenches"].copy()
+
+    def _observed(self) -> dict[str, Array]:
+        """Return the slots after an observation; the next one overwrites them."""
+        self._settle()
+        if self.chain.model.payload_inertia is not self._payload:
+            self._weigh()
+        self._call(0, 1)
+        return self._at
+
+    def _settle(self) -> None:
+        """Make the steps that wait."""
+        if not self._waiting:
+            return
+        count, self._lengths[: len(self._waiting), 0] = len(self._waiting), self._waiting
+        self._waiting.clear()
+        self._call(1, count)
+        self._v, q = self._at["v"].copy(), self._at["q"].copy()
+        self._q = q if self._is_vector else self._configuration(q)
+
+    def _configuration(self, angles: Array) -> Array:
+        places = self._places
+        return np.concatenate([place.angles.configuration(angles[place.v_slice]) for place in places])
+
+    def _weigh(self) -> None:
+        """Take over the payload's inertia, which events change."""
+        self._payload = self.chain.model.payload_inertia
+        self._at["payload"][:] = leaves(RigidInertia.from_model(self._payload))
+
+
+def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
+    """Return the numbers of a plant; raises ArgumentError as TracedPlant."""
+    chosen = options.payload, options.integrator, options.project
+    if chosen != ("welded", "rk4", "start"):
+        raise ArgumentError(
+            f"engine 'traced' has no plant with payload, integrator and project {chosen};"
+            " it has 'welded', 'rk4' and 'start': choose these, or engine 'pinocchio'"
+        )
+    try:
+        cell = CellModel.from_chain(chain)
+    except TracingError as error:
+        raise ArgumentError(f"engine 'traced': {error}; choose engine 'pinocchio'") from None
+    return PlantNumbers(cell, tuple(friction(arm, name) for name, arm in chain.cell.arms.items()))
+
+
+_CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
+
+
+def _compiled(numbers: PlantNumbers) -> tuple[PlantCode, LlvmMachine]:
+    """Return the code of a plant, which is traced once in a process."""
+    folded = [numbers.cell._replace(payload=()), numbers.friction]  # type: ignore[arg-type]
+    key = structure(folded), tuple(leaves(folded))
+    if key not in _CODES:
+        if len(_CODES) == _KEPT_CODES:
+            del _CODES[next(iter(_CODES))]
+        code = PlantCode(numbers)
+        _CODES[key] = code, LlvmMachine(code.program, width=1)
+    return _CODES[key]
