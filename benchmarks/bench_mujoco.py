@@ -98,7 +98,10 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     scenario = shortened(cp.Scenario.load("adept-paper", OVERRIDES), options.duration)
     runs = {
-        f"coop_pin, {12.5 / steps:g} ms": lambda n=steps: recorded(coop_pin_run(scenario, n))
+        f"coop_pin{title}, {12.5 / steps:g} ms": lambda n=steps, e=engine: recorded(
+            coop_pin_run(scenario, n, e)
+        )
+        for engine, title in (("pinocchio", ""), ("traced", " traced"))
         for steps in (5, 2, 1)
     }
     for solref in options.solref:

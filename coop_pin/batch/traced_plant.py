@@ -134,7 +134,7 @@ class TracedPlant(Plant):
         self._weigh()
 
     @property
-    def q(self) -> Array:  # type: ignore[override]
+    def q(self) -> Array:
         """Configuration, shape (nq,)."""
         self._settle()
         return self._q
@@ -147,7 +147,7 @@ class TracedPlant(Plant):
         self._at["q"][:] = np.concatenate(parts)
 
     @property
-    def v(self) -> Array:  # type: ignore[override]
+    def v(self) -> Array:
         """Velocity, shape (nv,)."""
         self._settle()
         return self._v
@@ -158,7 +158,7 @@ class TracedPlant(Plant):
         self._v = self._at["v"][:] = v
 
     @property
-    def work(self) -> Array:  # type: ignore[override]
+    def work(self) -> Array:
         """Work done so far by each of CHANNELS, J, shape (3,)."""
         self._settle()
         return self._at["work"].copy()

@@ -69,6 +69,7 @@ def _characters(panel: Axes) -> int:
     """Return the number of characters of the longest number at the vertical axis that is in view."""
     low, high = sorted(panel.get_ylim())
     found = [_LEAST_CHARACTERS]
+    ticks: Any
     for ticks in (panel.yaxis.major, panel.yaxis.minor):
         places = np.asarray(ticks.locator())
         texts: Iterable[str] = ticks.formatter.format_ticks(places[(places >= low) & (places <= high)])

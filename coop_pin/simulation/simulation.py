@@ -66,9 +66,7 @@ class Simulation:
         recorder: what was recorded so far.
     """
 
-    def __init__(
-        self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant
-    ) -> None:
+    def __init__(self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant) -> None:
         """Start at t = 0, at rest.
 
         Args:
