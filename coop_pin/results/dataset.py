@@ -59,7 +59,7 @@ def dataset(
         variables[name] = _variable(joint, values_of_joints, attributes)
     names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
     variables["joint_name"] = _variable(joint, names, {"long_name": "empty beyond an arm's joints"})
-    determined: Mask = np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1))
+    determined: Mask = np.asarray(np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1)))
     text = "rows of wrenches that rigid bodies determine; others are NaN"
     variables["wrench_is_determined"] = _variable(("axis",), determined, {"long_name": text})
     labels: dict[str, NDArray[Any]] = {
