@@ -507,7 +507,7 @@ def test_help_loads_no_dynamics_and_no_pictures():
 
 
 def test_a_run_with_all_its_files_loads_no_library_that_it_does_not_use(tmp_path):
-    """Each takes a tenth to half a second: dask through xarray, PDF's fonts, meshcat's server, mesh readers."""
+    """Each takes 0.1 to 0.5 s: dask through xarray, fonts for PDF, the server of meshcat, mesh readers."""
     code = (
         "import sys\nfrom coop_pin.cli import main\n"
         f"main(['run', 'adept-paper', '--duration', '0.05', '--events', '[]', '--out', {str(tmp_path)!r}])\n"

@@ -122,6 +122,7 @@ class TracedPlant(Plant):
         """
         code, machine = _compiled(_numbers(chain, options))
         self._waiting: list[float] = []
+        self._is_observed = False
         self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((_AT_ONCE, 1))
         self._call = machine.bound(self._block, self._lengths)
         self._at = {
@@ -143,6 +144,7 @@ class TracedPlant(Plant):
     def q(self, q: Array) -> None:
         self._settle()
         self._q = q
+        self._is_observed = False
         parts = [q] if self._is_vector else [place.angles.of(q[place.q_slice]) for place in self._places]
         self._at["q"][:] = np.concatenate(parts)
 
@@ -155,6 +157,7 @@ class TracedPlant(Plant):
     @v.setter
     def v(self, v: Array) -> None:
         self._settle()
+        self._is_observed = False
         self._v = self._at["v"][:] = v
 
     @property
@@ -172,12 +175,14 @@ class TracedPlant(Plant):
         """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
         self._settle()
         super().hold(force)
+        self._is_observed = False
         self._at["force"][:] = force
 
     def push(self, external: Array) -> None:
         """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
         self._settle()
         super().push(external)
+        self._is_observed = False
         self._at["external"][:] = external
 
     def advance(self, t: float, h: float) -> None:
@@ -197,7 +202,7 @@ class TracedPlant(Plant):
             payload_pose=X_WP,
             payload_twist=seen["V_WP"].copy(),
             tip_positions=seen["tips"].copy(),
-            closure_errors=[ClosureError(*error) for error in seen["closure_errors"].tolist()],
+            closure_errors=self.closure_errors(),
             interaction_wrenches=seen["wrenches"].copy(),
             energy=Energy(seen["kinetic"].item(), seen["potential"].item()),
         )
@@ -206,18 +211,25 @@ class TracedPlant(Plant):
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         return self._observed()["wrenches"].copy()
 
+    def closure_errors(self) -> list[ClosureError]:
+        """Return the closure error between tip and grasp of each arm at the present state."""
+        return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]
+
     def _observed(self) -> dict[str, Array]:
-        """Return the slots after an observation; the next one overwrites them."""
+        """Return the slots after an observation, which is made once for a state and its forces."""
         self._settle()
         if self.chain.model.payload_inertia is not self._payload:
             self._weigh()
-        self._call(0, 1)
+        if not self._is_observed:
+            self._call(0, 1)
+            self._is_observed = True
         return self._at
 
     def _settle(self) -> None:
         """Make the steps that wait."""
         if not self._waiting:
             return
+        self._is_observed = False
         count, self._lengths[: len(self._waiting), 0] = len(self._waiting), self._waiting
         self._waiting.clear()
         self._call(1, count)
@@ -230,7 +242,7 @@ class TracedPlant(Plant):
 
     def _weigh(self) -> None:
         """Take over the payload's inertia, which events change."""
-        self._payload = self.chain.model.payload_inertia
+        self._payload, self._is_observed = self.chain.model.payload_inertia, False
         self._at["payload"][:] = leaves(RigidInertia.from_model(self._payload))
 
 

@@ -248,6 +248,6 @@ class Simulation:
         v = self.plant.v
         if not v.dot(v) < SPEED_LIMIT**2 and not (speed := float(np.abs(v).max())) < SPEED_LIMIT:
             raise DivergedError(time, "joint speed, rad/s,", speed, SPEED_LIMIT)
-        closure_error = max(max(error) for error in self.plant.chain.closure_errors(self.plant.q))
+        closure_error = max(max(error) for error in self.plant.closure_errors())
         if not closure_error < CLOSURE_ERROR_LIMIT:
             raise DivergedError(time, "closure error, m or rad,", closure_error, CLOSURE_ERROR_LIMIT)
