@@ -142,12 +142,8 @@ def test_lag_with_rate_limit_solves_its_differential_equation():
             assert_allclose(found[[0, 2, 3]], expected[[0, 2, 3]], rtol=0, atol=1e-7)
             assert_allclose(found[1], expected[1], rtol=0, atol=1e-3)  # the oracle has a short lag
             assert found[4] == target[4]
-            exact = [
-                quad(lambda t, i=i, now=response: now.at(t)[i], s / 2, s)[0] for i in range(5)
-            ]
-            assert_allclose(
-                response.mean(s / 2, s / 2), np.array(exact) / (s / 2), rtol=0, atol=1e-6
-            )
+            exact = [quad(lambda t, i=i, now=response: now.at(t)[i], s / 2, s)[0] for i in range(5)]
+            assert_allclose(response.mean(s / 2, s / 2), np.array(exact) / (s / 2), rtol=0, atol=1e-6)
         late = np.abs(target - torque) > rate * (lag + 0.03)
         assert (response.is_limited(0.03) == late).all()
         torque = expected if tick == 0 else found

@@ -1,5 +1,6 @@
 """Batches of runs: traced numbers, the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
+import itertools
 import math
 import os
 import re
@@ -11,7 +12,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pinocchio as pin
 import pytest
-from cells import SCENARIOS
+from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
@@ -119,6 +120,18 @@ def test_the_arc_tangent_is_accurate_in_all_quadrants():
     y, x = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-6, 6, (2, 20_000))
     (found,) = evaluate(tape, [elementary.atan2(tape.input(), tape.input())], [y, x])
     assert np.abs(found - np.arctan2(y, x)).max() < 1e-15
+
+
+def test_logarithm_and_exponential_less_one_are_accurate_over_all_magnitudes():
+    tape, rng = Tape(), np.random.default_rng(6)
+    x = rng.normal(size=2000) * 10.0 ** rng.uniform(-12, 2, 2000)
+    y = 10.0 ** rng.uniform(-300, 300, 2000)
+    outputs = [elementary.expm1(tape.input()), elementary.log(tape.input())]
+    with np.errstate(all="ignore"):  # in branches that are not selected
+        less_one, logarithm = evaluate(tape, outputs, [x, y])
+        assert np.isnan(evaluate(tape, outputs[1:], [x, -y])).all()
+    assert_allclose(less_one, np.expm1(x), rtol=2e-15)
+    assert_allclose(logarithm, np.log(y), rtol=1e-15)
 
 
 def test_the_inverse_pivots():
@@ -270,22 +283,26 @@ def runs(name, duration, count):
     ]
 
 
+def require_same_samples(found, wanted):
+    """Require the variables of a single run, to 1e-9."""
+    assert set(found.variables) == set(wanted.variables)
+    for variable, array in wanted.variables.items():
+        values = found[variable].values
+        assert (values.shape, values.dtype) == (array.shape, array.dtype)
+        if values.dtype.kind != "f":
+            assert_array_equal(values, array.values, err_msg=variable)
+            continue
+        scale = max(1.0, np.abs(array.values[np.isfinite(array.values)]).max(initial=0.0))
+        assert_allclose(values, array.values, rtol=0, atol=1e-9 * scale, err_msg=variable)
+
+
 @pytest.mark.parametrize("name", in_tiers(CATALOGUE))
 def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
     scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
     batch = simulate_batch(scenarios)
     assert batch.is_valid.all()
     found, wanted = batch.result(1), cp.run(scenarios[1])
-    assert set(found.data.variables) == set(wanted.data.variables)
-    for variable, array in wanted.data.variables.items():
-        values = found.data[variable].values
-        assert values.shape == array.shape
-        assert values.dtype == array.dtype
-        if values.dtype.kind != "f":
-            assert_array_equal(values, array.values)
-            continue
-        scale = max(1.0, np.nanmax(np.abs(array.values), initial=0.0))
-        assert_allclose(values, array.values, rtol=0, atol=1e-9 * scale, err_msg=variable)
+    require_same_samples(found.data, wanted.data)
     numbers = {key: value for key, value in wanted.metrics().items() if np.isfinite(value)}
     assert len(numbers) > 5
     for key, value in numbers.items():
@@ -356,25 +373,82 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
 
 
-@pytest.mark.slow
-def test_late_and_filtered_wrenches_saturation_and_sparse_records():
-    scenario = cp.Scenario.load("adept-anchored").replace(duration=0.15, events=())
-    scenario = scenario.override(
-        {
-            "controller.force_path": {"kind": "low-pass", "pole": 0.5, "delay": 2},
-            "controller.gains.anchor_gain": 0.05,
-            "cell.arms.left.torque_limits": [3.0, 3.0, 0.5],
-            "clock.record_every": 5,
+NOISY = {
+    "noise": {"force": 1.0, "moment": 0.05},
+    "offset": {"force": (1.0, 0.0, 2.0)},
+    "drift": {"force": 3.0},
+}
+SETTINGS = {
+    "counting encoders": {
+        "sensors": {
+            "encoder": {"resolution": 1e-4, "noise": 1e-4, "offset": 1e-3},
+            "velocity": {"kind": "difference"},
         }
-    )
-    found, wanted = simulate_batch([scenario]).result(0).data, cp.run(scenario).data
-    assert wanted["saturated"].any()
-    assert np.isfinite(wanted["measured_internal_wrench_age"]).any()
-    for name, array in wanted.data_vars.items():
-        if array.dtype.kind == "f":
-            assert_allclose(found[name], array, rtol=0, atol=1e-9, err_msg=name)
-        else:
-            assert_array_equal(found[name], array)
+    },
+    "observer": {"sensors": {"encoder": {"noise": 1e-5}, "velocity": {"kind": "observer"}}},
+    "one noisy arm": {"arm_sensors": {"right": {"encoder": {"noise": 1e-5}}}},
+    "wrists": {"sensors": {"wrist": {**NOISY, "delay": 1}, "holding_torque_error": 0.1}},
+    "one wrist, lost": {"arm_sensors": {"right": {"wrist": {**NOISY, "delay": 2, "lost": [[0.02, 0.03]]}}}},
+    "slow wrists": {"sensors.wrist": NOISY, "sensors.wrist.rate_hz": 0.5},  # of the control rate
+    "lag": {"actuators": {"lag": 0.01}},
+    "rate limit": {"actuators": {"rate_limit": 30.0}},
+    "everything of drives": {
+        "actuators": {
+            "lag": 0.01,
+            "rate_limit": 30.0,
+            "missed_ticks": 0.2,
+            "gravity_compensation": {"mass_error": 0.1},
+        },
+        "cell.arms.left.torque_limits": 3.0,
+    },
+    "torque lost": {"arm_actuators": {"right": {"torque_lost_at": 0.0313}}},
+    "torque lost with lag": {"arm_actuators": {"left": {"torque_lost_at": 0.0313, "lag": 0.01}}},
+    "everything at once": {
+        "sensors": {
+            "encoder": {"resolution": 1e-4, "noise": 1e-5},
+            "velocity": {"kind": "difference"},
+            "wrist": {**NOISY, "delay": 1, "lost": [[0.02, 0.03]]},
+        },
+        "actuators": {"lag": 0.005, "missed_ticks": 0.1, "gravity_compensation": {}},
+        "arm_actuators": {"left": {"torque_lost_at": 0.0313, "rate_limit": 100.0}},
+        "clock.record_every": 3,
+    },
+}
+QUICK_SETTINGS = [
+    *[("planar", setting, "printed") for setting in ("observer", "everything of drives")],
+    *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, lost", "slow wrists")],
+    ("spatial", "everything at once", "anchored"),
+]
+
+
+def in_setting(cell, setting, law, seed=0):
+    """A short run of a test cell with a force path that filters and delays."""
+    scenario = SCENARIOS[cell]()
+    duration = 0.0625 if cell == "planar" else 0.04
+    base = scenario.replace(duration=duration, events=(), beyond_bound=True, seed=seed)
+    path = {"kind": "low-pass", "pole": 0.5, "delay": 1}
+    controller = {"controller": ANCHORED[cell], "controller.force_path": path} if law == "anchored" else {}
+    changes = controller | SETTINGS[setting]
+    if (share := changes.get("sensors.wrist.rate_hz")) is not None:
+        changes = changes | {"sensors.wrist.rate_hz": share * scenario.clock.rate_hz}
+    return base.override(changes)
+
+
+@pytest.mark.parametrize(
+    ("cell", "setting", "law"),
+    [
+        pytest.param(*case, marks=[] if case in QUICK_SETTINGS else [pytest.mark.slow])
+        for case in itertools.product(SCENARIOS, SETTINGS, ("printed", "anchored"))
+    ],
+)
+def test_sensors_and_drives_of_batches_are_those_of_single_runs(cell, setting, law):
+    """Every sample of two seeds; random numbers are the same ones."""
+    scenarios = [in_setting(cell, setting, law, seed) for seed in range(2)]
+    assert support(scenarios[0]) is None
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.all()
+    for index, scenario in enumerate(scenarios):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)
 
 
 def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
@@ -393,13 +467,6 @@ def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
         ({"plant.payload": "free"}, "free"),
         ({"plant.integrator": "semi-implicit-euler"}, "semi-implicit-euler"),
         ({"plant.project": "step"}, "step"),
-        ({"actuators.lag": 0.01}, "lag"),
-        ({"actuators.rate_limit": 100.0}, "rate"),
-        ({"actuators.missed_ticks": 0.1}, "missed"),
-        ({"actuators.torque_lost_at": 0.1}, "loss"),
-        ({"actuators.gravity_compensation": {}}, "gravity"),
-        ({"sensors.encoder.noise": 1e-5}, "encoders"),
-        ({"sensors.wrist": {}}, "wrist"),
     ],
 )
 def test_what_cannot_run_in_a_batch_is_said_in_words(changes, word):

@@ -20,6 +20,8 @@ from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import TorqueResponse
+from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.transmission import Friction, friction
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -46,6 +48,8 @@ class ArmConstants(NamedTuple):
         friction: of its joints or drives.
         limit: of its drive torques, N m, shape (k,).
         share: c_i.
+        encoders: of its drives; None if they are ideal.
+        carried: factor on its weight that the robot itself adds to the commands; None for nothing.
         law: its controller.
     """
 
@@ -55,6 +59,8 @@ class ArmConstants(NamedTuple):
     friction: Friction
     limit: Numbers
     share: Any
+    encoders: Encoders | None
+    carried: Any
     law: ArmController
 
     def measurement(
@@ -90,12 +96,16 @@ class RunConstants(NamedTuple):
         arms: the rest of each arm.
         pole: p of the force path.
         instants: of events, in order.
+        response: of all drives at the start; None if torques are held between ticks.
+        period: T, s.
     """
 
     cell: CellModel
     arms: tuple[ArmConstants, ...]
     pole: Any
     instants: tuple[Instant, ...]
+    response: TorqueResponse | None
+    period: Any
 
 
 class Start(NamedTuple):
@@ -104,10 +114,14 @@ class Start(NamedTuple):
     Attributes:
         q: joint positions of all arms, of continuous joints near the posture, shape (N,).
         holding: torques that the drives report, N m, shape (N,).
+        last: commands that hold the cell at rest, N m, shape (N,).
+        response: what of a TorqueResponse changes, shape (4, N).
     """
 
     q: Array
     holding: Array
+    last: Array
+    response: Array
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -128,7 +142,17 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
     path = scenario.controller.force_path
     pole = 0.0 if isinstance(path, NoForcePath) else path.pole
-    return RunConstants(CellModel.from_chain(run.plant.chain), arms, pole, instants(scenario, run))
+    return RunConstants(
+        cell=CellModel.from_chain(run.plant.chain),
+        arms=tuple(
+            arm._replace(encoders=sensor.encoders, carried=drives.carried or None)
+            for arm, sensor, drives in zip(arms, run.sensing.arms, run.actuation.arms.values(), strict=True)
+        ),
+        pole=pole,
+        instants=instants(scenario, run),
+        response=run.actuation.response,
+        period=scenario.clock.period,
+    )
 
 
 def with_laws(constants: RunConstants, scenario: Scenario) -> RunConstants:
@@ -160,6 +184,8 @@ def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> Ar
         friction=friction(cell.arms[name], name),
         limit=JointLimits(cell.arms[name], name).torque,
         share=float(cell.shares[list(cell.arms).index(name)]),
+        encoders=None,
+        carried=None,
         law=law,
     )
 
@@ -195,7 +221,10 @@ def start(scenario: Scenario, run: Simulation) -> Start:
         q.append(place.angles.near(run.plant.q[place.q_slice], near))
         assert seen.holding_torque is not None
         holding.append(seen.holding_torque)
-    return Start(np.concatenate(q), np.concatenate(holding))
+    last = run.actuation.holding_commands(run.plant.q)
+    held, response = np.concatenate(last), run.actuation.response
+    varying = np.zeros((4, len(held))) if response is None else np.array(response[3:])
+    return Start(np.concatenate(q), np.concatenate(holding), held, varying)
 
 
 def _inertia(payload: Payload) -> RigidInertia:

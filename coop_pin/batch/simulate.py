@@ -91,10 +91,12 @@ class BatchSimulator:
         """Return a program in which every number that differs so far is an input."""
         if self._first is None or prepared.kind != self._first.kind:
             self._first, self._differs, self._is_loaded = prepared, np.array(False), np.array(False)
-        folded, desired = self._first.values[:1], self._first.references[:1]
+        folded, signals = self._first.values[:1], self._first.signals[0]
         same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))
         differs = self._differs | ~same.all(axis=0)
-        is_loaded = self._is_loaded | (prepared.references != desired).any(axis=(0, 1))
+        is_loaded = self._is_loaded
+        for other in {id(other): other for other in prepared.signals}.values():
+            is_loaded = is_loaded | (other != signals).any(axis=0)
         if not (np.array_equal(differs, self._differs) and np.array_equal(is_loaded, self._is_loaded)):
             self._differs, self._is_loaded = differs, is_loaded
             self._program = RunProgram(self._first, differs, is_loaded)

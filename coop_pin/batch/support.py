@@ -23,28 +23,8 @@ def support(scenario: Scenario) -> str | None:
     if plant.integrator != "rk4" or plant.project != "start":
         chosen = f"integrator {plant.integrator!r} and project {plant.project!r}"
         return f"its plant has {chosen}; the traced one has 'rk4' and 'start'"
-    for arm in scenario.cell.arms:
-        if reason := _arm(scenario, arm):
-            return f"arm {arm!r} {reason}"
     try:
         CellModel.from_chain(CellChain(scenario.cell, plant))
     except TracingError as error:
         return str(error)
-    return None
-
-
-def _arm(scenario: Scenario, arm: str) -> str | None:
-    """Return the reason why the sensors or actuators of an arm cannot be traced."""
-    actuators, sensors = scenario.actuators_of(arm), scenario.sensors_of(arm)
-    for name, is_used in (
-        ("a lag", actuators.lag > 0.0),
-        ("a rate limit", actuators.rate_limit is not None),
-        ("missed ticks", actuators.missed_ticks > 0.0),
-        ("gravity compensation by the robot", actuators.gravity_compensation is not None),
-        ("a loss of torque", actuators.torque_lost_at is not None),
-        ("encoders with errors, or velocities computed from them", not sensors.joints_are_ideal),
-        ("a wrist sensor", sensors.wrist is not None),
-    ):
-        if is_used:
-            return f"has {name}"
     return None

@@ -54,6 +54,7 @@ class ArmActuation:
 
     Attributes:
         limit: of the torques, N m, shape (k,).
+        carried: 1 + mass_error of the robot's gravity compensation, 0 without.
     """
 
     def __init__(self, scenario: Scenario, place: ArmPlace, limit: Array, q: Array) -> None:
@@ -63,7 +64,7 @@ class ArmActuation:
         share = cell.shares[list(cell.arms).index(place.name)]
         self._load = share * weight_wrench(cell.payload.mass, cell.gravity)
         robot, self._missed = options.gravity_compensation, options.missed_ticks
-        self._carried = 0.0 if robot is None else 1.0 + robot.mass_error
+        self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
         self._random = generator(scenario.seed, f"{place.name}/missed_ticks") if self._missed else None
         self._last = self.holding_command(q)
 
@@ -75,7 +76,7 @@ class ArmActuation:
     def holding_command(self, q: Array) -> Array:
         """Return the command that makes the drives hold: without what the robot itself adds, shape (k,)."""
         torque = self.holding_torque(q)
-        return torque - self._carried_weight(q) if self._carried else torque
+        return torque - self._carried_weight(q) if self.carried else torque
 
     def torque(self, command: Array, q: Array) -> tuple[Array, Array, Mask]:
         """Return the torque asked for, that within the limits, and where it was cut, (k,); read-only."""
@@ -83,14 +84,14 @@ class ArmActuation:
             if self._random.random() < self._missed:
                 command = self._last
             self._last = command = command.copy()
-        asked = command + self._carried_weight(q) if self._carried else command
+        asked = command + self._carried_weight(q) if self.carried else command
         torque: Array = np.minimum(np.maximum(asked, -self.limit), self.limit)
         return asked, torque, frozen(torque != asked)
 
     def _carried_weight(self, q: Array) -> Array:
         """Return (1 + mass_error) T^-T g(q): the arm's weight by the robot's model of itself, (k,)."""
         rest = np.zeros(len(self.limit))
-        return self._carried * self._at_drives(self._model.nonlinear_effects(q[self._place.q_slice], rest))
+        return self.carried * self._at_drives(self._model.nonlinear_effects(q[self._place.q_slice], rest))
 
     def _at_drives(self, tau: Array) -> Array:
         """Return T^-T tau, shape (k,)."""

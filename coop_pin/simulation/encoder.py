@@ -62,7 +62,7 @@ class Encoders(NamedTuple):
         Raises:
             FieldError: the number of values differs from that of the drives.
         """
-        errors = (
+        resolution, noise, offset = (
             per_joint(np.array(getattr(sensors.encoder, name)), joints, f"{path}.encoder.{name}")
             for name in Encoder.model_fields
         )
@@ -71,12 +71,12 @@ class Encoders(NamedTuple):
                 pole = exp(-2.0 * pi * rate_hz * period)
             case IdealVelocity():
                 pole = 0.0
-        return cls(*errors, sensors.velocity.kind, pole, period)
+        return cls(resolution, noise, offset, sensors.velocity.kind, pole, period)
 
     def read(
         self, q: Array, v: Array, noise: Array, state: EncoderState | None
     ) -> tuple[Array, Array, EncoderState]:
-        """Return measured position and velocity of the drives at the next tick, shape (k,) each, and the state.
+        """Return measured position and velocity of the drives at the next tick, shape (k,), and the state.
 
         Args:
             q: true drive coordinates, rad, shape (k,).
