@@ -9,13 +9,13 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
-from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start, with_laws
+from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start
 from coop_pin.batch.signals import RunShape, errors, references, signal_layout
-from coop_pin.batch.support import support
+from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError
+from coop_pin.errors import TracingError
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
@@ -53,18 +53,18 @@ def prepare(scenarios: Sequence[Scenario]) -> Prepared:
     """Return plants, numbers and references of all runs; those of equal plants are shared.
 
     Raises:
-        ArgumentError: a scenario cannot run in a batch, or they differ in more than numbers.
+        TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
     first, runs = scenarios[0], list[Simulation]()
     constants, starts, signals = list[RunConstants](), list[Start](), list[Array]()
     for scenario in scenarios:
         if runs and _same_plant(scenario, first):
             run = runs[0]
-            constants.append(with_laws(constants[0], scenario))
+            constants.append(constants[0]._replace(controller=build_controller(scenario)))
             starts.append(starts[0])
         else:
-            if reason := support(scenario):
-                raise ArgumentError(f"{scenario.name!r} cannot run in a batch: {reason}")
+            if reason := plant_reason(scenario):
+                raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
             run = Simulation(scenario, build_controller(scenario))
             constants.append(run_constants(scenario, run))
             starts.append(start(scenario, run))
@@ -76,7 +76,7 @@ def prepare(scenarios: Sequence[Scenario]) -> Prepared:
     kinds = list(map(_kind, scenarios, constants))
     for index, kind in enumerate(kinds):
         if kind != kinds[0]:
-            raise ArgumentError(f"scenarios[{index}] differs from the first in more than numbers")
+            raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
     values = np.array([leaves(tree) for tree in constants], dtype=np.float64)
     layout = signal_layout(*_sizes(runs[0]))
     return Prepared(scenarios, runs, constants, starts, RunShape.of(first), layout, signals, values, kinds[0])

@@ -14,6 +14,7 @@ from coop_pin.batch import elementary
 from coop_pin.batch.arm_dynamics import gravity_torque
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
 from coop_pin.batch.kernel import Kernel
+from coop_pin.batch.law_code import only_tracing_errors
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers, frames
@@ -198,10 +199,8 @@ class RunCode:
                 for seen, wrench in zip(measurements, desired, strict=True)
             ]
             kernel.write("measured", np.stack(desired))
-        self._state = [
-            arm.law.init(seen, reference)
-            for arm, seen, reference in zip(constants.arms, measurements, references, strict=True)
-        ]
+        with only_tracing_errors():
+            self._state = constants.controller.init(measurements, references)
         self._block.lanes.add("law", len(leaves(self._state)))
         kernel.write("law", self._state)
         self._guard(kernel, [])
@@ -211,20 +210,16 @@ class RunCode:
         """Return the kernel of laws and actuation."""
         kernel, constants = self._block.kernel("law")
         references = self._block.arm_references(kernel)
-        states = rebuilt(self._state, iter(kernel.read("law")))
+        state = rebuilt(self._state, iter(kernel.read("law")))
         measurements = self._measurements(kernel, constants, self._drives(kernel, constants))
-        commands = [
-            arm.law.step(seen, reference, state)
-            for arm, seen, reference, state in zip(
-                constants.arms, measurements, references, states, strict=True
-            )
-        ]
-        commanded = [traced(command.torque) for command in commands]
+        with only_tracing_errors():
+            command = constants.controller.step(measurements, references, state)
+            kernel.write("law", command.state)
+        commanded = [traced(torque) for torque in command.torques]
         self._actuate(kernel, constants, commanded)
         kernel.write("seen_poses", np.stack([seen.payload_pose for seen in measurements]))
         kernel.write("jacobians", np.concatenate([seen.payload_jacobian.ravel() for seen in measurements]))
         kernel.write("commanded", np.concatenate(commanded))
-        kernel.write("law", [command.state for command in commands])
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
         return kernel
 

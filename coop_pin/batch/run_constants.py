@@ -11,7 +11,7 @@ from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
 from coop_pin.batch.traced_array import traced
-from coop_pin.control import ArmController, ArmMeasurement, DecentralisedController
+from coop_pin.control import ArmMeasurement, CellController
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
@@ -50,7 +50,6 @@ class ArmConstants(NamedTuple):
         share: c_i.
         encoders: of its drives; None if they are ideal.
         carried: factor on its weight that the robot itself adds to the commands; None for nothing.
-        law: its controller.
     """
 
     seen: SerialArm
@@ -61,7 +60,6 @@ class ArmConstants(NamedTuple):
     share: Any
     encoders: Encoders | None
     carried: Any
-    law: ArmController
 
     def measurement(
         self, rows: TaskRows, angles: Numbers, q: Numbers, v: Numbers, **others: Any
@@ -94,6 +92,7 @@ class RunConstants(NamedTuple):
     Attributes:
         cell: its dynamics.
         arms: the rest of each arm.
+        controller: of all arms.
         pole: p of the force path.
         instants: of events, in order.
         response: of all drives at the start; None if torques are held between ticks.
@@ -102,6 +101,7 @@ class RunConstants(NamedTuple):
 
     cell: CellModel
     arms: tuple[ArmConstants, ...]
+    controller: CellController
     pole: Any
     instants: tuple[Instant, ...]
     response: TorqueResponse | None
@@ -134,20 +134,17 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     Raises:
         TracingError: an arm is no serial chain.
     """
-    controller = build_controller(scenario)
-    assert isinstance(controller, DecentralisedController)
-    arms = tuple(
-        arm_constants(scenario, place, controller.controllers[place.name])
-        for place in run.plant.chain.model.arms
-    )
     path = scenario.controller.force_path
     pole = 0.0 if isinstance(path, NoForcePath) else path.pole
     return RunConstants(
         cell=CellModel.from_chain(run.plant.chain),
         arms=tuple(
-            arm._replace(encoders=sensor.encoders, carried=drives.carried or None)
-            for arm, sensor, drives in zip(arms, run.sensing.arms, run.actuation.arms.values(), strict=True)
+            arm_constants(scenario, place)._replace(encoders=sensor.encoders, carried=drives.carried or None)
+            for place, sensor, drives in zip(
+                run.plant.chain.model.arms, run.sensing.arms, run.actuation.arms.values(), strict=True
+            )
         ),
+        controller=build_controller(scenario),
         pole=pole,
         instants=instants(scenario, run),
         response=run.actuation.response,
@@ -155,21 +152,12 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
 
 
-def with_laws(constants: RunConstants, scenario: Scenario) -> RunConstants:
-    """Return the numbers of a run with the same plant under the laws of another scenario."""
-    controller = build_controller(scenario)
-    assert isinstance(controller, DecentralisedController)
-    arms = zip(constants.arms, controller.controllers.values(), strict=True)
-    return constants._replace(arms=tuple(arm._replace(law=law) for arm, law in arms))
-
-
-def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> ArmConstants:
-    """Return the numbers of one arm.
+def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
+    """Return the numbers of one arm with ideal sensors and drives.
 
     Args:
         scenario: for its cell.
         place: of the arm in the cell's model.
-        law: its controller.
 
     Raises:
         TracingError: the arm is no serial chain.
@@ -186,7 +174,6 @@ def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> Ar
         share=float(cell.shares[list(cell.arms).index(name)]),
         encoders=None,
         carried=None,
-        law=law,
     )
 
 

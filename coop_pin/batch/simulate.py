@@ -12,6 +12,7 @@ from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
 from coop_pin.batch.run_samples import samples
+from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
@@ -90,6 +91,7 @@ class BatchSimulator:
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""
         if self._first is None or prepared.kind != self._first.kind:
+            require_traceable(prepared.scenarios[0], prepared.runs[0], prepared.constants[0])
             self._first, self._differs, self._is_loaded = prepared, np.array(False), np.array(False)
         folded, signals = self._first.values[:1], self._first.signals[0]
         same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))
@@ -116,7 +118,8 @@ def simulate_batch(
         machine: what runs the program.
 
     Raises:
-        ArgumentError: there are none, one cannot run in a batch, or they differ in more than numbers.
+        ArgumentError: there are none.
+        TracingError: one cannot run in a batch, or they differ in more than numbers.
         MissingExtraError: llvmlite is not installed.
         NotEnoughMemoryError: the samples do not fit.
         CoopPinError: a run cannot start.

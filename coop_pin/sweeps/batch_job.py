@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import logging
 import sys
 import time
 from collections import defaultdict
@@ -12,12 +13,13 @@ from collections.abc import Hashable, Sequence
 
 from coop_pin.batch import BatchSimulator, family
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError
+from coop_pin.errors import TracingError
 from coop_pin.sweeps.job import Job, Outcome, outcome_of, run_job
 from coop_pin.sweeps.run_key import require_unchanged
 
-_simulators: dict[Hashable, BatchSimulator] = {}
-"""With their code, by the family of the scenarios, for all batches of a process."""
+_simulators: dict[Hashable, BatchSimulator | None] = {}
+"""With their code, by the family of the scenarios, for all batches of a process; None for single runs."""
+_LOG = logging.getLogger("coop_pin.sweeps")
 
 
 def run_jobs(jobs: Sequence[Job]) -> list[Outcome]:
@@ -40,22 +42,38 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome]:
         require_unchanged(job.code)
         families[family(scenario)].append(place)
     for kind, places in families.items():
-        simulator = _simulators.setdefault(kind, BatchSimulator())
         alike = [(jobs[place], scenarios[place]) for place in places]
-        found |= zip(places, _together(simulator, alike), strict=True)
+        found |= zip(places, _family(kind, alike), strict=True)
     return [found[place] for place in range(len(jobs))]
+
+
+def _family(kind: Hashable, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome]:
+    """Return the outcomes of runs of a family; why it cannot be traced is told once."""
+    simulator = _simulators.setdefault(kind, BatchSimulator())
+    try:
+        if simulator is not None:
+            return _together(simulator, runs)
+    except TracingError as error:
+        _simulators[kind] = None
+        _LOG.warning("runs of %r are simulated one by one: %s", runs[0][1].name, error)
+    return [run_job(job) for job, _ in runs]
 
 
 def _together(simulator: BatchSimulator, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome]:
     """Return the outcomes of runs of a family.
 
     A run that breaks a guard is repeated singly, for its error; when a batch cannot start, its halves can.
+
+    Raises:
+        TracingError: the runs cannot be traced, or not together.
     """
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         with contextlib.redirect_stdout(sys.stderr):
             batch = simulator.run([scenario for _, scenario in runs])
-    except CoopPinError:
+    except TracingError:
+        raise
+    except Exception:  # of a run that cannot start, or of the user's motion
         if len(runs) == 1:
             return [run_job(runs[0][0])]
         half = len(runs) // 2
