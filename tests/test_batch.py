@@ -1,6 +1,5 @@
 """Batches of runs: traced numbers, the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
-import itertools
 import math
 import os
 import re
@@ -12,12 +11,11 @@ import llvmlite.binding as llvm
 import numpy as np
 import pinocchio as pin
 import pytest
-from cells import ANCHORED, SCENARIOS
+from batches import require_same_samples
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin import batch as batch_package
-from coop_pin import control
 from coop_pin.batch import elementary, simulate_batch, support
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
 from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
@@ -26,26 +24,14 @@ from coop_pin.batch.numpy_emitter import evaluate
 from coop_pin.batch.preparation import prepare
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.batch.tape import Tape
-from coop_pin.batch.traced_array import inputs, plain, traced
+from coop_pin.batch.traced_array import inputs, traced
 from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
-from coop_pin.model.arm_model import ArmModel
-from coop_pin.run_scenario import build_controller
-from coop_pin.spatial import make_pose
 
 CATALOGUE = scenario_names()
 QUICK = ("adept-paper", "five-joint-pair")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory):
-    """Compiled code is kept in a folder of the tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 def in_tiers(names, quick=QUICK):
@@ -146,77 +132,6 @@ def test_the_inverse_pivots():
     assert (error.max(axis=(1, 2)) / (condition * np.abs(wanted).max(axis=(1, 2)))).max() < 1e-15
 
 
-# ---------------------------------------------------------------- laws
-
-
-LAWS = {
-    "sliding-mode": ("planar", {}),
-    "sliding-mode, late": ("planar", {"controller.force_path": {"kind": "late"}}),
-    "saturation": ("planar", {"controller.switching": {"kind": "saturation"}}),
-    "tanh": ("planar", {"controller.switching": {"kind": "tanh"}}),
-    "spatial": ("spatial", {}),
-    "zeroed": ("spatial", {"controller.zero_at_grasp": True}),
-    "redundant": ("two-pandas-box", {"controller.kind": "sliding-mode-redundant"}),
-    "payload-space": ("two-pandas-box", {}),
-    "positional": ("five-joint-pair", {}),
-}
-
-
-def law_scenario(name):
-    cell, changes = LAWS[name]
-    if name != "redundant":
-        scenario = SCENARIOS[cell]() if cell in SCENARIOS else cp.Scenario.load(cell)
-        return scenario.override(changes)
-    gains = {"pose_gain": 2.0, "sign_gain": 0.1, "damping_gain": 20.0, "transient_rate": 5.0}
-    return cp.Scenario.load(cell).replace(
-        controller={"kind": "sliding-mode-redundant", "gains": gains}, beyond_bound=True
-    )
-
-
-@pytest.mark.parametrize("name", in_tiers(LAWS, set(LAWS) - {"redundant"}))
-def test_every_law_of_control_is_traced_as_it_is(name):
-    """The traced law at random measurements against the law itself."""
-    scenario, rng = law_scenario(name), np.random.default_rng(4)
-    rows, has_path = scenario.cell.task_rows, scenario.controller.force_path.kind != "none"
-    for arm, law in build_controller(scenario).controllers.items():
-        joints = ArmModel.from_cell(scenario.cell, arm).nv
-        pose = lambda: make_pose(rng.normal(size=3), 0.3 * rng.normal(size=3))  # noqa: E731
-        values = {
-            "time": 0.3,
-            "q": rng.normal(size=joints),
-            "v": rng.normal(size=joints),
-            "payload_pose": pose(),
-            "payload_twist": rng.normal(size=rows.size),
-            "payload_jacobian": rng.normal(size=(rows.size, joints)),
-            "internal_wrench": rng.normal(size=rows.size),
-            "saturated": np.zeros(joints, dtype=bool),
-            "holding_torque": rng.normal(size=joints),
-        }
-        desired = [pose(), *rng.normal(size=(3, rows.size))]
-        tape = Tape()
-        seen = {field: inputs(tape, *np.shape(value)) for field, value in values.items()}
-        references = (
-            ArmReference(*(inputs(tape, *np.shape(value)) for value in desired)),
-            ArmReference(*desired),
-        )
-        torques = []
-        for fields, reference in zip((seen, values), references, strict=True):
-            measured = ArmMeasurement(**fields, internal_wrench_age=0.0 if has_path else np.inf)
-            measured = measured if has_path else measured._replace(internal_wrench=None)
-            later = measured._replace(time=measured.time + 0.01)
-            torques.append(law.step(later, reference, law.init(measured, reference)).torque)
-        given = [entry for value in (*values.values(), *desired) for entry in np.ravel(value)]
-        found = np.array(evaluate(tape, list(plain(torques[0]).flat), given))
-        assert np.abs(torques[1]).max() > 1e-3
-        assert_allclose(found, torques[1], rtol=0, atol=1e-12 * np.abs(torques[1]).max())
-
-
-def test_laws_use_neither_math_nor_scipy():
-    for file in Path(control.__file__).parent.glob("*.py"):
-        modules = re.findall(r"^(?:from|import) (\S+)", file.read_text(encoding="utf-8"), re.MULTILINE)
-        assert not [module for module in modules if module.split(".")[0] in ("math", "scipy")], file.name
-
-
 # ---------------------------------------------------------------- dynamics
 
 
@@ -281,19 +196,6 @@ def runs(name, duration, count):
         )
         for k in range(count)
     ]
-
-
-def require_same_samples(found, wanted):
-    """Require the variables of a single run, to 1e-9."""
-    assert set(found.variables) == set(wanted.variables)
-    for variable, array in wanted.variables.items():
-        values = found[variable].values
-        assert (values.shape, values.dtype) == (array.shape, array.dtype)
-        if values.dtype.kind != "f":
-            assert_array_equal(values, array.values, err_msg=variable)
-            continue
-        scale = max(1.0, np.abs(array.values[np.isfinite(array.values)]).max(initial=0.0))
-        assert_allclose(values, array.values, rtol=0, atol=1e-9 * scale, err_msg=variable)
 
 
 @pytest.mark.parametrize("name", in_tiers(CATALOGUE))
@@ -371,84 +273,6 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
         for name in ("configuration", "torque", "internal_wrench", "seen_pose_error"):
             assert_allclose(batch.result(index).data[name], wanted[name], rtol=0, atol=1e-9)
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
-
-
-NOISY = {
-    "noise": {"force": 1.0, "moment": 0.05},
-    "offset": {"force": (1.0, 0.0, 2.0)},
-    "drift": {"force": 3.0},
-}
-SETTINGS = {
-    "counting encoders": {
-        "sensors": {
-            "encoder": {"resolution": 1e-4, "noise": 1e-4, "offset": 1e-3},
-            "velocity": {"kind": "difference"},
-        }
-    },
-    "observer": {"sensors": {"encoder": {"noise": 1e-5}, "velocity": {"kind": "observer"}}},
-    "one noisy arm": {"arm_sensors": {"right": {"encoder": {"noise": 1e-5}}}},
-    "wrists": {"sensors": {"wrist": {**NOISY, "delay": 1}, "holding_torque_error": 0.1}},
-    "one wrist, lost": {"arm_sensors": {"right": {"wrist": {**NOISY, "delay": 2, "lost": [[0.02, 0.03]]}}}},
-    "slow wrists": {"sensors.wrist": NOISY, "sensors.wrist.rate_hz": 0.5},  # of the control rate
-    "lag": {"actuators": {"lag": 0.01}},
-    "rate limit": {"actuators": {"rate_limit": 30.0}},
-    "everything of drives": {
-        "actuators": {
-            "lag": 0.01,
-            "rate_limit": 30.0,
-            "missed_ticks": 0.2,
-            "gravity_compensation": {"mass_error": 0.1},
-        },
-        "cell.arms.left.torque_limits": 3.0,
-    },
-    "torque lost": {"arm_actuators": {"right": {"torque_lost_at": 0.0313}}},
-    "torque lost with lag": {"arm_actuators": {"left": {"torque_lost_at": 0.0313, "lag": 0.01}}},
-    "everything at once": {
-        "sensors": {
-            "encoder": {"resolution": 1e-4, "noise": 1e-5},
-            "velocity": {"kind": "difference"},
-            "wrist": {**NOISY, "delay": 1, "lost": [[0.02, 0.03]]},
-        },
-        "actuators": {"lag": 0.005, "missed_ticks": 0.1, "gravity_compensation": {}},
-        "arm_actuators": {"left": {"torque_lost_at": 0.0313, "rate_limit": 100.0}},
-        "clock.record_every": 3,
-    },
-}
-QUICK_SETTINGS = [
-    *[("planar", setting, "printed") for setting in ("observer", "everything of drives")],
-    *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, lost", "slow wrists")],
-    ("spatial", "everything at once", "anchored"),
-]
-
-
-def in_setting(cell, setting, law, seed=0):
-    """A short run of a test cell with a force path that filters and delays."""
-    scenario = SCENARIOS[cell]()
-    duration = 0.0625 if cell == "planar" else 0.04
-    base = scenario.replace(duration=duration, events=(), beyond_bound=True, seed=seed)
-    path = {"kind": "low-pass", "pole": 0.5, "delay": 1}
-    controller = {"controller": ANCHORED[cell], "controller.force_path": path} if law == "anchored" else {}
-    changes = controller | SETTINGS[setting]
-    if (share := changes.get("sensors.wrist.rate_hz")) is not None:
-        changes = changes | {"sensors.wrist.rate_hz": share * scenario.clock.rate_hz}
-    return base.override(changes)
-
-
-@pytest.mark.parametrize(
-    ("cell", "setting", "law"),
-    [
-        pytest.param(*case, marks=[] if case in QUICK_SETTINGS else [pytest.mark.slow])
-        for case in itertools.product(SCENARIOS, SETTINGS, ("printed", "anchored"))
-    ],
-)
-def test_sensors_and_drives_of_batches_are_those_of_single_runs(cell, setting, law):
-    """Every sample of two seeds; random numbers are the same ones."""
-    scenarios = [in_setting(cell, setting, law, seed) for seed in range(2)]
-    assert support(scenarios[0]) is None
-    batch = simulate_batch(scenarios)
-    assert batch.is_valid.all()
-    for index, scenario in enumerate(scenarios):
-        require_same_samples(batch.result(index).data, cp.run(scenario).data)
 
 
 def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):

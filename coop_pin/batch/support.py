@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
 from coop_pin.batch.law_code import Tick, require_agreement, trace_law
 from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
@@ -71,7 +69,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
 
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[Tick]]:
     """Return successive ticks of all arms under a controller, at random measurements near the start."""
-    rng, controller, state, ticks = np.random.default_rng(0), build_controller(scenario), None, []
+    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[Tick]]()
+    state: Any = None
     shape, begun = RunShape.of(scenario), start(scenario, run)
     edges = np.cumsum([len(arm.drive) for arm in constants.arms])[:-1]
     q, holding = np.split(begun.q, edges), np.split(begun.holding, edges)
@@ -92,20 +91,13 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             }
             v = arm.drive @ (_SPREAD * rng.normal(size=len(angles)))
             measurements.append(arm.measurement(shape.rows, angles, arm.drive @ angles, v, time=time, **seen))
-        torques, state = _stepped(controller, measurements, references, state, is_first=not tick)
+        try:
+            if not tick:
+                state = controller.init(measurements, references)
+            later = [seen._replace(holding_torque=None) for seen in measurements]
+            command = controller.step(later, references, state)
+            torques, state = run.actuation.commanded(command), command.state
+        except Exception as error:  # whatever a user's class raises
+            raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
         ticks.append([Tick(*given) for given in zip(measurements, references, torques, strict=True)])
     return ticks
-
-
-def _stepped(
-    controller: Any, measurements: Sequence[ArmMeasurement], references: Any, state: Any, *, is_first: bool
-) -> tuple[list[Array], Any]:
-    """Return the torques and the next state of a tick; raises TracingError for whatever it raises."""
-    try:
-        if is_first:
-            state = controller.init(measurements, references)
-        later = [seen._replace(holding_torque=None) for seen in measurements]
-        torques, state = controller.step(later, references, state)
-        return [np.asarray(torque, dtype=np.float64) for torque in torques], state
-    except Exception as error:  # whatever a user's class raises
-        raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
