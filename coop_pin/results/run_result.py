@@ -171,7 +171,8 @@ class RunResult:
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        return float(self.data["closure_distance"].max()), float(self.data["closure_angle"].max())
+        distance, angle = (np.nanmax(self.data[f"closure_{part}"].values) for part in ("distance", "angle"))
+        return float(distance), float(angle)
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
