@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
-from coop_pin.results.dataset import dataset
+from coop_pin.results.dataset import without_time
+from coop_pin.results.quantities import Samples, computed, quantities
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""
@@ -48,13 +50,28 @@ class BatchResult:
         self._prepared = prepared
         self.samples = samples(prepared, layout, record)
 
+    @cached_property
+    def _values(self) -> Samples:
+        """All quantities, with a leading axis of runs."""
+        count, shares = len(self.scenarios), [scenario.cell.shares for scenario in self.scenarios]
+        table = quantities(self.scenarios[0])
+        if all(np.array_equal(own, shares[0]) for own in shares):  # then all runs are one row of samples
+            flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in self.samples.items()}
+            found = computed(table, flat, shares[0])
+            del found["load_share"]
+            return {name: values.reshape(count, -1, *values.shape[1:]) for name, values in found.items()}
+        runs = [
+            computed(table, {name: values[index] for name, values in self.samples.items()}, own)
+            for index, own in enumerate(shares)
+        ]
+        return {name: np.stack([run[name] for run in runs]) for name in runs[0]}
+
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
-        prepared, scenario = self._prepared, self.scenarios[index]
-        recorder = prepared.runs[index].recorder
-        mine = {name: values[index] for name, values in self.samples.items()}
+        scenario, recorder = self.scenarios[index], self._prepared.runs[index].recorder
+        mine = {name: values[index] for name, values in self._values.items()}
         names = [joints for _, joints in recorder.joints]
-        return RunResult(scenario, dataset(scenario, mine, names, recorder.limit_table()))
+        return RunResult.of_arrays(scenario, mine | without_time(scenario, names, recorder.limit_table()))
 
 
 class BatchSimulator:
