@@ -2,25 +2,80 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.kernel import Layout
-from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start
+from coop_pin.batch.run_constants import run_constants, start
 from coop_pin.batch.signals import RunShape, errors, references, signal_layout
 from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
+from coop_pin.control import CellController
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 _NO_DIFFERENCE = {"name", "summary", "controller", "trust", "beyond_bound", "seed"}
 """Fields of a scenario that do not reach its plant."""
+_NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
+"""Of JSON without blanks."""
+
+
+class Plant:
+    """Plant of one or more runs, before they run.
+
+    Attributes:
+        scenario: of the newest of them.
+        run: a simulation of the first, at its start.
+        constants: its numbers, the controller's last.
+        values: leaves of the others.
+        start: of the runs.
+        shape: of the runs.
+        layout: of the signals of a tick.
+        kind: what the runs of a batch must share besides numbers, the controller apart.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Build the plant.
+
+        Raises:
+            TracingError: it cannot be traced.
+            CoopPinError: the run cannot start.
+        """
+        if reason := plant_reason(scenario):
+            raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
+        self.scenario, self.run = scenario, Simulation(scenario, build_controller(scenario))
+        self._models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}
+        self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
+        others = self.constants._replace(controller=None)
+        self.values, self.shape = leaves(others), RunShape.of(scenario)
+        self.kind = structure(others), self.shape, _times(scenario)
+        self._references, self._signals = references(self.run), dict[int, Array]()
+        self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
+        self.layout = signal_layout(len(self._joints), sum(self._joints))
+
+    def controller(self, scenario: Scenario) -> CellController:
+        """Return the controller of a run of this plant."""
+        return build_controller(scenario, self._models)
+
+    def signals(self, scenario: Scenario) -> Array:
+        """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
+        if scenario.seed not in self._signals:
+            self._signals = {scenario.seed: self._drawn(scenario)}  # those of one seed are kept
+        return self._signals[scenario.seed]
+
+    def _drawn(self, scenario: Scenario) -> Array:
+        time = self._references["time"]
+        values = np.zeros((len(time), self.layout.size))
+        for name, entries in {**self._references, **errors(scenario, self.shape, self._joints, time)}.items():
+            values[:, self.layout.slots(name).ravel()] = entries.reshape(len(time), -1)
+        return values
 
 
 class Prepared(NamedTuple):
@@ -28,76 +83,46 @@ class Prepared(NamedTuple):
 
     Attributes:
         scenarios: to run.
-        runs: a simulation of each, at its start; runs with equal plants share the first one's.
-        constants: numbers of each.
-        starts: of each.
-        shape: of all runs.
-        layout: of the signals of a tick.
+        plants: of each; runs with equal plants share the first one's.
         signals: of each at all ticks, shape (ticks + 1, entries).
         values: leaves of the constants, shape (runs, leaves).
         kind: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
-    runs: Sequence[Simulation]
-    constants: Sequence[RunConstants]
-    starts: Sequence[Start]
-    shape: RunShape
-    layout: Layout
+    plants: Sequence[Plant]
     signals: Sequence[Array]
     values: Array
     kind: Hashable
 
 
-def prepare(scenarios: Sequence[Scenario]) -> Prepared:
-    """Return plants, numbers and references of all runs; those of equal plants are shared.
+def prepare(scenarios: Sequence[Scenario], known: Plant | None = None) -> Prepared:
+    """Return plants, numbers and signals of all runs; those of equal plants are shared.
+
+    Args:
+        scenarios: to run.
+        known: a plant that some of them may have.
 
     Raises:
         TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
-    first, runs = scenarios[0], list[Simulation]()
-    constants, starts, signals = list[RunConstants](), list[Start](), list[Array]()
+    plants, values, kinds, signals = list[Plant](), [], [], list[Array]()
     for scenario in scenarios:
-        if runs and _same_plant(scenario, first):
-            run = runs[0]
-            constants.append(constants[0]._replace(controller=build_controller(scenario)))
-            starts.append(starts[0])
+        if known is None or not _same_plant(scenario, known.scenario):
+            plant = Plant(scenario)
+            known = plant if known is None else known
         else:
-            if reason := plant_reason(scenario):
-                raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
-            run = Simulation(scenario, build_controller(scenario))
-            constants.append(run_constants(scenario, run))
-            starts.append(start(scenario, run))
-        runs.append(run)
-        if len(runs) > 1 and run is runs[0] and scenario.seed == first.seed:
-            signals.append(signals[0])
-        else:
-            signals.append(_signals(scenario, run))
-    kinds = list(map(_kind, scenarios, constants))
+            plant = known
+            plant.scenario = scenario  # the next one shares more of its objects
+        controller = plant.controller(scenario)
+        plants.append(plant)
+        values.append([*plant.values, *leaves(controller)])
+        kinds.append((plant.kind, structure(controller)))
+        signals.append(plant.signals(scenario))
     for index, kind in enumerate(kinds):
         if kind != kinds[0]:
             raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
-    values = np.array([leaves(tree) for tree in constants], dtype=np.float64)
-    layout = signal_layout(*_sizes(runs[0]))
-    return Prepared(scenarios, runs, constants, starts, RunShape.of(first), layout, signals, values, kinds[0])
-
-
-def _sizes(run: Simulation) -> tuple[int, int]:
-    """Return the numbers of arms and drives."""
-    joints = [len(place.drive) for place in run.plant.chain.model.arms]
-    return len(joints), sum(joints)
-
-
-def _signals(scenario: Scenario, run: Simulation) -> Array:
-    """Return the signals at all ticks, shape (ticks + 1, entries)."""
-    found = references(run)
-    joints = [len(place.drive) for place in run.plant.chain.model.arms]
-    found |= errors(scenario, RunShape.of(scenario), joints, found["time"])
-    layout, count = signal_layout(*_sizes(run)), len(found["time"])
-    values = np.zeros((count, layout.size))
-    for name, entries in found.items():
-        values[:, layout.slots(name).ravel()] = entries.reshape(count, -1)
-    return values
+    return Prepared(scenarios, plants, signals, np.array(values, dtype=np.float64), kinds[0])
 
 
 def _same_plant(scenario: Scenario, other: Scenario) -> bool:
@@ -109,14 +134,8 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
 
 def family(scenario: Scenario) -> Hashable:
     """Return what a scenario must share with others of its batch, as far as its fields show it."""
-    fields = set(Scenario.model_fields) - {"name", "summary", "trust"}
-    fixed = RunShape.of(scenario), _times(scenario)
-    return *(structure(getattr(scenario, name)) for name in sorted(fields)), *fixed
-
-
-def _kind(scenario: Scenario, constants: RunConstants) -> Hashable:
-    """Return what the scenarios of a batch must share."""
-    return structure(constants), RunShape.of(scenario), _times(scenario)
+    text = scenario.model_dump_json(exclude={"name", "summary", "trust"})
+    return _NUMBERS.sub("0", text), RunShape.of(scenario), _times(scenario)
 
 
 def _times(scenario: Scenario) -> Hashable:

@@ -11,14 +11,13 @@ from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
 from coop_pin.batch.traced_array import traced
-from coop_pin.control import ArmMeasurement, CellController
+from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.actuation import TorqueResponse
 from coop_pin.simulation.encoder import Encoders
@@ -92,20 +91,20 @@ class RunConstants(NamedTuple):
     Attributes:
         cell: its dynamics.
         arms: the rest of each arm.
-        controller: of all arms.
         pole: p of the force path.
         instants: of events, in order.
         response: of all drives at the start; None if torques are held between ticks.
         period: T, s.
+        controller: of all arms.
     """
 
     cell: CellModel
     arms: tuple[ArmConstants, ...]
-    controller: CellController
     pole: Any
     instants: tuple[Instant, ...]
     response: TorqueResponse | None
     period: Any
+    controller: Any
 
 
 class Start(NamedTuple):
@@ -129,7 +128,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
 
     Args:
         scenario: what is run.
-        run: of this scenario, or of one with another controller.
+        run: of this scenario.
 
     Raises:
         TracingError: an arm is no serial chain.
@@ -144,11 +143,11 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
                 run.plant.chain.model.arms, run.sensing.arms, run.actuation.arms.values(), strict=True
             )
         ),
-        controller=build_controller(scenario),
         pole=pole,
         instants=instants(scenario, run),
         response=run.actuation.response,
         period=scenario.clock.period,
+        controller=run.controller,
     )
 
 

@@ -33,24 +33,24 @@ class RunProgram:
             differs: leaves of the constants that are inputs.
             is_loaded: entries of the signals that are inputs.
         """
-        run, signals = first.runs[0], first.signals[0]
+        plant, signals = first.plants[0], first.signals[0]
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
-        split = SignalSplit(first.layout, signals[0], is_uniform, is_loaded)
-        self._block, self._differs = RunBlock(first.shape, first.constants[0], differs, split), differs
+        split = SignalSplit(plant.layout, signals[0], is_uniform, is_loaded)
+        self._block, self._differs = RunBlock(plant.shape, plant.constants, differs, split), differs
         kernels = RunCode(self._block).kernels()
-        schedule = Schedule(run, self._block, signals[:, is_uniform], first.scenarios[0].clock.record_every)
+        schedule = Schedule(plant.run, self._block, signals[:, is_uniform])
         self.uniforms, block = np.array(schedule.rows), self._block
         self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
         lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
-        starts, count = prepared.starts, len(prepared.starts)
+        plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, given in (
-            *((name, [getattr(start, name) for start in starts]) for name in Start._fields),
+            *((name, [getattr(plant.start, name) for plant in plants]) for name in Start._fields),
             ("constants", prepared.values[:, self._differs]),
-            ("payload", [leaves(constants.cell.payload) for constants in prepared.constants]),
+            ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
             ("is_valid", np.ones((count, 1))),
         ):
             block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T
@@ -67,20 +67,19 @@ class Schedule:
         rows: uniforms that they refer to.
     """
 
-    def __init__(self, run: Simulation, block: RunBlock, signals: Array, every: int) -> None:
+    def __init__(self, run: Simulation, block: RunBlock, signals: Array) -> None:
         """Order the kernels.
 
         Args:
             run: for its timeline.
             block: of the runs.
             signals: those that are uniform, shape (ticks + 1, ...).
-            every: ticks from one record to the next.
         """
         self.instructions: list[Instruction] = []
         self.rows: list[Array] = []
         self._steps: dict[float, int] = {}
         self._events, self._block, self._actuation = 0, block, run.actuation
-        timeline, before = run.timeline, 0.0
+        timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
         for tick in range(timeline.ticks + 1):
             time = timeline.time(tick)
             row = self._row(s=time - before, gives=run.actuation.gives(time), signals=signals[tick])

@@ -23,7 +23,7 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         layout: of the record's slots.
         record: shape (samples, slots, runs).
     """
-    run, scenario = prepared.runs[0], prepared.scenarios[0]
+    run, scenario = prepared.plants[0].run, prepared.scenarios[0]
     places, every = run.plant.chain.model.arms, scenario.clock.record_every
     kept = [tick for tick in range(run.timeline.ticks + 1) if tick % every == 0 or tick == run.timeline.ticks]
 
@@ -33,7 +33,7 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         return values.reshape(record.shape[2], record.shape[0], *slots.shape)
 
     def signal(name: str) -> Array:
-        slots = prepared.layout.slots(name)
+        slots = prepared.plants[0].layout.slots(name)
         values = np.stack([signals[kept][:, slots.ravel()] for signals in prepared.signals])
         return values.reshape(*values.shape[:2], *slots.shape)
 
@@ -71,7 +71,7 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         "joint_velocity": _per_joint(velocities),
         "jacobian_condition": _conditions(field("jacobians"), scenario.cell.task_rows.size, places),
     }
-    rows, shape = scenario.cell.task_rows, prepared.shape
+    rows, shape = scenario.cell.task_rows, prepared.plants[0].shape
 
     def six(values: Array) -> Array:
         """Return rows of wrenches in their places, NaN elsewhere."""

@@ -68,7 +68,7 @@ class BatchResult:
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
-        scenario, recorder = self.scenarios[index], self._prepared.runs[index].recorder
+        scenario, recorder = self.scenarios[index], self._prepared.plants[index].run.recorder
         mine = {name: values[index] for name, values in self._values.items()}
         names = [joints for _, joints in recorder.joints]
         return RunResult.of_arrays(scenario, mine | without_time(scenario, names, recorder.limit_table()))
@@ -92,7 +92,7 @@ class BatchSimulator:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        prepared = prepare(scenarios)
+        prepared = prepare(scenarios, None if self._first is None else self._first.plants[0])
         code = self._code(prepared)
         program, records = code.program, []
         count, remedy = len(scenarios), "give fewer at a time, or raise clock.record_every"
@@ -108,7 +108,7 @@ class BatchSimulator:
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""
         if self._first is None or prepared.kind != self._first.kind:
-            require_traceable(prepared.scenarios[0], prepared.runs[0], prepared.constants[0])
+            require_traceable(prepared.scenarios[0], prepared.plants[0].run, prepared.plants[0].constants)
             self._first, self._differs, self._is_loaded = prepared, np.array(False), np.array(False)
         folded, signals = self._first.values[:1], self._first.signals[0]
         same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import json
 import logging
 import sys
 import time
@@ -37,7 +38,7 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         KeyboardInterrupt: Ctrl-C.
     """
     families, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome | None]()
-    scenarios = [Scenario.model_validate_json(job.scenario) for job in jobs]
+    scenarios = _scenarios([job.scenario for job in jobs])
     for place, (job, scenario) in enumerate(zip(jobs, scenarios, strict=True)):
         require_unchanged(job.code)
         families[family(scenario)].append(place)
@@ -45,6 +46,16 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         alike = [(jobs[place], scenarios[place]) for place in places]
         found |= zip(places, _family(kind, alike), strict=True)
     return [found[place] for place in range(len(jobs))]
+
+
+def _scenarios(texts: Sequence[str]) -> list[Scenario]:
+    """Return the scenarios of JSON; those fields that are the first one's are not validated again."""
+    first, fields = Scenario.model_validate_json(texts[0]), json.loads(texts[0])
+    known = {name: getattr(first, name) for name in fields}
+    return [
+        Scenario(**{name: known[name] if value == fields[name] else value for name, value in own.items()})
+        for own in map(json.loads, texts)
+    ]
 
 
 def _family(kind: Hashable, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome | None]:
