@@ -57,7 +57,8 @@ class BatchResult:
         table = quantities(self.scenarios[0])
         if all(np.array_equal(own, shares[0]) for own in shares):  # then all runs are one row of samples
             flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in self.samples.items()}
-            found = computed(table, flat, shares[0])
+            with np.errstate(all="ignore"):  # of runs that are not valid
+                found = computed(table, flat, shares[0])
             del found["load_share"]
             return {name: values.reshape(count, -1, *values.shape[1:]) for name, values in found.items()}
         runs = [
