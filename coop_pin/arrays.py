@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.errors import (
     ArgumentError,
+    CoopPinError,
     NotAPoseError,
     NotEnoughMemoryError,
     OutOfRangeError,
@@ -58,6 +59,8 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
     except OverflowError:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
+    except CoopPinError:  # of a traced number
+        raise
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
     if array.shape != shape and not _sizes_match(array.shape, shape):

@@ -68,11 +68,10 @@ class PanelLayout(LayoutEngine):
 def _characters(panel: Axes) -> int:
     """Return the number of characters of the longest number at the vertical axis that is in view."""
     low, high = sorted(panel.get_ylim())
-    found = [_LEAST_CHARACTERS]
-    ticks: Any
-    for ticks in (panel.yaxis.major, panel.yaxis.minor):
-        places = np.asarray(ticks.locator())
-        texts: Iterable[str] = ticks.formatter.format_ticks(places[(places >= low) & (places <= high)])
+    found, axis = [_LEAST_CHARACTERS], panel.yaxis
+    major = axis.get_major_locator(), axis.get_major_formatter()
+    for locator, formatter in (major, (axis.get_minor_locator(), axis.get_minor_formatter())):
+        texts: Iterable[str] = formatter.format_ticks([at for at in locator() if low <= at <= high])
         found += [len(re.sub(r"\\\w+|[${}^]", "", text)) for text in texts]
     return max(found)
 

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from xarray.indexes import PandasIndex
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Samples, computed, quantities
 
@@ -32,17 +32,36 @@ def dataset(
 ) -> xr.Dataset:
     """Return the labelled arrays of a run: every stored quantity, and the joint limits.
 
-    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
-    (x, y, z, w).
-
     Args:
         scenario: what was run.
         samples: of every recorded quantity.
         joints: names of each arm's joints.
         limits: the four ``LIMITS`` of m arms with at most k joints, shape (4, m, k); NaN where there is none.
     """
-    table = quantities(scenario)
-    values = computed(table, samples, scenario.cell.shares)
+    values = computed(quantities(scenario), samples, scenario.cell.shares)
+    return labelled(scenario, values | without_time(scenario, joints, limits))
+
+
+def without_time(scenario: Scenario, joints: Sequence[Sequence[str]], limits: Array) -> Samples:
+    """Return names and limits of arms and joints by name; arguments as of dataset."""
+    k = limits.shape[2]
+    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
+    return dict(zip(LIMITS, limits, strict=True)) | {
+        "arm": np.array(list(scenario.cell.arms)),
+        "joint_name": names,
+    }
+
+
+def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
+    """Return the arrays of a run with dimensions, units and texts.
+
+    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
+    (x, y, z, w).
+
+    Args:
+        scenario: what was run.
+        values: of all quantities, and what ``without_time`` returns.
+    """
     # All variables are gathered first: assigning one to a Dataset aligns the whole Dataset anew.
     variables = {
         quantity.name: _variable(
@@ -50,21 +69,21 @@ def dataset(
             values[quantity.name],
             {"units": quantity.unit, "long_name": quantity.text},
         )
-        for quantity in table
+        for quantity in quantities(scenario)
         if quantity.stored
     }
-    joint, k = ("arm", "joint"), samples["torque"].shape[2]
-    for name, values_of_joints in zip(LIMITS, limits, strict=True):
-        attributes = {"units": LIMITS[name], "long_name": "NaN where there is none"}
-        variables[name] = _variable(joint, values_of_joints, attributes)
-    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
-    variables["joint_name"] = _variable(joint, names, {"long_name": "empty beyond an arm's joints"})
-    determined: Mask = np.asarray(np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1)))
+    joint, k = ("arm", "joint"), values["torque"].shape[2]
+    for name, unit in LIMITS.items():
+        attributes = {"units": unit, "long_name": "NaN where there is none"}
+        variables[name] = _variable(joint, values[name], attributes)
+    text = "empty beyond an arm's joints"
+    variables["joint_name"] = _variable(joint, values["joint_name"], {"long_name": text})
+    determined = np.asarray(np.isfinite(values["interaction_wrench"]).all(axis=(0, 1)))
     text = "rows of wrenches that rigid bodies determine; others are NaN"
     variables["wrench_is_determined"] = _variable(("axis",), determined, {"long_name": text})
     labels: dict[str, NDArray[Any]] = {
-        "time": samples["time"],
-        "arm": np.array(list(scenario.cell.arms)),
+        "time": values["time"],
+        "arm": values["arm"],
         "joint": np.arange(1, k + 1),
         "axis": np.array(AXES),
         "position": np.array(AXES[:3]),

@@ -218,8 +218,8 @@ def sweep(
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
         session.compute(chosen, retry_failed=retry_failed)
-    result = SweepResult(chosen, session.store)
-    result.write_tables()
+        result = SweepResult(chosen, session.store)
+        result.write_tables()
     return result
 
 
