@@ -3,106 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
-from coop_pin.batch.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.llvm_machine import LlvmMachine
-from coop_pin.batch.run_code import STAGES
-from coop_pin.batch.serial_arm import Numbers, RigidInertia
-from coop_pin.batch.traced_array import traced
-from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt, structure
+from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
+from coop_pin.batch.serial_arm import RigidInertia
+from coop_pin.batch.support import plant_reason
+from coop_pin.batch.tree import leaves, structure
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.trajectory import Energy
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
-from coop_pin.simulation.plant import CHANNELS, Plant
-from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.transmission import friction
 
-_AT_ONCE = 64
-"""Plant steps of one call."""
 _KEPT_CODES = 8
 """Cells whose code a process keeps."""
-_OBSERVED = ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinetic", "potential")
-
-
-class PlantNumbers(NamedTuple):
-    """Numbers that fold into the code of a plant.
-
-    Attributes:
-        cell: its dynamics; the payload is an input.
-        friction: of each arm.
-    """
-
-    cell: CellModel
-    friction: tuple[Friction, ...]
-
-
-class PlantCode:
-    """Kernels "observe" and "step" of a cell, and the slots that they read and write.
-
-    Attributes:
-        lanes: the slots.
-        program: observes first, and then makes steps, each by a row of the uniforms that has its length.
-    """
-
-    def __init__(self, numbers: PlantNumbers) -> None:
-        self._numbers, self._functions = numbers, SharedFunctions()
-        self._sizes = [len(arm.bodies) for arm in numbers.cell.arms]
-        m, N = len(self._sizes), sum(self._sizes)
-        self.lanes, self._uniforms = Layout(), Layout()
-        for name, *sizes in (
-            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("force", N), ("external", 6), ("payload", 13)),
-            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3), ("wrenches", m, 6)),
-            *(("closure_errors", m, 2), ("kinetic",), ("potential",)),
-        ):
-            self.lanes.add(str(name), *sizes)
-        self._uniforms.add("h")
-        steps = [Instruction(1, row) for row in range(_AT_ONCE)]
-        kernels = [self._observe(), self._step()]
-        self.program = Program(kernels, self.lanes, 0, 0, [Instruction(0, 0), *steps])
-
-    def _observe(self) -> Kernel:
-        kernel = Kernel("observe", self.lanes, self._uniforms)
-        motion, _ = self._motion(kernel, kernel.read("q"), kernel.read("v"))
-        for name in _OBSERVED:
-            kernel.write(name, getattr(motion, name))
-        return kernel
-
-    def _step(self) -> Kernel:
-        """Return one step of h of the classical Runge-Kutta method, with the work of the forces."""
-        kernel = Kernel("step", self.lanes, self._uniforms)
-        q, v, h, force = kernel.read("q"), kernel.read("v"), kernel.uniform("h"), kernel.read("force")
-        q_end, v_end, work = q, v, kernel.read("work")
-        q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
-        for node, weight in STAGES:
-            q_i, v_i = q + node * h * q_rate, v + node * h * v_rate
-            motion, resistance = self._motion(kernel, q_i, v_i)
-            q_rate, v_rate = v_i, traced(np.concatenate(motion.accelerations))
-            power = traced([force @ v_i, resistance @ v_i, kernel.read("external") @ motion.V_WP])
-            q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
-            work = work + weight * h * power
-        for name, values in (("q", q_end), ("v", v_end), ("work", work)):
-            kernel.write(name, values)
-        return kernel
-
-    def _motion(self, kernel: Kernel, q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers]:
-        """Return the motion under the held forces, and the friction of all joints."""
-        cell = self._numbers.cell
-        cell = cell._replace(payload=rebuilt(cell.payload, iter(kernel.read("payload"))))
-        rates, forces = self._split(v), self._split(kernel.read("force"))
-        resistance = [own.force(rate) for own, rate in zip(self._numbers.friction, rates, strict=True)]
-        tau = [force + own for force, own in zip(forces, resistance, strict=True)]
-        state = CellState(self._split(q), rates, tau, kernel.read("external"))
-        return cell_motion(self._functions, kernel.tape, cell, state), traced(np.concatenate(resistance))
-
-    def _split(self, values: Numbers) -> list[Numbers]:
-        parts = np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
-        return [traced(part) for part in parts]
 
 
 class TracedPlant(Plant):
@@ -123,11 +43,11 @@ class TracedPlant(Plant):
         code, machine = _compiled(_numbers(chain, options))
         self._waiting: list[float] = []
         self._is_observed = False
-        self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((_AT_ONCE, 1))
+        self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
         self._call = machine.bound(self._block, self._lengths)
         self._at = {
             name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
-            for name in ("q", "v", "work", "force", "external", "payload", *_OBSERVED)
+            for name in ("q", "v", "work", "force", "external", "payload", *OBSERVED)
             for slots in (code.lanes.slots(name),)
         }
         self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
@@ -191,7 +111,7 @@ class TracedPlant(Plant):
             self._settle()
             self._weigh()
         self._waiting.append(h)
-        if len(self._waiting) == _AT_ONCE:
+        if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
     def observe(self) -> Observation:
@@ -248,16 +168,12 @@ class TracedPlant(Plant):
 
 def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
     """Return the numbers of a plant; raises ArgumentError as TracedPlant."""
-    chosen = options.payload, options.integrator, options.project
-    if chosen != ("welded", "rk4", "start"):
-        raise ArgumentError(
-            f"engine 'traced' has no plant with payload, integrator and project {chosen};"
-            " it has 'welded', 'rk4' and 'start': choose these, or engine 'pinocchio'"
-        )
+    if reason := plant_reason(options):
+        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
     try:
         cell = CellModel.from_chain(chain)
     except TracingError as error:
-        raise ArgumentError(f"engine 'traced': {error}; choose engine 'pinocchio'") from None
+        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
     return PlantNumbers(cell, tuple(friction(arm, name) for name, arm in chain.cell.arms.items()))
 
 
