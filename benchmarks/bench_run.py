@@ -44,6 +44,7 @@ def child(tree: Path, *words: str) -> tuple[float, str]:
         capture_output=True,
         text=True,
         check=False,
+        cwd=tree,  # which Python searches first
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode not in (0, 3):  # 3: not trustworthy
