@@ -15,6 +15,7 @@ from coop_pin.batch.arm_dynamics import gravity_torque
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
 from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.law_code import only_tracing_errors
+from coop_pin.batch.plant_code import write_step
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers, frames
@@ -26,10 +27,6 @@ from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.encoder import EncoderState
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial import rotate_vector6
-
-STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
-"""Of the classical Runge-Kutta method: nodes, also the coefficients of the stage before, and weights."""
-
 
 KERNELS = ("start", "law", "observe", "step", "sense", "drive", "release")
 """Kernels of every program, in order."""
@@ -300,23 +297,15 @@ class RunCode:
         return kernel
 
     def _step(self) -> Kernel:
-        """Return the kernel of one plant step of h: Runge-Kutta 4, with the work of the forces."""
+        """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
-        q, v, h = kernel.read("q"), kernel.read("v"), kernel.uniform("h")
-        force = kernel.read("force")
-        q_end, v_end, work = q, v, kernel.read("work")
-        q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
-        for node, weight in STAGES:
-            q_i, v_i = q + node * h * q_rate, v + node * h * v_rate
-            motion, friction = self._motion(kernel, constants, q_i, v_i)
-            q_rate, v_rate = v_i, traced(np.concatenate(motion.accelerations))
+
+        def motion(q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers, Number]:
+            motion, friction = self._motion(kernel, constants, q, v)
             external = kernel.read("external") @ motion.V_WP if self._shape.pushes else 0.0
-            power = traced([force @ v_i, np.concatenate(friction) @ v_i, external])
-            q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
-            work = work + weight * h * power
-        kernel.write("q", q_end)
-        kernel.write("v", v_end)
-        kernel.write("work", work)
+            return motion, np.concatenate(friction), external
+
+        write_step(kernel, motion)
         return kernel
 
     def _sense(self) -> Kernel:

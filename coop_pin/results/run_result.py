@@ -43,6 +43,8 @@ class RunResult:
     _data: xr.Dataset | None
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
+    ENGINE = "engine"
+    """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
 
     def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
         require_type("scenario", scenario, Scenario)
@@ -67,6 +69,11 @@ class RunResult:
     def arrays(self) -> metrics.Arrays:
         """The arrays by name, without their labels."""
         return self._arrays if self._data is None else self._data.variables
+
+    @property
+    def engine(self) -> str:
+        """What computed the motion: "pinocchio" or "traced"."""
+        return str(self.data.attrs.get(self.ENGINE, "pinocchio"))
 
     # ------------------------------------------------------------ windows
 
@@ -239,7 +246,9 @@ class RunResult:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
         ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
-        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}"]
+        engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
+        span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}"
+        lines = [f"{scenario.name}: {self.verdict()}", span]
         for name, value in self.metrics().items():
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
