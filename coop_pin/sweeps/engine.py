@@ -222,8 +222,8 @@ def sweep(
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
         session.compute(chosen, retry_failed=retry_failed)
-    result = SweepResult(chosen, session.store, session.keys)
-    result.write_tables()
+        result = SweepResult(chosen, session.store, session.keys)
+        result.write_tables()
     return result
 
 
