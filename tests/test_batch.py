@@ -148,7 +148,7 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
     parts = [[inputs(tape, size) for size in sizes] for _ in range(3)]
     motion = cell_motion(SharedFunctions(), tape, cell, CellState(*parts, inputs(tape, 6)))
     outputs = [*np.concatenate(motion.accelerations), *motion.wrenches.flat, motion.kinetic, motion.potential]
-    rows = cell.moving_rows
+    rows = cell.moving_rows(parts[0])
     for _ in range(3):
         near = pin.integrate(model, q_start, 0.03 * rng.normal(size=model.nv))
         q = pin.integrate(
@@ -244,6 +244,8 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
                 "start.xyz": [0.6, 0.14 + 0.01 * k, 0.0],
                 "cell.arms.left.friction.coulomb": 0.01 * k,
                 "squeeze": {"left": [-10.0 - k, 0, 0, 0, 0, 0], "right": [10.0 + k, 0, 0, 0, 0, 0]},
+                "cell.grasps.right.rpy": [0.0, 0.0, 0.05 * k],
+                "cell.arms.right.base.xyz": [1.0 - 0.01 * k, 0.0, 0.0],
                 "cell.arms.right.calibration_error": {"tip": {"xyz": [1e-4 * (1 + k), 0.0, 0.0]}},
             }
         )
