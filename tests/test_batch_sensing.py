@@ -90,6 +90,26 @@ def test_sensors_and_drives_of_batches_are_those_of_single_runs(cell, setting, l
         require_same_samples(batch.result(index).data, cp.run(scenario).data)
 
 
+def test_runs_that_differ_in_sensors_and_drives_are_one_batch():
+    """Also in the times at which samples arrive: they are signals of the runs, as their noise is."""
+    base = in_setting("planar", "one wrist, lost", "anchored")
+    wrist, lag = "arm_sensors.right.wrist", {"lag": 0.01, "missed_ticks": 0.2}
+    scenarios = [
+        base.override({f"{wrist}.lost": [[0.02, 0.04]], f"{wrist}.rate_hz": 80.0, "actuators": lag}),
+        base.override(
+            {f"{wrist}.lost": [[0.0, 0.01]], f"{wrist}.rate_hz": 40.0, "actuators": lag, "seed": 3}
+        ),
+        base.override(
+            {f"{wrist}.offset.force": 9.0, f"{wrist}.rate_hz": 20.0, "actuators": lag | {"lag": 0.003}}
+        ),
+    ]
+    batch = simulate_batch(scenarios)
+    for index, scenario in enumerate(scenarios):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+    ages = batch.samples["measured_wrench_age"][:, :, 1]
+    assert len({ages[index].tobytes() for index in range(3)}) == 3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_bits_of_noisy_batches_depend_on_nothing_else(cell):
