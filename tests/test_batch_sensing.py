@@ -125,7 +125,7 @@ def numbers(low, high):
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", SCENARIOS)
 @settings(
-    max_examples=8,
+    max_examples=6,
     deadline=None,
     derandomize=True,
     phases=[Phase.generate],
