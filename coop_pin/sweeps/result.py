@@ -34,13 +34,7 @@ class SweepResult:
     """
 
     def __init__(self, plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> None:
-        """Read nothing yet.
-
-        Args:
-            plan: of the sweep.
-            store: its folder.
-            keys: of all points, where they are known.
-        """
+        """Read nothing yet; ``keys`` are those of all points, where they are known."""
         require_type("plan", plan, SweepPlan)
         require_type("store", store, SweepStore)
         self.plan, self.store, self._keys = plan, store, keys
