@@ -33,10 +33,11 @@ class SweepResult:
         store: its folder.
     """
 
-    def __init__(self, plan: SweepPlan, store: SweepStore) -> None:
+    def __init__(self, plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> None:
+        """Read nothing yet; ``keys`` are those of all points, where they are known."""
         require_type("plan", plan, SweepPlan)
         require_type("store", store, SweepStore)
-        self.plan, self.store = plan, store
+        self.plan, self.store, self._keys = plan, store, keys
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -53,7 +54,7 @@ class SweepResult:
 
     @functools.cached_property
     def _runs(self) -> xr.Dataset:
-        return read_runs(self.plan, self.store)
+        return read_runs(self.plan, self.store, self._keys)
 
     @functools.cached_property
     def data(self) -> xr.Dataset:
