@@ -14,7 +14,8 @@ from coop_pin.description import TrustThresholds
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, DivergedError, FieldError, OutOfRangeError
 from coop_pin.results.metrics import STEADY_METRICS
-from coop_pin.results.trust import WORK, TrustMonitor
+from coop_pin.results.quantities import WORK
+from coop_pin.results.trust import TrustMonitor
 
 GOALS = {  # straight paths that stretch an arm: through a singular pose
     "planar": {"xyz": (0.5, 0.75, 0.0)},

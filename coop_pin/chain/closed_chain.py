@@ -106,9 +106,8 @@ class ClosedChain:
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         can_be_proximal = ProximalSolver.can_solve(closures)
         if formulation == "proximal" and not can_be_proximal:
-            raise ArgumentError(
-                "formulation is 'proximal', which has only 'full' and 'point' rows; use 'auto' or 'kkt'"
-            )
+            only = "which has only 'full' and 'point' rows"
+            raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
 
@@ -254,8 +253,7 @@ class ClosedChain:
         q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
         near = self._projection.descend(q)
         self.require_closed(near, _STEP_ALLOWED)
-        projected = self._projection.state(near, v, _CLOSED)
-        return ChainState(projected.q, projected.v)
+        return ChainState(*self._projection.state(near, v, _CLOSED)[:2])
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:
         """Return kinetic and potential energy, J."""

@@ -15,6 +15,7 @@ import xarray as xr
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError, OutOfRangeError
+from coop_pin.results.quantities import WORK
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
@@ -189,11 +190,7 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
 def energy_balance(data: Arrays) -> Array:
     """Return energy minus its start minus all work done, J, shape (n,): zero for an exact integration."""
     energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    work = sum(
-        np.asarray(data[f"work_{channel}"])
-        for channel in ("actuation", "friction", "external", "payload_change")
-    )
-    return np.asarray(energy - energy[0] - work)
+    return np.asarray(energy - energy[0] - sum(np.asarray(data[name]) for name in WORK))
 
 
 # ------------------------------------------------------------ limits
@@ -218,6 +215,11 @@ class LimitViolation(NamedTuple):
     worst: float
     limit: float
     first_time: float
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        worst = f"{self.worst:.4g} (limit {self.limit:.4g})"
+        return f"{self.kind} of {self.arm} {self.joint}, {worst}, first at t = {self.first_time:.4g} s"
 
 
 def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:

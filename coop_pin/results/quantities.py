@@ -180,6 +180,9 @@ QUANTITIES = (
 )
 # fmt: on
 
+WORK = tuple(f"work_{channel}" for channel in ("actuation", "friction", "external", "payload_change"))
+"""Names of the work done since the start, by its source."""
+
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {

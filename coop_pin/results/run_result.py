@@ -208,8 +208,7 @@ class RunResult:
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there.
         """
-        distance, angle = self.closure_error_max()
-        after = self.after_event_window
+        (distance, angle), after = self.closure_error_max(), self.after_event_window
         return {
             "trustworthy": float(self.trustworthy),
             "settling_time_s": self.settling_time(),
@@ -244,11 +243,7 @@ class RunResult:
         if scenario.events and self.after_event_window.is_empty:
             wait = f"{metrics.SETTLING_S:g} s after its last event"
             lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
-        for violation in self.limit_violations():
-            worst = f"{violation.worst:.4g} (limit {violation.limit:.4g})"
-            quantity = f"{violation.kind} of {violation.arm} {violation.joint}"
-            lines.append(f"  limit exceeded: {quantity}, {worst}, first at t = {violation.first_time:.4g} s")
-        return "\n".join(lines)
+        return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
 
     def _unsettled(self) -> str:
         """Return the errors at the end of a run that did not settle, and what to try."""
@@ -297,13 +292,9 @@ class RunResult:
         try:
             scenario = Scenario.from_toml(text)
         except (ScenarioError, FileReadError) as error:
-            raise FileReadError(
-                f"{path} holds a scenario that this version of coop_pin cannot read: {error}"
-            ) from None
-        missing = [q.name for q in quantities(scenario) if q.stored and q.name not in data]
-        if missing:
-            raise FileReadError(
-                f"{path} lacks {', '.join(missing)}; it was written by another version of coop_pin: "
-                "run its scenario again"
-            )
+            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read"
+            raise FileReadError(f"{unreadable}: {error}") from None
+        if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
+            advice = "it was written by another version of coop_pin: run its scenario again"
+            raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")
         return cls(scenario, data)

@@ -9,12 +9,10 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantities import WORK, Samples
 
 Cause = Literal["joint limit", "jacobian condition", "torque cut", "closure error", "energy", "error"]
 """What was breached. Of breaches at the same time, causes come before what usually follows from them."""
-
-WORK = tuple(f"work_{channel}" for channel in ("actuation", "friction", "external", "payload_change"))
 
 _TEXTS: dict[Cause, str] = {
     "joint limit": "{who} at its stop from {time:.4g} s (reaches {value:.4g}, limit {allowed:.4g})",

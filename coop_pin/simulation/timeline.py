@@ -58,7 +58,7 @@ class Timeline:
 
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
-        edges: Iterable[float] = [self._edge(tick, i) for i in range(self._per_tick + 1)]
+        edges: Iterable[float] = (self._edge(tick, i) for i in range(self._per_tick + 1))
         if self._instants and (cuts := self._cuts(tick)):
             edges = heapq.merge(edges, cuts)
         for left, right in itertools.pairwise(edges):
