@@ -1,5 +1,7 @@
 """Comparison of controllers: three controllers in two cells under four trials, resumed, and a stranger's."""
 
+import shutil
+
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
@@ -14,13 +16,17 @@ from coop_pin.comparison import (
     controllers_for,
     standard_trials,
     tick_costs,
+    tune_controllers,
 )
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures, tuning_cost
+from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
+from coop_pin.sweeps.job import run_job
+from coop_pin.sweeps.store import SweepStore
 
 CONTROLLERS = ("printed", "anchored", "computed-torque")
 TRIALS = ("nominal", "mass x2", "bias 1 mm", "noise")
@@ -38,8 +44,8 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("compare")
 
 
-def run(scenarios, folder):
-    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True}
+def run(scenarios, folder, **options):
+    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True} | options
     return cp.compare(scenarios, CONTROLLERS, TRIALS, out=folder, **quick)
 
 
@@ -80,6 +86,87 @@ def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folde
     monkeypatch.setattr("coop_pin.run_scenario.simulate", None)
     run(scenarios, folder)
     assert (folder / "comparison.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("table")
+def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_path, monkeypatch):
+    """Nothing is run again but what a damaged line held, and the table has the same bytes."""
+    before = (folder / "comparison.csv").read_bytes()
+    others = [tmp_path / name for name in ("first", "second")]
+    for other in others:  # each has done one scenario
+        shutil.copytree(folder, other)
+        shutil.rmtree(other / {"first": "spatial", "second": "planar"}[other.name])
+    with monkeypatch.context() as patch:
+        patch.setattr("coop_pin.run_scenario.simulate", None)
+        run(scenarios, tmp_path / "merged", merge=others)
+    assert (tmp_path / "merged" / "comparison.csv").read_bytes() == before
+
+    segment = next((others[0] / "planar" / "fixed" / "runs").iterdir())
+    content = bytearray(segment.read_bytes())
+    content[content.index(b"tracking_rms_mm") + 20] ^= 1
+    segment.write_bytes(content)
+    computed = []
+    with monkeypatch.context() as patch:
+        patch.setattr("coop_pin.sweeps.backend.run_job", lambda job: computed.append(job) or run_job(job))
+        run(scenarios, tmp_path / "repaired", merge=others)
+    assert len(computed) == 1
+    assert (tmp_path / "repaired" / "comparison.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("table")
+def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenarios, folder, tmp_path):
+    quick = {"workers": 0, "quiet": True}
+    names = ["anchored"], ["nominal"]
+    found = cp.compare(scenarios[0], *names, out=tmp_path, duration=0.1, merge=[folder], **quick)
+    alone = cp.compare(scenarios[0], *names, out=tmp_path / "alone", duration=0.1, **quick)
+    assert found.data.identical(alone.data)
+    with pytest.raises(FileReadError) as caught:
+        cp.compare(scenarios, *names, out=tmp_path, merge=[folder, tmp_path / "nothing"], **quick)
+    assert caught.value.path == str(tmp_path / "nothing")
+
+
+def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
+    """A blind law without wrist sensors; a law with a model runs singly beside it."""
+    blind = {"calm": Trial(BLIND), "noisy": Trial({"sensors": NOISY}, random=True)}
+    names = ["payload-pd", "computed-torque"]
+    quick = {"duration": 0.1, "seeds": 2, "workers": 0, "quiet": True}
+    single, auto = (
+        cp.compare(scenarios[0], names, blind, out=tmp_path / engine, engine=engine, **quick)
+        for engine in ("single", "auto")
+    )
+    for name in COLUMNS:
+        assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
+    kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
+    assert {"fixed", "fixed-batch", "random"} <= set(kept)
+    for name, store in kept.items():
+        engine = "batch" if name.endswith("batch") else "single"
+        assert store.read_plan().engine == engine
+        assert {record.engine for record in store.records()} == {engine}
+    with pytest.raises(FieldError):
+        cp.compare(scenarios[0], names, blind, out=tmp_path, engine="both", **quick)
+
+
+NOISY = {"encoder": {"resolution": 1e-5, "noise": 1e-5}}
+BLIND = {"sensors": {}, "actuators": {}}
+
+
+def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
+    names = ["payload-pd", "printed"]
+    rows = tune_controllers(
+        scenarios, names[:1], out=tmp_path, generations=0, duration=0.02, workers=0, quiet=True
+    )
+    assert [row["scenario"] for row in rows] == ["planar", "spatial"]
+    assert all(row["runs"] == 6 and row["duration_s"] == 0.02 for row in rows)
+    gains = tmp_path / "gains.csv"
+    chosen = controllers_for(scenarios[1], names, gains=gains)
+    assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
+    quick = {"duration": 0.02, "workers": 0, "quiet": True}
+    found = cp.compare(scenarios[1], names, ["nominal"], out=tmp_path / "out", gains=gains, **quick)
+    assert found.table["gains"].tolist() == ["tuned", "untuned"]
+    assert "printed (untuned)" in found.summary()
+    gains.write_text(gains.read_text().replace("pose_gain", "pose_gian"))
+    with pytest.raises(FileReadError):
+        controllers_for(scenarios[1], names, gains=gains)
 
 
 def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):

@@ -42,6 +42,7 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
         (front, ranks), (left, right) = figure.subplots(2, 2)
         _draw_front(front, own[_TRACKING], force)
         _draw_ranks(ranks, comparison)
+        own = own.assign_coords(label=("controller", comparison.labels(scenario)))
         _draw_map(figure, left, own, own[_TRACKING], "tracking, mm")
         _draw_map(figure, right, own, force, "internal force, N")
         figure.suptitle(as_written(scenario))
@@ -89,7 +90,7 @@ def _draw_map(figure: Figure, panel: Axes, own: xr.Dataset, values: xr.DataArray
         star = "*" if text and trusted[row, column] < runs[row, column] else ""
         colour = "white" if middle < value < np.inf else "black"  # dark and light cells
         panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6, color=colour)
-    trials, controllers = ([as_written(x) for x in own[name].values] for name in ("trial", "controller"))
+    trials, controllers = ([as_written(x) for x in own[name].values] for name in ("trial", "label"))
     panel.set_yticks(np.arange(len(trials)) + 0.5, trials)
     panel.set_xticks(np.arange(len(controllers)) + 0.5, controllers, rotation=60, ha="right")
     panel.invert_yaxis()
