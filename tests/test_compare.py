@@ -287,6 +287,7 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
     assert table.loc["payload-pd", "ratio"] == 1.0
     assert table.loc["computed-torque", "ratio"] > 1.0
     assert (table["operations"] > 100).tolist() == [True, False, True, False]  # blind laws can be exported
+    assert (table["not_counted"] == "").tolist() == [True, False, True, False]
     wanted = ["nothing", "model, internal wrench", "own wrench, role", "regressor"]
     assert table["needs"].tolist() == wanted
 
