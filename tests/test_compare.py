@@ -296,7 +296,7 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
 def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
     """Planar, redundant and with three arms: nominal, 1 s at rest and 1 s in motion."""
-    names = [entry for entry in controller_names() if entry != "torque-qp"]
+    names = controller_names()
     found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=2.0, workers=0, quiet=True)
     print(found.summary())
     assert (found.data.finished == 1).all()
