@@ -1,6 +1,8 @@
 """Comparison of controllers: three controllers in two cells under four trials, resumed, and a stranger's."""
 
+import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,7 +130,7 @@ def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenar
 def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
     """A blind law without wrist sensors; a law with a model runs singly beside it."""
     blind = {"calm": Trial(BLIND), "noisy": Trial({"sensors": NOISY}, random=True)}
-    names = ["payload-pd", "computed-torque"]
+    names = ["computed-torque", "payload-pd"]
     quick = {"duration": 0.1, "seeds": 2, "workers": 0, "quiet": True}
     single, auto = (
         cp.compare(scenarios[0], names, blind, out=tmp_path / engine, engine=engine, **quick)
@@ -136,6 +138,7 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
     )
     for name in COLUMNS:
         assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
+    assert auto.table.index.tolist() == single.table.index.tolist()
     kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
     assert {"fixed", "fixed-batch", "random"} <= set(kept)
     for name, store in kept.items():
@@ -227,6 +230,9 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
     assert found.data.finished.sel(controller="stiff").values.tolist() == [[0, 0]]
     assert np.isinf(found.data.tracking_rms_mm.sel(controller="stiff")).all()
     assert found.table.shape[0] == 4
+    assert found.table.loc[(scenarios[0].name, "stiff"), "failure"].str.startswith("DivergedError: ").all()
+    assert found.summary().count("stiff | ") == 2
+    assert (found.table.loc[(scenarios[0].name, "mine"), "failure"] == "").all()
 
 
 STRANGE = """
@@ -259,8 +265,12 @@ def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
     for controllers, trials in ((["printd"], None), (["printed"], ["nominel"])):
         with pytest.raises(NameNotFoundError):
             cp.compare(scenarios, controllers, trials, out=tmp_path, quiet=True)
+    for wrong in ({"controllers": {"mine": 3}}, {"controllers": []}, {"trials": []}, {"scenarios": []}):
+        given = {"scenarios": scenarios, "controllers": ["printed"], "trials": ["nominal"]} | wrong
+        with pytest.raises(FieldError):
+            cp.compare(**given, out=tmp_path, quiet=True)
     with pytest.raises(FieldError):
-        cp.compare(scenarios, {"mine": 3}, out=tmp_path, quiet=True)
+        cp.compare([scenarios[0], scenarios[0]], ["printed"], out=tmp_path, quiet=True)
 
 
 def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
@@ -301,3 +311,17 @@ def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
     print(found.summary())
     assert (found.data.finished == 1).all()
     assert (found.data.tracking_rms_mm < 100.0).all()
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, monkeypatch):
+    """Its gains suit translations and rotations at 80 Hz and at 500 Hz."""
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "compare.md").read_text(encoding="utf-8")
+    (code,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Law" in block)
+    assert len(code.strip().splitlines()) <= 25
+    (tmp_path / "template_law.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    quick = {"duration": 0.2, "workers": 0, "quiet": True}
+    found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
+    assert found.data.trustworthy.item() == 1
+    assert found.table["gains"].item() == "given"

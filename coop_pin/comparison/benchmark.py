@@ -89,7 +89,7 @@ def compare(
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
-        FieldError: the engine is another, or two scenarios have one name.
+        FieldError: the engine is another, two scenarios have one name, or there is nothing to run.
         FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
     """
@@ -98,20 +98,24 @@ def compare(
     for other in merge:
         require_path("merge", other)
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
-    together, parts = with_batches(engine), list[_Part]()
+    together, parts, cells = with_batches(engine), list[_Part](), list[tuple[str, str, str]]()
     for scenario in different(scenarios):
         chosen = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
         used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
         own = benchmark_scenario(scenario, duration)
-        for part in _parts(own, chosen, _trials(own, trials), seeds, together=together):
+        tried = _trials(own, trials)
+        cells += [(own.name, name, label) for name in chosen for label in tried]
+        for part in _parts(own, chosen, tried, seeds, together=together):
             parts.append(part._replace(gains=used))
+    if not cells:
+        raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
     taken = _merged(parts, list(map(Path, merge)))
     frames = []
     for part in parts:
         place, same = folder / part.folder, taken[part.folder]
         result = sweep(part.plan, out=place, merge=same, workers=workers, scheduler=scheduler, quiet=quiet)
         frames.append(_cells(part, result))
-    comparison = Comparison.of_cells(pd.concat(frames))
+    comparison = Comparison.of_cells(pd.concat(frames).loc[cells])
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
     return comparison
@@ -225,5 +229,7 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
         runs = np.where(finished & np.isfinite(column), column, np.inf)
         low, high = bootstrap_interval(runs.T, np.median, 0)
         values |= {name: np.median(runs, axis=1), f"{name}_low": low, f"{name}_high": high}
+    reasons = table["failure"].str.cat(table["message"], ": ").where(table["status"] == "failed", "")
+    values["failure"] = [next(filter(None, row), "") for row in reasons.to_numpy().reshape(shape)]
     index = pd.MultiIndex.from_tuples([(part.scenario, *cell) for cell in part.cells], names=CELL)
     return pd.DataFrame(values, index)

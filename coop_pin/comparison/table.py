@@ -43,8 +43,9 @@ class Comparison:
     Attributes:
         data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count; ``gains`` is "tuned", "untuned" or "given"; dimensions scenario,
-            controller, trial. A failed run has the measure inf, a cell that was not run nan.
+            ``trustworthy`` count; ``gains`` is "tuned", "untuned" or "given", ``failure`` the
+            first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
+            inf, a cell that was not run nan.
     """
 
     def __init__(self, data: xr.Dataset) -> None:
@@ -98,7 +99,7 @@ class Comparison:
     def summary(self) -> str:
         """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text.
 
-        A star marks cells whose runs are not all trustworthy.
+        A star marks cells whose runs are not all trustworthy; failed runs are listed below.
         """
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
@@ -113,7 +114,15 @@ class Comparison:
             }
             frame = pd.DataFrame(texts, index=self.labels(scenario))
             lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
-        return "\n".join(lines)
+        return "\n".join(lines + self._failures())
+
+    def _failures(self) -> list[str]:
+        """Return a line for each cell with failed runs."""
+        failed = self.table.query("finished < runs")
+        return [
+            f"{' | '.join(cell)}: {row.runs - row.finished} of {row.runs} runs failed: {row.failure}"
+            for cell, row in zip(failed.index, failed.itertuples(), strict=True)
+        ]
 
     def labels(self, scenario: str) -> list[str]:
         """Return the names of the controllers, with a mark where one runs untuned in a scenario."""
