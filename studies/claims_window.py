@@ -15,7 +15,7 @@ BAND = (5e-3, 5e-3)
 
 
 def judged(result: cp.RunResult) -> dict[str, float]:
-    """Return errors before the event, after it, and over the last second of a run.
+    """Return errors before the event, after it, and over the last second of a run but its last sample.
 
     Internal force is axial and shear together. A time of settling is the first after which the error stays in
     the band until the event, or the end; infinite if there is none. The internal force has converged when it
@@ -25,7 +25,7 @@ def judged(result: cp.RunResult) -> dict[str, float]:
     time, error = data.time.values, data.pose_error.values
     position, angle = (np.linalg.norm(part, axis=1) for part in (error[:, :3], error[:, 3:]))
     force = np.hypot(data.internal_axial_error.values, data.internal_shear_error.values).max(axis=1)
-    before, end = time < EVENT - 1e-9, time > time[-1] - 1.0
+    before, end = time < EVENT - 1e-9, (time > time[-1] - 1.0) & (time < time[-1])
     window = before & (time >= FROM)
     outside = (position > BAND[0]) | (angle > BAND[1])
     values = {

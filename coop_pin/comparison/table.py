@@ -19,7 +19,8 @@ CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Controllers compared</title>
-<style>body{font:14px sans-serif}table{border-collapse:collapse}td,th{padding:2px 8px;text-align:right}
+<style>body{font:14px sans-serif}table{border-collapse:collapse}
+td,th{padding:2px 8px;text-align:right;white-space:nowrap}td:last-child{text-align:left}
 th{cursor:pointer;position:sticky;top:0;background:#eee}tr:nth-child(even){background:#f7f7f7}</style>
 <p>One row for each scenario, controller and trial: which gains, numbers of runs, finished and trustworthy;
 medians and 95 % intervals of the measures. Click a heading to sort by it; inf is a failed run.</p>
@@ -117,11 +118,12 @@ class Comparison:
         return "\n".join(lines + self._failures())
 
     def _failures(self) -> list[str]:
-        """Return a line for each cell with failed runs."""
-        failed = self.table.query("finished < runs")
+        """Return a line for each error of a controller in a scenario, with the trials in which it occurs."""
+        failed = self.table.query("finished < runs").reset_index()
         return [
-            f"{' | '.join(cell)}: {row.runs - row.finished} of {row.runs} runs failed: {row.failure}"
-            for cell, row in zip(failed.index, failed.itertuples(), strict=True)
+            f"{scenario} | {controller} failed in {', '.join(part['trial'])} "
+            f"({part['runs'].sum() - part['finished'].sum()} of {part['runs'].sum()} runs): {reason}"
+            for (scenario, controller, reason), part in failed.groupby([*CELL[:2], "failure"], sort=False)
         ]
 
     def labels(self, scenario: str) -> list[str]:
