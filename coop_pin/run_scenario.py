@@ -40,8 +40,12 @@ from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import joint_shortage
 
 
-def build_controller(scenario: Scenario) -> CellController:
+def build_controller(scenario: Scenario, models: Mapping[str, ArmModel] | None = None) -> CellController:
     """Return the controller that a scenario names.
+
+    Args:
+        scenario: its controller.
+        models: of its arms, by name, when they are there already.
 
     Raises:
         FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
@@ -50,16 +54,17 @@ def build_controller(scenario: Scenario) -> CellController:
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return _users_controller(scenario, chosen)
-    laws = {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
+    models = {} if models is None else models
+    laws = {name: _arm_controller(scenario, chosen, name, models.get(name)) for name in scenario.cell.arms}
     if chosen.zero_at_grasp:
         rows, X_start = scenario.cell.task_rows, scenario.start.matrix
         laws = {name: ZeroedController(rows, law, X_start) for name, law in laws.items()}
     return DecentralisedController(laws)
 
 
-def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
+def _arm_controller(scenario: Scenario, law: Law, arm: str, model: ArmModel | None) -> ArmController:
     """Return the law of one arm, its matrix gains sized for the arm's joints or the cell's task rows."""
-    rows, model = scenario.cell.task_rows, ArmModel(scenario.cell.arms[arm])
+    rows, model = scenario.cell.task_rows, model or ArmModel(scenario.cell.arms[arm])
     k_0, k = rows.size, model.nv
     _require_joints(law, arm, k, k_0)
     sizes = {"pose_gain": k_0, "sliding_gain": k_0, "sign_gain": k, "damping_gain": k}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
-from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.results.quantities import Samples, quantities
 from coop_pin.simulation.plant import CHANNELS
@@ -24,7 +23,7 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         layout: of the record's slots.
         record: shape (samples, slots, runs).
     """
-    run, scenario = prepared.runs[0], prepared.scenarios[0]
+    run, scenario = prepared.plants[0].run, prepared.scenarios[0]
     places, every = run.plant.chain.model.arms, scenario.clock.record_every
     kept = [tick for tick in range(run.timeline.ticks + 1) if tick % every == 0 or tick == run.timeline.ticks]
 
@@ -33,7 +32,12 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         values = np.moveaxis(record[:, slots.ravel()], 2, 0)
         return values.reshape(record.shape[2], record.shape[0], *slots.shape)
 
-    q, v, desired = field("q"), field("v"), prepared.references[:, kept]
+    def signal(name: str) -> Array:
+        slots = prepared.plants[0].layout.slots(name)
+        values = np.stack([signals[kept][:, slots.ravel()] for signals in prepared.signals])
+        return values.reshape(*values.shape[:2], *slots.shape)
+
+    q, v = field("q"), field("v")
     pose = np.zeros((*q.shape[:2], 4, 4))
     pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = field("R_WP"), field("p_WP"), 1.0
     determined = determinate_rows(run.plant.chain, run.plant.q)
@@ -48,9 +52,9 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         "velocity": v,
         "payload_pose": pose,
         "payload_twist": field("V_WP"),
-        "desired_pose": desired[..., :16].reshape(*desired.shape[:2], 4, 4),
-        "desired_twist": desired[..., 16:22],
-        "desired_squeeze": desired[..., 28:].reshape(*desired.shape[:2], -1, 6),
+        "desired_pose": signal("pose"),
+        "desired_twist": signal("twist"),
+        "desired_squeeze": signal("squeeze"),
         "tip_position": field("tips"),
         "interaction_wrench": np.where(determined, field("wrenches"), np.nan),
         "external_wrench": field("external"),
@@ -67,12 +71,31 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         "joint_velocity": _per_joint(velocities),
         "jacobian_condition": _conditions(field("jacobians"), scenario.cell.task_rows.size, places),
     }
+    rows, shape = scenario.cell.task_rows, prepared.plants[0].shape
+
+    def six(values: Array) -> Array:
+        """Return rows of wrenches in their places, NaN elsewhere."""
+        full = np.full((*values.shape[:-1], 6), np.nan)
+        full[..., rows.indices] = values
+        return full
+
+    groups: dict[str, Callable[[], Array]] = {
+        "requested_torque": lambda: _per_joint(_split(field("requested"), places)),
+        "drive_position": lambda: _per_joint(
+            [own @ place.drive.T for own, place in zip(angles, places, strict=True)]
+        ),
+        "measured_drive_position": lambda: _per_joint(_split(field("seen_q"), places)),
+        "measured_drive_velocity": lambda: _per_joint(_split(field("seen_v"), places)),
+        "seen_pose": lambda: field("seen_poses"),
+        "measured_wrench": lambda: np.where(
+            np.array(shape.has_wrist)[:, None], six(field("readings")[..., rows.indices]), np.nan
+        ),
+        "measured_wrench_age": lambda: signal("wrist_age"),
+        "measured_internal_wrench": lambda: six(field("measured")),
+        "measured_internal_wrench_age": lambda: signal("age"),
+    }
     names = {quantity.name for quantity in quantities(scenario)}
-    if "seen_pose" in names:
-        found["seen_pose"] = field("seen_poses")
-    if "measured_internal_wrench" in names:
-        found |= _measured(scenario, kept, field("measured"))
-    return found
+    return found | {name: values() for name, values in groups.items() if name in names}
 
 
 def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Array:
@@ -85,18 +108,6 @@ def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Arra
             part[is_finite].reshape(-1, rows, part.shape[2] // rows)
         )
     return conditions
-
-
-def _measured(scenario: Scenario, kept: list[int], measured: Array) -> Samples:
-    """Return the internal wrenches that the controllers get, in their rows of six, and their age in ticks."""
-    delay = scenario.controller.force_path.delay  # type: ignore[union-attr]
-    wrenches = np.full((*measured.shape[:3], 6), np.nan)
-    wrenches[..., scenario.cell.task_rows.indices] = measured
-    age = np.array([delay if tick > delay else np.inf for tick in kept], dtype=np.float64)
-    return {
-        "measured_internal_wrench": wrenches,
-        "measured_internal_wrench_age": np.broadcast_to(age, measured.shape[:2]),
-    }
 
 
 def _split(values: Array, places: tuple[ArmPlace, ...]) -> list[Array]:

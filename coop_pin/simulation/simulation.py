@@ -231,14 +231,15 @@ class Simulation:
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
+        response = self.actuation.response
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-            if self.actuation.varies:
-                self.plant.hold(self.actuation.mean_force(step.start, step.length))
+            if response is not None:
+                self.plant.hold(self.actuation.mean_force(response, step.start, step.length))
             self.plant.advance(step.start, step.length)
-        if self.actuation.varies:
-            self.plant.hold(self.actuation.force(self.timeline.time(tick + 1)))
+        if response is not None:
+            self.plant.hold(self.actuation.force(response, self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
 
     def _require_closed(self, time: float) -> None:

@@ -52,7 +52,11 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             else:
                 from coop_pin.sweeps.batch_job import run_batch  # slow to load
 
-                yield run_batch(batch)
+                found = run_batch(batch)
+                yield [outcome for outcome in found if outcome]
+                for job, outcome in zip(batch, found, strict=True):
+                    if outcome is None:
+                        yield [run_job(job)]
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
@@ -137,13 +141,14 @@ class Worker:
         arguments = pickle.dumps(jobs), memory_limit
         error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
         if error is None:
-            return pickle.loads(content)
+            done = zip(jobs, pickle.loads(content), strict=True)
+            return [outcome or self.compute([_single(job)])[0] for job, outcome in done]
         is_late, deaths = isinstance(error, TimeoutError), deaths + 1
         if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
             raise error
         code = self._stop()
         if len(jobs) > 1 or deaths < (_DELAYS if is_late else _DEATHS):
-            return [outcome for job in jobs for outcome in self.compute([job], deaths)]
+            return [outcome for job in jobs for outcome in self.compute([_single(job)], deaths)]
         code = getattr(error, "exitcode", code)
         end = RunTimeoutError(limit_s) if is_late else WorkerDiedError(deaths, code)
         return [Outcome(Record.of_failure(jobs[0].key, jobs[0].changes, end))]
@@ -201,6 +206,10 @@ class Worker:
             os.killpg(host.pid, signal.SIGKILL)
         self._host = None
         return host.wait()
+
+
+def _single(job: Job) -> Job:
+    return job._replace(engine="single")
 
 
 _workers: dict[int, tuple[str, Worker]] = {}

@@ -223,8 +223,8 @@ def sweep(
         for folder in merge:
             session.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(chosen)))
         session.compute(chosen, retry_failed=retry_failed)
-    result = SweepResult(chosen, session.store)
-    result.write_tables()
+        result = SweepResult(chosen, session.store)
+        result.write_tables()
     return result
 
 

@@ -1,0 +1,94 @@
+"""Batches of runs against coop_pin.run and mujoco.rollout: processor time of one core, interleaved.
+
+Each line is a ratio of times for one run of 2 s, the median of the rounds with its range. Batches run the
+closed loop and record everything, whole runs without and with the table of a sweep; the rollout advances
+MuJoCo's model of the cell (mujoco_cell.py) open loop by the same steps and keeps its state.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from collections.abc import Callable
+
+import numpy as np
+from common import interleaved, ratio
+
+import coop_pin as cp
+from coop_pin.batch import BatchSimulator
+from coop_pin.batch.llvm_machine import LlvmMachine, native_width
+from coop_pin.sweeps import SweepPlan
+
+DURATION_S = 2.0
+FIELD = "controller.gains.transient_rate"
+
+
+def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
+    """Return scenarios that differ in a gain."""
+    return [base.override({FIELD: float(rate)}) for rate in np.linspace(4.0, 6.0, count)]
+
+
+def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
+    """Return a sweep from plan to table in this process, with other values each time."""
+    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="batch")
+
+    def run() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            cp.sweep(plan, out=folder, workers=0, quiet=True)
+
+    return run
+
+
+def rollout(base: cp.Scenario, count: int) -> Callable[[], object]:
+    """Return open-loop rollouts of the cell in MuJoCo with the steps of the scenario."""
+    import mujoco.rollout
+    from mujoco_cell import MujocoCell
+
+    cell = MujocoCell(base)
+    model, data = cell.model, cell.data
+    steps = base.clock.ticks(base.duration) * base.clock.steps_per_tick
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, state, kind)
+    control = np.zeros((count, steps, model.nu))
+    return lambda: mujoco.rollout.rollout(model, data, np.tile(state, (count, 1)), control, nstep=steps)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", nargs="*", default=["adept-paper", "two-pandas-box"])
+    parser.add_argument("--runs", type=int, default=64, help="of a batch")
+    parser.add_argument("--rounds", type=int, default=5)
+    chosen = parser.parse_args()
+    widths = [width for width in (8, 4, 1) if width <= native_width()]
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; {chosen.runs} runs of {DURATION_S:g} s")
+    for name in chosen.cells:
+        base = cp.Scenario.load(name).replace(duration=DURATION_S, events=())
+        tasks: dict[str, Callable[[], object]] = {"cp.run": lambda base=base: cp.run(base)}
+        counts = {"cp.run": 1}
+        try:
+            tasks["mujoco.rollout, open loop"] = rollout(base, chosen.runs)
+        except ImportError:
+            print("mujoco is not installed")
+        for width in widths:
+            simulator = BatchSimulator(machine=lambda program, width=width: LlvmMachine(program, width))
+            runs = scenarios(base, chosen.runs)
+            tasks[f"batch, {width} lanes"] = lambda s=simulator, runs=runs: s.run(runs)
+        tasks["sweep with table"] = swept(base, 8 * chosen.runs)
+        counts["sweep with table"] = 8 * chosen.runs
+        seconds = {
+            task: times / counts.get(task, chosen.runs)
+            for task, times in interleaved(tasks, chosen.rounds, 1).items()
+        }
+        print(f"\n{name}: ms a run, and how many of them take as long as one of")
+        others = [task for task in ("cp.run", "mujoco.rollout, open loop") if task in tasks]
+        for task, times in seconds.items():
+            line = [f"  {task:28}{1e3 * np.median(times):10.3f}"]
+            line += [f"{other}: {ratio(seconds[other], times)}" for other in others if other != task]
+            print("  ".join(line), flush=True)
+
+
+if __name__ == "__main__":
+    main()
