@@ -128,29 +128,24 @@ def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenar
 
 
 def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
-    """A blind law without wrist sensors; a law with a model runs singly beside it."""
-    blind = {"calm": Trial(BLIND), "noisy": Trial({"sensors": NOISY}, random=True)}
-    names = ["computed-torque", "payload-pd"]
+    """A law that can be traced, with noise and without; one that calls Pinocchio runs singly beside it."""
+    names, trials = ["computed-torque", "anchored"], ["noise", "nominal"]
     quick = {"duration": 0.1, "seeds": 2, "workers": 0, "quiet": True}
     single, auto = (
-        cp.compare(scenarios[0], names, blind, out=tmp_path / engine, engine=engine, **quick)
+        cp.compare(scenarios[0], names, trials, out=tmp_path / engine, engine=engine, **quick)
         for engine in ("single", "auto")
     )
     for name in COLUMNS:
         assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
     assert auto.table.index.tolist() == single.table.index.tolist()
     kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
-    assert {"fixed", "fixed-batch", "random"} <= set(kept)
+    assert set(kept) == {"fixed", "fixed-batch", "random", "random-batch"}
     for name, store in kept.items():
         engine = "batch" if name.endswith("batch") else "single"
         assert store.read_plan().engine == engine
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):
-        cp.compare(scenarios[0], names, blind, out=tmp_path, engine="both", **quick)
-
-
-NOISY = {"encoder": {"resolution": 1e-5, "noise": 1e-5}}
-BLIND = {"sensors": {}, "actuators": {}}
+        cp.compare(scenarios[0], names, trials, out=tmp_path, engine="both", **quick)
 
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
