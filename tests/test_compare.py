@@ -252,6 +252,10 @@ def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys)
     assert "payload-pd" in capsys.readouterr().out
     for name in ("comparison.csv", "comparison.html", "adept-anchored/comparison.png"):
         assert (tmp_path / name).stat().st_size > 300
+    other = [*words[: words.index("--out")], "--out", str(tmp_path / "other"), "--merge", str(tmp_path)]
+    assert main([*other, "--workers", "0", "--quiet"]) == 0
+    tables = [(place / "comparison.csv").read_bytes() for place in (tmp_path, tmp_path / "other")]
+    assert tables[0] == tables[1]
     assert main([*words, "--list"]) == 0
     assert "push" in capsys.readouterr().out
 
