@@ -467,8 +467,13 @@ class MutationRun:
     def _touches(self, name: str, file: str) -> bool:
         """Return whether a test executes a line of a file, or its own file has something of that one."""
         module = sys.modules["coop_pin." + file.removesuffix(".py").replace("/", ".")]
-        own = {id(value) for value in vars(module).values() if not isinstance(value, ModuleType)} | {
-            id(module)
+        made_here = [
+            value
+            for name, value in vars(module).items()
+            if not name.startswith("__") and getattr(value, "__module__", module.__name__) == module.__name__
+        ]
+        own = {id(module)} | {
+            id(value) for value in made_here if not isinstance(value, bool | int | ModuleType | None)
         }
         known = vars(self.items[name].module).values()  # type: ignore[attr-defined]
         return any(id(value) in own for value in known) or any(place == file for place, _ in self.lines[name])
