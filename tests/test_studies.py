@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.comparison import tick_costs
+from coop_pin.comparison import controller_names, tick_costs
 from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[1] / "studies"
@@ -310,6 +310,20 @@ def test_operations_of_the_page_are_those_of_the_laws():
     names = ["printed", "anchored", "computed-torque"]
     counted = tick_costs(cp.Scenario.load(costs.CELLS[3]), names)["operations"]
     assert_allclose(counted, stored.loc[3].loc[names, "operations"])
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
+    import benchmark
+
+    table = pd.read_csv(benchmark.DATA)
+    cells = table.groupby(["scenario", "trial"])["controller"].agg(set)
+    assert (cells == set(controller_names())).all()
+    assert (table["gains"] == "tuned").all()
+    assert table["trial"].nunique() >= 12
+    runs, finished, trusted = (table[name].sum() for name in ("runs", "finished", "trustworthy"))
+    counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", WHICH_LAW)
+    assert [int(count) for count in counts.groups()] == [runs, finished, trusted]
 
 
 def test_verdicts_follow_from_the_runs(claims):
