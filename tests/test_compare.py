@@ -187,6 +187,9 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     assert len(front.lines) == len(CONTROLLERS)
     assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
+    values = table.data.tracking_rms_mm.sel(scenario="planar").transpose("trial", "controller").values
+    shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
+    assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
         comparison_figure(table, "nowhere")
 

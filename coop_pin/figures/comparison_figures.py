@@ -94,7 +94,7 @@ def _draw_map(figure: Figure, panel: Axes, own: xr.Dataset, values: xr.DataArray
         figure.colorbar(mesh, ax=panel)
         middle = math.sqrt(least * most)
     for (row, column), value in np.ndenumerate(shown):
-        text = "" if np.isnan(runs[row, column]) else f"{value:.2g}" if np.isfinite(value) else "failed"
+        text = "" if np.isnan(runs[row, column]) else _written(value) if np.isfinite(value) else "failed"
         star = "*" if np.isfinite(value) and trusted[row, column] < runs[row, column] else ""
         colour = "white" if middle < value < np.inf else "black"  # dark and light cells
         panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6, color=colour)
@@ -103,3 +103,11 @@ def _draw_map(figure: Figure, panel: Axes, own: xr.Dataset, values: xr.DataArray
     panel.set_xticks(np.arange(len(controllers)) + 0.5, controllers, rotation=60, ha="right")
     panel.invert_yaxis()
     panel.set_title(title)
+
+
+def _written(value: float) -> str:
+    """Return a number in as many characters as fit into a narrow cell."""
+    if 0.0 < value < 1e-2:
+        return f"{value:.1e}".replace("e-0", "e-")
+    text = f"{value:.2g}"
+    return text[1:] if text.startswith("0.") else text
