@@ -1,8 +1,9 @@
 """Batches of runs against coop_pin.run and mujoco.rollout: processor time of one core, interleaved.
 
-Each line is a ratio of times for one run of 2 s, the median of the rounds with its range. Batches run the
-closed loop and record everything, whole runs without and with the table of a sweep; the rollout advances
-MuJoCo's model of the cell (mujoco_cell.py) open loop by the same steps and keeps its state.
+Each line is the time of one run of 2 s and ratios, medians of the rounds with their range. The compiled loop
+is the closed loop with everything recorded; a batch also prepares and names it; a sweep adds metrics and
+table. The rollout advances MuJoCo's model of the cell (as in bench_arms.py) by the same steps, open loop and
+without friction, and keeps its state.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from common import interleaved, ratio
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
 from coop_pin.batch.llvm_machine import LlvmMachine, native_width
+from coop_pin.batch.preparation import prepare
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import Simulation
 from coop_pin.sweeps import SweepPlan
 
 DURATION_S = 2.0
@@ -27,6 +31,15 @@ FIELD = "controller.gains.transient_rate"
 def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
     """Return scenarios that differ in a gain."""
     return [base.override({FIELD: float(rate)}) for rate in np.linspace(4.0, 6.0, count)]
+
+
+def loop(simulator: BatchSimulator, runs: list[cp.Scenario], width: int) -> Callable[[], object]:
+    """Return the compiled loop of runs, with its record and without what comes before and after."""
+    prepared = prepare(runs)
+    code = simulator._code(prepared)
+    block, loads = code.begin(prepared)
+    machine = LlvmMachine(code.program, width)
+    return lambda: machine.run(block.copy(), code.uniforms, loads)
 
 
 def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
@@ -41,18 +54,23 @@ def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
 
 
 def rollout(base: cp.Scenario, count: int) -> Callable[[], object]:
-    """Return open-loop rollouts of the cell in MuJoCo with the steps of the scenario."""
+    """Return rollouts of the cell's tree without friction in MuJoCo, under the torques that hold it."""
+    import mujoco
     import mujoco.rollout
-    from mujoco_cell import MujocoCell
+    from bench_arms import mjcf
 
-    cell = MujocoCell(base)
-    model, data = cell.model, cell.data
-    steps = base.clock.ticks(base.duration) * base.clock.steps_per_tick
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    run = Simulation(base, build_controller(base))
+    model = mujoco.MjModel.from_xml_string(mjcf(run.plant))
+    model.opt.timestep = base.clock.period / base.clock.steps_per_tick
+    model.eq_solref[:, 0] = 2.0 * model.opt.timestep
+    data, steps = mujoco.MjData(model), base.clock.ticks(base.duration) * base.clock.steps_per_tick
+    data.qpos[:], kind = run.plant.q, mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
-    control = np.zeros((count, steps, model.nu))
-    return lambda: mujoco.rollout.rollout(model, data, np.tile(state, (count, 1)), control, nstep=steps)
+    held = run.plant.transmission.torque(run.actuation.holding_commands(run.plant.q))
+    states, control = np.tile(state, (count, 1)), np.tile(held, (count, steps, 1))
+    given = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+    return lambda: mujoco.rollout.rollout(model, data, states, control, control_spec=given, nstep=steps)
 
 
 def main() -> None:
@@ -72,10 +90,10 @@ def main() -> None:
             tasks["mujoco.rollout, open loop"] = rollout(base, chosen.runs)
         except ImportError:
             print("mujoco is not installed")
+        simulator, runs = BatchSimulator(), scenarios(base, chosen.runs)
         for width in widths:
-            simulator = BatchSimulator(machine=lambda program, width=width: LlvmMachine(program, width))
-            runs = scenarios(base, chosen.runs)
-            tasks[f"batch, {width} lanes"] = lambda s=simulator, runs=runs: s.run(runs)
+            tasks[f"compiled loop, {width} lanes"] = loop(simulator, runs, width)
+        tasks["batch"] = lambda s=simulator, runs=runs: s.run(runs)
         tasks["sweep with table"] = swept(base, 8 * chosen.runs)
         counts["sweep with table"] = 8 * chosen.runs
         seconds = {

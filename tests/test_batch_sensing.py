@@ -2,9 +2,12 @@
 
 import itertools
 
+import numpy as np
 import pytest
-from batches import require_same_samples
+from batches import require_same_bits, require_same_samples
 from cells import ANCHORED, SCENARIOS
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 
 import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
@@ -85,3 +88,76 @@ def test_sensors_and_drives_of_batches_are_those_of_single_runs(cell, setting, l
     assert batch.is_valid.all()
     for index, scenario in enumerate(scenarios):
         require_same_samples(batch.result(index).data, cp.run(scenario).data)
+
+
+def test_runs_that_differ_in_sensors_and_drives_are_one_batch():
+    """Also in the times at which samples arrive: they are signals of the runs, as their noise is."""
+    base = in_setting("planar", "one wrist, lost", "anchored")
+    wrist, lag = "arm_sensors.right.wrist", {"lag": 0.01, "missed_ticks": 0.2}
+    scenarios = [
+        base.override({f"{wrist}.lost": [[0.02, 0.04]], f"{wrist}.rate_hz": 80.0, "actuators": lag}),
+        base.override(
+            {f"{wrist}.lost": [[0.0, 0.01]], f"{wrist}.rate_hz": 40.0, "actuators": lag, "seed": 3}
+        ),
+        base.override(
+            {f"{wrist}.offset.force": 9.0, f"{wrist}.rate_hz": 20.0, "actuators": lag | {"lag": 0.003}}
+        ),
+    ]
+    batch = simulate_batch(scenarios)
+    for index, scenario in enumerate(scenarios):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+    ages = batch.samples["measured_wrench_age"][:, :, 1]
+    assert len({ages[index].tobytes() for index in range(3)}) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_bits_of_noisy_batches_depend_on_nothing_else(cell):
+    """Vector width, emitter, size of the batch and what folds."""
+    scenarios = [in_setting(cell, "everything at once", "anchored", seed) for seed in range(3)]
+    assert np.isfinite(require_same_bits(scenarios)).all()
+
+
+def numbers(low, high):
+    return st.floats(low, high, allow_nan=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", SCENARIOS)
+@settings(
+    max_examples=6,
+    deadline=None,
+    derandomize=True,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+@given(data=st.data())
+def test_random_cells_are_those_of_the_oracle_and_of_single_runs(cell, data):
+    """Masses, bases, grasps, friction, calibration, gains, sensors and drives at random, of two runs each."""
+
+    def drawn():
+        draw = lambda low, high: data.draw(numbers(low, high))  # noqa: E731
+        turn = [0.0, 0.0, draw(-0.1, 0.1)] if cell == "planar" else [draw(-0.1, 0.1) for _ in range(3)]
+        grasp = base.cell.grasps["right"]
+        return {
+            "cell.payload.mass": draw(0.5, 2.0) * base.cell.payload.mass,
+            "cell.arms.left.friction": {"viscous": draw(0.0, 3.0), "coulomb": draw(0.0, 0.3)},
+            "cell.arms.right.calibration_error": {"tip": {"xyz": [draw(-1e-3, 1e-3), 0.0, 0.0]}},
+            "cell.grasps.right.rpy": (np.array(grasp.rpy) + turn).tolist(),
+            "controller.gains.transient_rate": draw(2.0, 8.0),
+            "actuators": {"lag": draw(0.001, 0.01), "rate_limit": draw(30.0, 300.0)},
+            "sensors": {
+                "encoder": {"noise": draw(1e-6, 1e-5), "offset": draw(-1e-4, 1e-4)},
+                "velocity": {"kind": "observer", "bandwidth_hz": draw(10.0, 30.0)},
+                "wrist": {"noise": {"force": draw(0.1, 2.0)}, "delay": 1},
+            },
+            "seed": data.draw(st.integers(0, 2**32)),
+        }
+
+    base = in_setting(cell, "lag", "anchored")
+    base = base.replace(duration=4.0 / base.clock.rate_hz)
+    scenarios = [base.override(drawn()) for _ in range(2)]
+    require_same_bits(scenarios)
+    batch = simulate_batch(scenarios)
+    for index in np.flatnonzero(batch.is_valid):
+        require_same_samples(batch.result(index).data, cp.run(scenarios[index]).data)

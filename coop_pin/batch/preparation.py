@@ -48,7 +48,7 @@ class Plant:
             TracingError: it cannot be traced.
             CoopPinError: the run cannot start.
         """
-        if reason := plant_reason(scenario):
+        if reason := plant_reason(scenario.plant):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.scenario, self.run = scenario, Simulation(scenario, build_controller(scenario))
         self._models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}

@@ -72,7 +72,7 @@ class BatchResult:
         scenario, recorder = self.scenarios[index], self._prepared.plants[index].run.recorder
         mine = {name: values[index] for name, values in self._values.items()}
         names = [joints for _, joints in recorder.joints]
-        return RunResult.of_arrays(scenario, mine | without_time(scenario, names, recorder.limit_table()))
+        return RunResult(scenario, mine | without_time(scenario, names, recorder.limit_table()))
 
 
 class BatchSimulator:

@@ -11,6 +11,7 @@ from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
 from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import UserController
+from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.run_scenario import build_controller
@@ -29,7 +30,7 @@ def support(scenario: Scenario) -> str | None:
     Raises:
         CoopPinError: the run cannot start.
     """
-    if reason := plant_reason(scenario):
+    if reason := plant_reason(scenario.plant):
         return reason
     try:
         run = Simulation(scenario, build_controller(scenario))
@@ -39,9 +40,8 @@ def support(scenario: Scenario) -> str | None:
     return None
 
 
-def plant_reason(scenario: Scenario) -> str | None:
-    """Return None if the plant of a scenario can be traced, otherwise the reason why it cannot."""
-    plant = scenario.plant
+def plant_reason(plant: PlantOptions) -> str | None:
+    """Return None if a plant can be traced, otherwise the reason why it cannot."""
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":

@@ -40,19 +40,20 @@ def jacobian_inverse(J: Array, time: float) -> Array:
     return J_inverse
 
 
-def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
+def right_inverse(J: Array, time: float, damping: float | None = None) -> Array:
     """Return J^+ = J^T (J J^T + damping^2 I)^-1 of a payload Jacobian with at least as many columns as rows.
 
     Args:
         J: shape (k_0, k).
         time: for the message, s.
-        damping: in the unit of J's singular values; with it J J^+ is not the identity.
+        damping: in the unit of J's singular values; with it J J^+ is not the identity. None for none.
 
     Raises:
         ArgumentError: J has fewer columns (joints) than rows.
         SingularJacobianError: J J^T + damping^2 I has a condition number beyond 1e12 (of J: 1e6).
     """
-    gram_inverse, condition = inverse(J.dot(J.T) + damping**2 * identity(len(J)))
+    gram = J.dot(J.T)
+    gram_inverse, condition = inverse(gram if damping is None else gram + damping**2 * identity(len(J)))
     require_less(condition**0.5, CONDITION_LIMIT, partial(_singular, J, time))
     return J.T.dot(gram_inverse)
 

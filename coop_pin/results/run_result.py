@@ -40,33 +40,33 @@ class RunResult:
         arrays: the same without labels, by name.
     """
 
-    _data: xr.Dataset | None
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
+    ENGINE = "engine"
+    """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
 
-    def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
+    def __init__(self, scenario: Scenario, data: xr.Dataset | Samples) -> None:
+        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for."""
         require_type("scenario", scenario, Scenario)
-        require_type("data", data, xr.Dataset)
-        self.scenario, self._data, self._arrays = scenario, data, Samples()
-
-    @classmethod
-    def of_arrays(cls, scenario: Scenario, arrays: Samples) -> Self:
-        """Return the result of arrays of a run, as ``labelled`` takes them; they are labelled when needed."""
-        result = cls.__new__(cls)
-        result.scenario, result._data, result._arrays = scenario, None, arrays
-        return result
+        require_type("data", data, xr.Dataset, dict)
+        self.scenario, self._data = scenario, data
 
     @property
     def data(self) -> xr.Dataset:
         """The labelled arrays."""
-        if self._data is None:
-            self._data = labelled(self.scenario, self._arrays)
+        if not isinstance(self._data, xr.Dataset):
+            self._data = labelled(self.scenario, self._data)
         return self._data
 
     @property
     def arrays(self) -> metrics.Arrays:
         """The arrays by name, without their labels."""
-        return self._arrays if self._data is None else self._data.variables
+        return self._data.variables if isinstance(self._data, xr.Dataset) else self._data
+
+    @property
+    def engine(self) -> str:
+        """What computed the motion: "pinocchio" or "traced"."""
+        return str(self.data.attrs.get(self.ENGINE, "pinocchio"))
 
     # ------------------------------------------------------------ windows
 
@@ -120,7 +120,7 @@ class RunResult:
         joints = list(zip(map(str, arrays["arm"]), names, strict=True))
         limits = arrays["position_lower"], arrays["position_upper"]
         found = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
-        if self._data is not None and self.ENDED_BY in self._data.attrs:
+        if self.ENDED_BY in getattr(self._data, "attrs", ()):
             found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return found
 
@@ -139,17 +139,11 @@ class RunResult:
     # ------------------------------------------------------------ metrics
 
     def settling_time(self) -> float:
-        """Return the time after which the errors stay within 5 mm and 5 mrad until the first event, s.
-
-        inf if they do not.
-        """
+        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
         return metrics.settling_time(self.arrays, Window(0.0, self.first_event))
 
     def resettling_time(self) -> float:
-        """Return the settling time after the first event, s.
-
-        NaN without an event, or if the errors never left the band.
-        """
+        """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
         inside = metrics.samples_of(self.arrays, self._event_window)
         if not self.scenario.events or not np.any(inside & ~metrics.in_band(self.arrays)):
             return math.nan
@@ -183,19 +177,17 @@ class RunResult:
     def internal_wrench_definitions(self) -> xr.Dataset:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
 
-        Variables ``load_shares`` (the paper's, eqs. (7)-(12), as ``data.internal_wrench``), ``minimum_norm``,
-        ``nonsqueezing``, ``virtual_linkage``, ``constraint_consistent`` and, for two arms, ``symmetric``: see
-        coop_pin.spatial.internal_wrench for their equations and sources.
+        Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
+        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see coop_pin.spatial.internal_wrench.
         """
         cell = self.scenario.cell
         return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        distance, angle = (
-            np.nanmax(np.asarray(self.arrays[f"closure_{part}"])) for part in ("distance", "angle")
-        )
-        return float(distance), float(angle)
+        found = (np.nanmax(np.asarray(self.arrays[f"closure_{part}"])) for part in ("distance", "angle"))
+        distance, angle = map(float, found)
+        return distance, angle
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
@@ -239,7 +231,9 @@ class RunResult:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
         ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
-        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}"]
+        engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
+        span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}"
+        lines = [f"{scenario.name}: {self.verdict()}", span]
         for name, value in self.metrics().items():
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
@@ -262,10 +256,8 @@ class RunResult:
         advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
         if any(violation.kind == "torque" for violation in self.limit_violations()):
             advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-        errors = (
-            f"errors of {np.linalg.norm(last[:3]):.3g} m and {np.linalg.norm(last[3:]):.3g} rad at the end"
-        )
-        return f"did not settle: {errors}; {advice}"
+        position, turn = np.linalg.norm(last[:3]), np.linalg.norm(last[3:])
+        return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
 
     def _window(self, window: tuple[float, float] | None) -> Window:
         return self.steady_window if window is None else metrics.checked_window(window, self.end)

@@ -147,7 +147,10 @@ class Recorder:
             scenario: what was run.
         """
         kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self.joints]
-        return RunResult(scenario, dataset(scenario, kept, names, self.limit_table()))
+        data = dataset(scenario, kept, names, self.limit_table())
+        if self._plant.engine != Plant.engine:
+            data.attrs[RunResult.ENGINE] = self._plant.engine
+        return RunResult(scenario, data)
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""

@@ -66,7 +66,10 @@ class Timeline:
 
     def happens_at(self, time: float) -> bool:
         """Return whether any event starts or ends at this time."""
-        return any(self._same(time, instant) for instant in self._instants)
+        instants, tolerance = self._instants, _SAME * self._step
+        if not instants or not instants[0] - tolerance <= time <= instants[-1] + tolerance:
+            return False
+        return any(self._same(time, instant) for instant in instants)
 
     def changes_at(self, time: float) -> list[PayloadChange]:
         """Return the payload changes at this time."""

@@ -142,13 +142,13 @@ class Worker:
         error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
         if error is None:
             done = zip(jobs, pickle.loads(content), strict=True)
-            return [outcome or self.compute([_single(job)])[0] for job, outcome in done]
+            return [outcome or self.compute([job._replace(engine="single")])[0] for job, outcome in done]
         is_late, deaths = isinstance(error, TimeoutError), deaths + 1
         if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
             raise error
         code = self._stop()
         if len(jobs) > 1 or deaths < (_DELAYS if is_late else _DEATHS):
-            return [outcome for job in jobs for outcome in self.compute([_single(job)], deaths)]
+            return [outcome for job in jobs for outcome in self.compute([job], deaths)]
         code = getattr(error, "exitcode", code)
         end = RunTimeoutError(limit_s) if is_late else WorkerDiedError(deaths, code)
         return [Outcome(Record.of_failure(jobs[0].key, jobs[0].changes, end))]
@@ -206,10 +206,6 @@ class Worker:
             os.killpg(host.pid, signal.SIGKILL)
         self._host = None
         return host.wait()
-
-
-def _single(job: Job) -> Job:
-    return job._replace(engine="single")
 
 
 _workers: dict[int, tuple[str, Worker]] = {}

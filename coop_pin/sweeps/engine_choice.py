@@ -42,7 +42,8 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
             require_compiler()
             first = plan.scenario(0)
             # A user's code runs in workers only; if it cannot be traced, they tell why.
-            reason = (plant_reason if isinstance(first.controller, UserController) else support)(first)
+            is_user = isinstance(first.controller, UserController)
+            reason = plant_reason(first.plant) if is_user else support(first)
         except CoopPinError as error:
             reason = error
     if reason is None:
