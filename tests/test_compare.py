@@ -85,7 +85,7 @@ def test_a_cell_is_the_run_that_it_names(table, scenarios):
 @pytest.mark.usefixtures("table")
 def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folder, monkeypatch):
     before = (folder / "comparison.csv").read_bytes()
-    monkeypatch.setattr("coop_pin.run_scenario.simulate", None)
+    monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
     run(scenarios, folder)
     assert (folder / "comparison.csv").read_bytes() == before
 
@@ -99,7 +99,7 @@ def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_
         shutil.copytree(folder, other)
         shutil.rmtree(other / {"first": "spatial", "second": "planar"}[other.name])
     with monkeypatch.context() as patch:
-        patch.setattr("coop_pin.run_scenario.simulate", None)
+        patch.setattr("coop_pin.sweeps.backend.run_job", None)
         run(scenarios, tmp_path / "merged", merge=others)
     assert (tmp_path / "merged" / "comparison.csv").read_bytes() == before
 

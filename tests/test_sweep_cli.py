@@ -41,7 +41,7 @@ def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
 def test_a_sweep_takes_over_the_runs_of_another_folder(folder, monkeypatch, capsys):
     words = ["sweep", "gains.toml", "--workers", "0", "--quiet"]
     assert main([*words, "--out", "theirs"]) == 0
-    monkeypatch.setattr("coop_pin.run_scenario.simulate", None)
+    monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
     assert main([*words, "--out", "mine", "--merge", "theirs"]) == 0
     tables = [(folder / name / "table.csv").read_bytes() for name in ("theirs", "mine")]
     assert tables[0] == tables[1]
