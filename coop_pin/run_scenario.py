@@ -175,7 +175,9 @@ def _users_controller(scenario: Scenario, chosen: UserController) -> CellControl
     try:
         inspect.signature(kind).bind(scenario, *([] if of_cell else [""]), **chosen.options)
     except TypeError as error:
-        raise FieldError(f"do not fit {chosen.target!r}: {error}", "controller.options") from None
+        call = "(scenario, **options)" if of_cell else "(scenario, arm, **options)"
+        detail = f"do not fit {chosen.target!r}, which is called as {kind.__name__}{call}: {error}"
+        raise FieldError(detail, "controller.options") from None
     if of_cell:
         return kind(scenario, **chosen.options)
     return DecentralisedController(

@@ -1,5 +1,9 @@
 """Comparison of controllers: three controllers in two cells under four trials, resumed, and a stranger's."""
 
+import re
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
@@ -14,13 +18,17 @@ from coop_pin.comparison import (
     controllers_for,
     standard_trials,
     tick_costs,
+    tune_controllers,
 )
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures, tuning_cost
+from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
+from coop_pin.sweeps.job import run_job
+from coop_pin.sweeps.store import SweepStore
 
 CONTROLLERS = ("printed", "anchored", "computed-torque")
 TRIALS = ("nominal", "mass x2", "bias 1 mm", "noise")
@@ -38,8 +46,8 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("compare")
 
 
-def run(scenarios, folder):
-    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True}
+def run(scenarios, folder, **options):
+    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True} | options
     return cp.compare(scenarios, CONTROLLERS, TRIALS, out=folder, **quick)
 
 
@@ -77,9 +85,86 @@ def test_a_cell_is_the_run_that_it_names(table, scenarios):
 @pytest.mark.usefixtures("table")
 def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folder, monkeypatch):
     before = (folder / "comparison.csv").read_bytes()
-    monkeypatch.setattr("coop_pin.run_scenario.simulate", None)
+    monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
     run(scenarios, folder)
     assert (folder / "comparison.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("table")
+def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_path, monkeypatch):
+    """Nothing is run again but what a damaged line held, and the table has the same bytes."""
+    before = (folder / "comparison.csv").read_bytes()
+    others = [tmp_path / name for name in ("first", "second")]
+    for other in others:  # each has done one scenario
+        shutil.copytree(folder, other)
+        shutil.rmtree(other / {"first": "spatial", "second": "planar"}[other.name])
+    with monkeypatch.context() as patch:
+        patch.setattr("coop_pin.sweeps.backend.run_job", None)
+        run(scenarios, tmp_path / "merged", merge=others)
+    assert (tmp_path / "merged" / "comparison.csv").read_bytes() == before
+
+    segment = next((others[0] / "planar" / "fixed" / "runs").iterdir())
+    content = bytearray(segment.read_bytes())
+    content[content.index(b"tracking_rms_mm") + 20] ^= 1
+    segment.write_bytes(content)
+    computed = []
+    with monkeypatch.context() as patch:
+        patch.setattr("coop_pin.sweeps.backend.run_job", lambda job: computed.append(job) or run_job(job))
+        run(scenarios, tmp_path / "repaired", merge=others)
+    assert len(computed) == 1
+    assert (tmp_path / "repaired" / "comparison.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("table")
+def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenarios, folder, tmp_path):
+    quick = {"workers": 0, "quiet": True}
+    names = ["anchored"], ["nominal"]
+    found = cp.compare(scenarios[0], *names, out=tmp_path, duration=0.1, merge=[folder], **quick)
+    alone = cp.compare(scenarios[0], *names, out=tmp_path / "alone", duration=0.1, **quick)
+    assert found.data.identical(alone.data)
+    with pytest.raises(FileReadError) as caught:
+        cp.compare(scenarios, *names, out=tmp_path, merge=[folder, tmp_path / "nothing"], **quick)
+    assert caught.value.path == str(tmp_path / "nothing")
+
+
+def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
+    """A law that can be traced, with noise and without; one that calls Pinocchio runs singly beside it."""
+    names, trials = ["computed-torque", "anchored"], ["noise", "nominal"]
+    quick = {"duration": 0.1, "seeds": 2, "workers": 0, "quiet": True}
+    single, auto = (
+        cp.compare(scenarios[0], names, trials, out=tmp_path / engine, engine=engine, **quick)
+        for engine in ("single", "auto")
+    )
+    for name in COLUMNS:
+        assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
+    assert auto.table.index.tolist() == single.table.index.tolist()
+    kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
+    assert set(kept) == {"fixed", "fixed-batch", "random", "random-batch"}
+    for name, store in kept.items():
+        engine = "batch" if name.endswith("batch") else "single"
+        assert store.read_plan().engine == engine
+        assert {record.engine for record in store.records()} == {engine}
+    with pytest.raises(FieldError):
+        cp.compare(scenarios[0], names, trials, out=tmp_path, engine="both", **quick)
+
+
+def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
+    names = ["payload-pd", "printed"]
+    rows = tune_controllers(
+        scenarios, names[:1], out=tmp_path, generations=0, duration=0.02, workers=0, quiet=True
+    )
+    assert [row["scenario"] for row in rows] == ["planar", "spatial"]
+    assert all(row["runs"] == 6 and row["duration_s"] == 0.02 for row in rows)
+    gains = tmp_path / "gains.csv"
+    chosen = controllers_for(scenarios[1], names, gains=gains)
+    assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
+    quick = {"duration": 0.02, "workers": 0, "quiet": True}
+    found = cp.compare(scenarios[1], names, ["nominal"], out=tmp_path / "out", gains=gains, **quick)
+    assert found.table["gains"].tolist() == ["tuned", "untuned"]
+    assert "printed (untuned)" in found.summary()
+    gains.write_text(gains.read_text().replace("pose_gain", "pose_gian"))
+    with pytest.raises(FileReadError):
+        controllers_for(scenarios[1], names, gains=gains)
 
 
 def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
@@ -102,6 +187,9 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     assert len(front.lines) == len(CONTROLLERS)
     assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
+    values = table.data.tracking_rms_mm.sel(scenario="planar").transpose("trial", "controller").values
+    shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
+    assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
         comparison_figure(table, "nowhere")
 
@@ -140,6 +228,9 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
     assert found.data.finished.sel(controller="stiff").values.tolist() == [[0, 0]]
     assert np.isinf(found.data.tracking_rms_mm.sel(controller="stiff")).all()
     assert found.table.shape[0] == 4
+    assert found.table.loc[(scenarios[0].name, "stiff"), "failure"].str.startswith("DivergedError: ").all()
+    assert "stiff failed in calm, tilted (2 of 2 runs): DivergedError" in found.summary()
+    assert (found.table.loc[(scenarios[0].name, "mine"), "failure"] == "").all()
 
 
 STRANGE = """
@@ -164,6 +255,10 @@ def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys)
     assert "payload-pd" in capsys.readouterr().out
     for name in ("comparison.csv", "comparison.html", "adept-anchored/comparison.png"):
         assert (tmp_path / name).stat().st_size > 300
+    other = [*words[: words.index("--out")], "--out", str(tmp_path / "other"), "--merge", str(tmp_path)]
+    assert main([*other, "--workers", "0", "--quiet"]) == 0
+    tables = [(place / "comparison.csv").read_bytes() for place in (tmp_path, tmp_path / "other")]
+    assert tables[0] == tables[1]
     assert main([*words, "--list"]) == 0
     assert "push" in capsys.readouterr().out
 
@@ -172,8 +267,12 @@ def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
     for controllers, trials in ((["printd"], None), (["printed"], ["nominel"])):
         with pytest.raises(NameNotFoundError):
             cp.compare(scenarios, controllers, trials, out=tmp_path, quiet=True)
+    for wrong in ({"controllers": {"mine": 3}}, {"controllers": []}, {"trials": []}, {"scenarios": []}):
+        given = {"scenarios": scenarios, "controllers": ["printed"], "trials": ["nominal"]} | wrong
+        with pytest.raises(FieldError):
+            cp.compare(**given, out=tmp_path, quiet=True)
     with pytest.raises(FieldError):
-        cp.compare(scenarios, {"mine": 3}, out=tmp_path, quiet=True)
+        cp.compare([scenarios[0], scenarios[0]], ["printed"], out=tmp_path, quiet=True)
 
 
 def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
@@ -200,6 +299,7 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
     assert table.loc["payload-pd", "ratio"] == 1.0
     assert table.loc["computed-torque", "ratio"] > 1.0
     assert (table["operations"] > 100).tolist() == [True, False, True, False]  # blind laws can be exported
+    assert (table["not_counted"] == "").tolist() == [True, False, True, False]
     wanted = ["nothing", "model, internal wrench", "own wrench, role", "regressor"]
     assert table["needs"].tolist() == wanted
 
@@ -208,8 +308,22 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
 def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
     """Planar, redundant and with three arms: nominal, 1 s at rest and 1 s in motion."""
-    names = [entry for entry in controller_names() if entry != "torque-qp"]
+    names = controller_names()
     found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=2.0, workers=0, quiet=True)
     print(found.summary())
     assert (found.data.finished == 1).all()
     assert (found.data.tracking_rms_mm < 100.0).all()
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, monkeypatch):
+    """Its gains suit translations and rotations at 80 Hz and at 500 Hz."""
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "compare.md").read_text(encoding="utf-8")
+    (code,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Law" in block)
+    assert len(code.strip().splitlines()) <= 25
+    (tmp_path / "template_law.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    quick = {"duration": 0.2, "workers": 0, "quiet": True}
+    found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
+    assert found.data.trustworthy.item() == 1
+    assert found.table["gains"].item() == "given"

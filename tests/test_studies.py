@@ -5,10 +5,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.comparison import controller_names, tick_costs
 from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[1] / "studies"
@@ -271,3 +273,99 @@ def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
         assert_allclose(steady.mean(), direct.internal_force().axial_mean, rtol=1e-9)
     assert said.count("0.1 mm bias") == 2
     assert said.count("mm rms") == 2
+
+
+# ---------------------------------------------------------------- costs, and the claims of the paper
+
+
+@pytest.fixture(scope="module")
+def claims(draw):
+    """studies/paper_claims.py, and its tables as stored."""
+    assert draw.HERE == FOLDER
+    import paper_claims
+
+    tables = {path.stem: pd.read_csv(path) for path in paper_claims.DATA.glob("*.csv")}
+    return paper_claims, tables
+
+
+def test_pages_hold_the_tables_of_stored_data(claims):
+    study, tables = claims
+    from pages import with_block
+
+    page = study.PAGE.read_text(encoding="utf-8")
+    for name, text in study.blocks(tables).items():
+        assert with_block(page, name, text) == page
+    import costs
+
+    assert with_block(WHICH_LAW, "costs", costs.table(pd.read_csv(costs.DATA))) == WHICH_LAW
+    with pytest.raises(ValueError, match="no such block"):
+        with_block(page, "no such block", "")
+
+
+@pytest.mark.usefixtures("draw")
+def test_operations_of_the_page_are_those_of_the_laws():
+    import costs
+
+    stored = pd.read_csv(costs.DATA).set_index(["joints", "controller"])
+    names = ["printed", "anchored", "computed-torque"]
+    counted = tick_costs(cp.Scenario.load(costs.CELLS[3]), names)["operations"]
+    assert_allclose(counted, stored.loc[3].loc[names, "operations"])
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
+    import benchmark
+
+    table = pd.read_csv(benchmark.DATA)
+    cells = table.groupby(["scenario", "trial"])["controller"].agg(set)
+    assert (cells == set(controller_names())).all()
+    assert (table["gains"] == "tuned").all()
+    assert table["trial"].nunique() >= 12
+    runs, finished, trusted = (table[name].sum() for name in ("runs", "finished", "trustworthy"))
+    counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", WHICH_LAW)
+    assert [int(count) for count in counts.groups()] == [runs, finished, trusted]
+
+
+def test_verdicts_follow_from_the_runs(claims):
+    study, tables = claims
+    rules = study.claims_tables
+    runs = tables["laws"]
+    calm = runs.assign(force_N=0.01, end_force_N=0.01, settled_s=9.0)
+    assert rules.force_rule(calm)[1] == (True, True)
+    assert rules.tracking_rule(calm)[1] == (False, False)
+    assert rules.robust_rule(calm)[1] == (rules.robust_rule(runs)[1][0], rules.robust_rule(runs)[1][0])
+    gains = tables["force_gain"]
+    fast = gains.assign(force_converged_s=1.0 / (1.0 + gains.iloc[:, 0]))
+    assert rules.gain_rule(fast)[1] == (True, True)
+
+
+def test_the_new_law_loses_where_another_is_less(claims):
+    study, _ = claims
+    front = pd.read_csv(study.HERE / "front" / "adept-judged.csv")
+    text = study.claims_tables.losses({"adept": front})
+    best = front.loc[front.groupby("trial")["force_N"].idxmin()].set_index("trial")["law"]
+    listed = {line.split(" | ")[1] for line in text.splitlines()[2:] if " N |" in line}
+    anchored = front[front["law"] == "anchored"].set_index("trial")["force_N"]
+    least = front.groupby("trial")["force_N"].min()
+    assert listed == {trial for trial in anchored.index if anchored[trial] > 1.1 * least[trial]}
+    assert not any(best[trial] == "anchored" for trial in listed)
+
+
+def test_the_claims_are_drawn_from_their_tables(claims):
+    study, tables = claims
+    figure = study.claims_figure.figure(tables, study.FORCE_GAIN, study.ALPHA, study.RATE)
+    assert [len(panel.lines) for panel in figure.axes] == [5, 5, 2, 5, 5, 3]
+
+
+@pytest.mark.slow
+def test_a_run_of_the_claims_is_what_its_command_finds(claims):
+    study, tables = claims
+    plan = study.plans()["laws"]
+    labels = [f"{law} | {trial}" for law, trial in tables["laws"][["law", "trial"]].itertuples(index=False)]
+    assert [point.parameters["run"] for point in plan.points()] == labels
+    number = labels.index("anchored | unknown load")
+    import claims_window
+
+    found = claims_window.judged(cp.run(plan.scenario(number)))
+    for name in study.claims_tables.MEASURES:
+        assert_allclose(found[name], tables["laws"].loc[number, name], rtol=1e-3)

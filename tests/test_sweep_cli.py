@@ -38,6 +38,17 @@ def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
     assert "run 1: controller.gains.sign_gain = -1.0" in shown
 
 
+def test_a_sweep_takes_over_the_runs_of_another_folder(folder, monkeypatch, capsys):
+    words = ["sweep", "gains.toml", "--workers", "0", "--quiet"]
+    assert main([*words, "--out", "theirs"]) == 0
+    monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
+    assert main([*words, "--out", "mine", "--merge", "theirs"]) == 0
+    tables = [(folder / name / "table.csv").read_bytes() for name in ("theirs", "mine")]
+    assert tables[0] == tables[1]
+    assert main([*words, "--out", "mine", "--merge", "nowhere"]) == 2
+    assert "nowhere" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("folder")
 def test_sweep_show_shows_a_part_of_a_sweep(capsys):
     assert main(["sweep", "gains.toml", "--workers", "0", "--quiet"]) == 0

@@ -323,3 +323,28 @@ def test_the_lock_of_a_killed_owner_is_stale_and_said_to_be(store, caplog):
     with store.locked():
         (message,) = caplog.messages
     assert f"process {owner.pid} " in message
+
+
+# ---------------------------------------------------------------- records of other folders
+
+
+def test_records_of_another_folder_are_taken_by_key_but_for_damaged_and_passing_ones(store, tmp_path):
+    third = "ef" + 62 * "2"
+    late = replace(FAILED, key=third, failure="RunTimeoutError")
+    mine, theirs = replace(RECORD, metrics={"a": 2.0}), SweepStore(tmp_path / "theirs")
+    with theirs.locked():
+        theirs.append([Outcome(RECORD), Outcome(FAILED), Outcome(late)])
+    with store.locked():
+        store.append([Outcome(mine)])
+        store.take(theirs, [KEY, OTHER, third])
+        assert set(store.known) == {KEY, OTHER}
+    assert list(store.records()) == [mine, FAILED]
+
+    segment = next((theirs.folder / "runs").iterdir())
+    segment.write_bytes(segment.read_bytes().replace(b"it ran away", b"it ran awry"))
+    empty = SweepStore(tmp_path / "empty")
+    with empty.locked():
+        empty.take(theirs, [KEY, OTHER])
+        assert set(empty.known) == {KEY}
+    with store.locked(), pytest.raises(FileReadError):
+        store.take(SweepStore(tmp_path / "nowhere"), [KEY])

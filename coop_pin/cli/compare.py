@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -20,7 +20,7 @@ class Compare:
     coop-pin compare adept-anchored --controllers anchored computed-torque mine:Law --trials nominal push
 
     Attributes:
-        scenarios: names listed by 'coop-pin list', or TOML files.
+        scenarios: names listed by 'coop-pin list', or TOML files; the six of the benchmark when omitted.
         controllers: names, or module:Class of your own; all that come with coop-pin when omitted.
         trials: names; all standard trials when omitted.
         out: output folder for the runs, comparison.csv, comparison.html, and figures of each
@@ -28,26 +28,32 @@ class Compare:
         seeds: of random trials.
         duration: of every run, s; the scenarios' own when omitted.
         untuned: do not use stored gains.
+        gains: a gains.csv of your own, as --tune writes it; that of coop-pin when omitted.
         tune: search the gains of the controllers instead, and write gains.csv.
         generations: of the search, after the first one.
         size: points in a generation of the search, whatever the number of gains.
         list: only print the names of controllers and trials.
+        engine: auto simulates together, by compiled code, what can be, and the rest singly.
+        merge: folder of another comparison, whose runs are taken over where they are the same; once for each.
         workers: number of processes, 0 for this process; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes.
         quiet: no progress bar and no table.
     """
 
-    scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")] = ()
     controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
     trials: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out") / "compare"
     seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 10
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     untuned: bool = False
+    gains: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     tune: bool = False
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4
     size: Annotated[int, tyro.conf.arg(metavar="N")] = 6
     list: bool = False
+    engine: Literal["single", "auto"] = "single"
+    merge: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DIR")] = ()
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     quiet: bool = False
@@ -58,33 +64,37 @@ class Compare:
         Raises:
             CoopPinError: whatever ``compare`` or ``tune_controllers`` raises.
         """
-        from coop_pin.comparison import compare, controller_names, tune_controllers
+        from coop_pin.comparison import BENCHMARK, compare, controller_names, tune_controllers
+        from coop_pin.comparison.controllers import GAINS
 
-        chosen = self.controllers or tuple(controller_names())
+        chosen, scenarios = self.controllers or tuple(controller_names()), self.scenarios or BENCHMARK
         if self.list:
-            self._print_names(chosen)
+            self._print_names(chosen, scenarios)
         elif self.tune:
-            for scenario in self.scenarios:
-                tune_controllers(
-                    scenario,
-                    chosen,
-                    out=self.out,
-                    generations=self.generations,
-                    size=self.size,
-                    duration=self.duration,
-                    workers=self.workers,
-                    quiet=self.quiet,
-                )
+            tune_controllers(
+                scenarios,
+                chosen,
+                out=self.out,
+                generations=self.generations,
+                size=self.size,
+                duration=self.duration,
+                engine=self.engine,
+                workers=self.workers,
+                quiet=self.quiet,
+            )
             print(f"written to {self.out / 'gains.csv'}")
         else:
             found = compare(
-                self.scenarios,
+                scenarios,
                 {name: name for name in chosen},
                 self.trials or None,
                 out=self.out,
                 seeds=self.seeds,
                 duration=self.duration,
                 tuned=not self.untuned,
+                gains=self.gains or GAINS,
+                engine=self.engine,
+                merge=self.merge,
                 workers=self.workers,
                 scheduler=self.scheduler,
                 quiet=self.quiet,
@@ -101,11 +111,11 @@ class Compare:
         for name in map(str, found.data["scenario"].values):
             save_figure(comparison_figure(found, name), self.out / name / "comparison")
 
-    def _print_names(self, controllers: tuple[str, ...]) -> None:
+    def _print_names(self, controllers: tuple[str, ...], scenarios: tuple[str, ...]) -> None:
         from coop_pin.comparison import benchmark_scenario, standard_trials
         from coop_pin.description import Scenario
 
         print("controllers:", ", ".join(controllers))
-        for name in self.scenarios:
+        for name in scenarios:
             trials = standard_trials(benchmark_scenario(Scenario.load(name)))
             print(f"trials of {name}:", ", ".join(trials))

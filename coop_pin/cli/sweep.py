@@ -23,6 +23,7 @@ class Sweep:
         scheduler: address of a dask scheduler to use instead of local processes, for example
             tcp://127.0.0.1:8786.
         retry_failed: repeat runs that failed for lack of time or of a worker.
+        merge: folder of another sweep, whose runs are taken over where they are the same; once for each.
         engine: the plan's engine: single, batch, or auto; the file's when omitted.
         estimate: only print the plan and an estimate of its duration.
         quiet: no progress bar and no summary.
@@ -33,6 +34,7 @@ class Sweep:
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     retry_failed: bool = False
+    merge: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DIR")] = ()
     engine: Literal["single", "batch", "auto"] | None = None
     estimate: bool = False
     quiet: bool = False
@@ -54,6 +56,7 @@ class Sweep:
             workers=self.workers,
             scheduler=self.scheduler,
             retry_failed=self.retry_failed,
+            merge=self.merge,
             quiet=self.quiet,
         )
         if not self.quiet:

@@ -2,27 +2,51 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+import logging
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from coop_pin.arrays import as_count, require_path, require_type
-from coop_pin.comparison.controllers import Controllers, controllers_for, tuned_ranges
-from coop_pin.comparison.measures import measures, tuning_cost
-from coop_pin.comparison.table import COLUMNS, Comparison, bootstrap_interval
+from coop_pin.batch import require_compiler, support
+from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
+from coop_pin.comparison.measures import measures
+from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NameNotFoundError
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep, tune
+from coop_pin.errors import (
+    CoopPinError,
+    FieldError,
+    FileReadError,
+    MissingExtraError,
+    NameNotFoundError,
+)
+from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps.plan import Engine
 
-TUNED_SEED = 1000
-"""Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
+_LOG = logging.getLogger("coop_pin.comparison")
+
+
+class _Part(NamedTuple):
+    """Runs of a scenario that are one sweep.
+
+    Attributes:
+        folder: of the sweep, within that of the comparison.
+        scenario: name.
+        cells: controller and trial of each case.
+        gains: which of them each controller has.
+        plan: of the sweep.
+    """
+
+    folder: Path
+    scenario: str
+    cells: list[tuple[str, str]]
+    gains: Mapping[str, str]
+    plan: SweepPlan
 
 
 def compare(
@@ -34,6 +58,9 @@ def compare(
     seeds: int = 10,
     duration: float | None = None,
     tuned: bool = True,
+    gains: str | Path = GAINS,
+    engine: Literal["single", "auto"] = "single",
+    merge: Sequence[str | Path] = (),
     workers: int | None = None,
     scheduler: str | None = None,
     quiet: bool = False,
@@ -44,7 +71,7 @@ def compare(
     and, to be sorted in a browser, to ``comparison.html``.
 
     Args:
-        scenarios: scenarios, or their names or paths.
+        scenarios: scenarios, or their names or paths; ``BENCHMARK`` has those of the benchmark.
         controllers: names of ``controller_names``, or descriptions by name: "module:Class", a Controller, or
             a table of its fields.
         trials: names of ``standard_trials``, or changes by dotted path, or a Trial, by name; all standard
@@ -53,47 +80,119 @@ def compare(
         seeds: of random trials, 0, 1, 2, ...
         duration: of every run, s; the scenarios' own when None.
         tuned: whether stored gains are used.
+        gains: table of stored gains, as ``tune_controllers`` writes it.
+        engine: "auto" simulates together by compiled code what can be, and the rest singly.
+        merge: folders of other comparisons, whose runs are taken over where they are the same.
         workers: number of processes; one for each processor when omitted, 0 for this process.
         scheduler: address of a dask scheduler to use instead.
         quiet: no progress bar.
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
+        FieldError: the engine is another, two scenarios have one name, or there is nothing to run.
+        FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
     """
     require_path("out", out)
+    require_type("merge", merge, list, tuple)
+    for other in merge:
+        require_path("merge", other)
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
-    given = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
-    parts = []
-    for entry in given:
-        loaded = entry if isinstance(entry, Scenario) else Scenario.load(entry)
-        chosen = controllers_for(loaded, controllers, tuned=tuned)
-        scenario = benchmark_scenario(loaded, duration)
-        for random in (False, True):
-            wanted = {
-                name: trial for name, trial in _trials(scenario, trials).items() if trial.random == random
-            }
-            if not wanted:
-                continue
-            cases = {
-                f"{name} | {label}": changes_of(scenario, trial, controller)
-                for name, controller in chosen.items()
-                for label, trial in wanted.items()
-            }
-            plan = SweepPlan(
-                base=scenario, cases={"run": cases}, metrics=(measures,), repeats=seeds if random else 1
-            )
-            place = folder / scenario.name / ("random" if random else "fixed")
-            result = sweep(plan, out=place, workers=workers, scheduler=scheduler, quiet=quiet)
-            parts.append(_part(result, scenario.name, list(chosen), list(wanted)))
-    merged = xr.merge(parts, join="outer", compat="no_conflicts")
-    order = {
-        dim: list(dict.fromkeys(np.concatenate([part[dim].values for part in parts]))) for dim in merged.dims
-    }
-    comparison = Comparison(merged.reindex(order))
+    together, parts, cells = with_batches(engine), list[_Part](), list[tuple[str, str, str]]()
+    for scenario in different(scenarios):
+        chosen = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
+        used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
+        own = benchmark_scenario(scenario, duration)
+        tried = _trials(own, trials)
+        cells += [(own.name, name, label) for name in chosen for label in tried]
+        for part in _parts(own, chosen, tried, seeds, together=together):
+            parts.append(part._replace(gains=used))
+    if not cells:
+        raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
+    taken = _merged(parts, list(map(Path, merge)))
+    frames = []
+    for part in parts:
+        place, same = folder / part.folder, taken[part.folder]
+        result = sweep(part.plan, out=place, merge=same, workers=workers, scheduler=scheduler, quiet=quiet)
+        frames.append(_cells(part, result))
+    comparison = Comparison.of_cells(pd.concat(frames).loc[cells])
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
     return comparison
+
+
+def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]) -> list[Scenario]:
+    """Return scenarios whose names differ."""
+    given = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
+    found = [entry if isinstance(entry, Scenario) else Scenario.load(entry) for entry in given]
+    names = [scenario.name for scenario in found]
+    if not names or len(set(names)) < len(names):
+        raise FieldError(f"have the names {names}; give at least one, and no name twice", "scenarios")
+    return found
+
+
+def with_batches(engine: str) -> bool:
+    """Return whether an engine simulates together those runs that can be.
+
+    Raises:
+        FieldError: it is neither "single" nor "auto".
+    """
+    if engine not in ("single", "auto"):
+        raise FieldError(f"is {engine!r}; it must be 'single' or 'auto'", "engine")
+    if engine == "auto":
+        try:
+            require_compiler()
+        except MissingExtraError as error:
+            _LOG.warning("runs are simulated one by one: %s", error)
+            return False
+    return engine == "auto"
+
+
+def engine_of(scenario: Scenario, changes: Mapping[str, Any], *, together: bool) -> Engine:
+    """Return what simulates a run. It depends on nothing but the run, and so does the run's key."""
+    try:
+        return "batch" if together and support(scenario.override(changes)) is None else "single"
+    except CoopPinError:  # the run itself reports it
+        return "single"
+
+
+def _parts(
+    scenario: Scenario,
+    controllers: Mapping[str, dict[str, Any]],
+    trials: Mapping[str, Trial],
+    seeds: int,
+    *,
+    together: bool,
+) -> Iterator[_Part]:
+    """Yield the sweeps of a scenario: its cases by whether they are random, and by what simulates them."""
+    groups = defaultdict[tuple[bool, Engine], dict[tuple[str, str], dict[str, Any]]](dict)
+    for name, controller in controllers.items():
+        for label, trial in trials.items():
+            changes = changes_of(scenario, trial, controller)
+            groups[trial.random, engine_of(scenario, changes, together=together)][name, label] = changes
+    for (random, engine), cases in sorted(groups.items()):
+        plan = SweepPlan(
+            base=scenario,
+            cases={"run": {" | ".join(cell): changes for cell, changes in cases.items()}},
+            metrics=(measures,),
+            repeats=seeds if random else 1,
+            engine=engine,
+        )
+        folder = ("random" if random else "fixed") + ("-batch" if engine == "batch" else "")
+        yield _Part(Path(scenario.name, folder), scenario.name, list(cases), {}, plan)
+
+
+def _merged(parts: Sequence[_Part], folders: Sequence[Path]) -> dict[Path, list[Path]]:
+    """Return the folders of other comparisons that have runs of a part, by its folder."""
+    found = {
+        part.folder: [f / part.folder for f in folders if (f / part.folder / "runs").is_dir()]
+        for part in parts
+    }
+    for folder in folders:
+        if not any(folder / place in found[place] for place in found):
+            places = ", ".join(map(str, found))
+            raise FileReadError(f"has no runs to merge; there is none of {places} in it", str(folder))
+    return found
 
 
 def _trials(scenario: Scenario, wanted: Sequence[str] | Mapping[str, Any] | None) -> dict[str, Trial]:
@@ -113,82 +212,24 @@ def _trials(scenario: Scenario, wanted: Sequence[str] | Mapping[str, Any] | None
     return {name: standard[name] for name in wanted if name in standard}
 
 
-def _part(result: SweepResult, scenario: str, controllers: list[str], trials: list[str]) -> xr.Dataset:
-    """Return the cells of one sweep: medians, intervals and counts."""
-    shape = len(controllers), len(trials), -1
-    table = result.table
+def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
+    """Return the cells of a sweep, one row for each: medians, intervals and counts."""
+    shape, table = (len(part.cells), -1), result.table
     finished = (table["status"] == "ok").to_numpy().reshape(shape)
     none = pd.Series(np.nan, table.index)  # where every run failed
     trusted = table.get("trustworthy", none).to_numpy(dtype=float).reshape(shape) == 1.0
-    counts = {"runs": np.full(shape[:2], finished.shape[2]), "finished": finished.sum(axis=2)}
-    counts["trustworthy"] = (finished & trusted).sum(axis=2)
-    values = {name: (("scenario", "controller", "trial"), count[None]) for name, count in counts.items()}
+    values: dict[str, Any] = {
+        "gains": [part.gains[controller] for controller, _ in part.cells],
+        "runs": finished.shape[1],
+        "finished": finished.sum(axis=1),
+        "trustworthy": (finished & trusted).sum(axis=1),
+    }
     for name in COLUMNS:
         column = table.get(name, none).to_numpy(dtype=float).reshape(shape)
         runs = np.where(finished & np.isfinite(column), column, np.inf)
-        low, high = bootstrap_interval(np.moveaxis(runs, 2, 0), np.median, 0)
-        for label, value in ((name, np.median(runs, axis=2)), (f"{name}_low", low), (f"{name}_high", high)):
-            values[label] = ("scenario", "controller", "trial"), value[None]
-    return xr.Dataset(values, {"scenario": [scenario], "controller": controllers, "trial": trials})
-
-
-def tune_controllers(
-    scenario: str | Path | Scenario,
-    controllers: Sequence[str],
-    *,
-    out: str | Path,
-    generations: int = 4,
-    size: int = 6,
-    duration: float | None = None,
-    workers: int | None = None,
-    quiet: bool = False,
-) -> list[dict[str, Any]]:
-    """Return the best gains of controllers for a scenario, in rows as ``gains.csv`` has them.
-
-    Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
-    of its gains, each run with and without the noise trial: with seeds that the comparison does not use.
-
-    Args:
-        scenario: the scenario, its name or path.
-        controllers: names; those without ranges are passed over.
-        out: folder of the runs; ``gains.csv`` is written there.
-        generations: number of generations after the first one.
-        size: points in a generation, at least 6.
-        duration: of every run, s.
-        workers: as for compare.
-        quiet: no progress bar.
-
-    Raises:
-        NothingFeasibleError: every run of a controller failed.
-        CoopPinError: whatever ``tune`` raises.
-    """
-    loaded = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
-    base, rows = benchmark_scenario(loaded, duration), []
-    noise = standard_trials(base)["noise"].changes | {"seed": TUNED_SEED}
-    for name, controller in controllers_for(loaded, controllers, tuned=False).items():
-        ranges = {f"controller.{path}": span for path, span in tuned_ranges(name).items()}
-        if not ranges:
-            continue
-        found = tune(
-            base.override({"controller": controller} | noise),
-            ranges,
-            minimize="cost",
-            metrics=[tuning_cost],
-            out=Path(out) / loaded.name / name,
-            generations=generations,
-            population=max(1, size // len(ranges)),
-            seed=TUNED_SEED,
-            workers=workers,
-            quiet=quiet,
-        )
-        for path, (low, high) in ranges.items():
-            value, cost = found.best.parameters[path], found.best.metrics["cost"]
-            budget = {"runs": len(found.history.plan), "seed": TUNED_SEED, "cost": f"{cost:.6g}"}
-            place = {"scenario": loaded.name, "controller": name, "field": path.removeprefix("controller.")}
-            rows.append(place | {"value": f"{value:.6g}", "low": low, "high": high} | budget)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    (Path(out) / "gains.csv").write_text(text.getvalue(), encoding="utf-8")
-    return rows
+        low, high = bootstrap_interval(runs.T, np.median, 0)
+        values |= {name: np.median(runs, axis=1), f"{name}_low": low, f"{name}_high": high}
+    reasons = table["failure"].str.cat(table["message"], ": ").where(table["status"] == "failed", "")
+    values["failure"] = [next(filter(None, row), "") for row in reasons.to_numpy().reshape(shape)]
+    index = pd.MultiIndex.from_tuples([(part.scenario, *cell) for cell in part.cells], names=CELL)
+    return pd.DataFrame(values, index)

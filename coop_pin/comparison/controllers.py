@@ -15,14 +15,15 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.controller import PayloadSpace
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.spatial import weight_wrench
-from coop_pin.user_files import read_toml
+from coop_pin.user_files import read_toml, read_user_file
 
 _FOLDER = Path(__file__).parent
 GAINS = _FOLDER / "gains.csv"
-"""Tuned gains: scenario, controller, field, value, range, budget and cost of the search."""
+"""Tuned gains: scenario, controller, field, value, range, budget (runs, duration, seed) and cost."""
+_GAINS_BYTES = 10_000_000
 
 Controllers = Mapping[str, Any] | Sequence[str]
 """Names of controllers of the table, or descriptions ("module:Class", a table of fields) by name."""
@@ -44,7 +45,7 @@ def tuned_ranges(name: str) -> dict[str, tuple[float, float]]:
 
 
 def controllers_for(
-    scenario: Scenario, controllers: Controllers, *, tuned: bool = True
+    scenario: Scenario, controllers: Controllers, *, tuned: bool = True, gains: str | Path = GAINS
 ) -> dict[str, dict[str, Any]]:
     """Return the descriptions of controllers for a scenario, with stored tuned gains where there are any.
 
@@ -52,21 +53,23 @@ def controllers_for(
         scenario: cell, whose gains fill in what a controller leaves to the cell.
         controllers: names, or descriptions by name.
         tuned: whether stored gains are used.
+        gains: table of stored gains.
 
     Raises:
         NameNotFoundError: there is no controller of a name.
+        FileReadError: the table of gains cannot be read.
         FieldError: a description is neither "module:Class" nor a table of fields.
     """
     chosen = controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
     known, found = _table()["controllers"], {}
+    stored = stored_gains(scenario.name, gains) if tuned else {}
     for name, given in chosen.items():
         if isinstance(given, str) and ":" in given:
             given = {"kind": "user", "target": given}
         if isinstance(given, str):
             if given not in known:
                 raise NameNotFoundError("controller", given, known, "the table; a class reads 'module:Class'")
-            stored = stored_gains(scenario.name).get(given, {}) if tuned else {}
-            given = _changed(known[given], stored)
+            given = _changed(known[given], stored.get(given, {}))
         elif hasattr(given, "model_dump"):
             given = given.model_dump()
         if not isinstance(given, Mapping):
@@ -80,13 +83,41 @@ def controllers_for(
     return {name: _filled(given, values) for name, given in found.items()}
 
 
-def stored_gains(scenario: str, path: Path = GAINS) -> dict[str, dict[str, float]]:
-    """Return the stored gains of a scenario's name: field and value by controller."""
+def gains_used(
+    scenario: Scenario, controllers: Controllers, *, tuned: bool, gains: str | Path
+) -> dict[str, str]:
+    """Return which gains the controllers of ``controllers_for`` have, by name.
+
+    "tuned" stands for stored ones, "untuned" for the middle ones of the table, "given" for a description's.
+    """
+    chosen = controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
+    stored = stored_gains(scenario.name, gains) if tuned else {}
+    is_named = {name: isinstance(given, str) and ":" not in given for name, given in chosen.items()}
+    return {
+        name: ("tuned" if given in stored else "untuned") if is_named[name] else "given"
+        for name, given in chosen.items()
+    }
+
+
+def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str, float]]:
+    """Return the stored gains of a scenario's name: field and value by controller.
+
+    Raises:
+        FileReadError: the file is not a table as ``tune_controllers`` writes it.
+    """
     found: dict[str, dict[str, float]] = {}
-    with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            if row["scenario"] == scenario:
-                found.setdefault(row["controller"], {})[row["field"]] = float(row["value"])
+    content = read_user_file(path, limit=_GAINS_BYTES, kind="a table of gains")
+    for line, row in enumerate(csv.DictReader(content.decode(errors="replace").splitlines()), 2):
+        try:
+            name, field, value = row["controller"], row["field"], float(row["value"])
+            is_known, is_wanted = field in tuned_ranges(name), row["scenario"] == scenario
+        except (KeyError, TypeError, ValueError):
+            is_known = False
+        if not is_known:
+            wanted = "scenario, controller, field and value, as coop-pin compare --tune writes them"
+            raise FileReadError(f"reads {row}; a row must have {wanted}", str(path), line)
+        if is_wanted:
+            found.setdefault(name, {})[field] = value
     return found
 
 

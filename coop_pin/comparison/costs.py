@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from coop_pin.arrays import as_count
 from coop_pin.batch import export_c
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
@@ -49,46 +50,56 @@ class _Timed(CellController):
         return command
 
 
-def tick_costs(scenario: Scenario, controllers: Controllers) -> pd.DataFrame:
+def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1) -> pd.DataFrame:
     """Return the cost of controllers for each arm and tick, and what they need.
 
     ``us`` is the least time of a hundred ticks in Python, of this machine, and ``ratio`` that to the first
     controller's. ``operations`` counts those of the law of the first arm with its kinematics, as exported to
-    C; NaN for laws that cannot be. ``needs`` is what a controller uses besides kinematics.
+    C; where they cannot be counted it is NaN, and ``not_counted`` says why. ``needs`` is what a controller
+    uses besides kinematics.
 
     Args:
         scenario: the cell.
         controllers: names, or descriptions by name, as for ``compare``.
+        rounds: how often all controllers are timed, one after the other.
 
     Raises:
+        ArgumentError: the number of rounds is not a count.
         CoopPinError: a run fails.
     """
-    rows = {}
-    base = benchmark_scenario(scenario)
+    rounds, base = as_count("rounds", rounds, 1), benchmark_scenario(scenario)
     short = base.override({"duration": _TICKS * base.clock.period})
-    for name, controller in controllers_for(scenario, controllers).items():
-        chosen = short.override({"controller": controller})
-        law = build_controller(chosen)
-        timed = _Timed(law)
-        simulate(chosen, timed)
-        least = 1e6 * float(np.min(timed.steps)) / len(chosen.cell.arms)
-        rows[name] = {
-            "us": least,
-            "operations": _operations(chosen),
-            "needs": ", ".join(_needs(chosen, law)) or "nothing",
-        }
-    table = pd.DataFrame.from_dict(rows, orient="index")
-    table.insert(1, "ratio", table["us"] / table["us"].iloc[0])
+    chosen = {
+        name: short.override({"controller": controller})
+        for name, controller in controllers_for(scenario, controllers).items()
+    }
+    times = [[_least_us(own) for own in chosen.values()] for _ in range(rounds)]
+    table = pd.DataFrame({"us": np.min(times, axis=0)}, index=list(chosen))
+    table["ratio"] = table["us"] / table["us"].iloc[0]
+    needs = [_needs(own, build_controller(own)) for own in chosen.values()]
+    counted = [_operations(own, used) for own, used in zip(chosen.values(), needs, strict=True)]
+    table["operations"], table["not_counted"] = zip(*counted, strict=True)
+    table["needs"] = [", ".join(used) or "nothing" for used in needs]
     return table
 
 
-def _operations(scenario: Scenario) -> float:
-    """Return the arithmetic operations of a tick of the first arm's law; NaN if it cannot be traced."""
+def _least_us(scenario: Scenario) -> float:
+    """Return the least time of a tick of a scenario's controller for each arm, us."""
+    timed = _Timed(build_controller(scenario))
+    simulate(scenario, timed)
+    return 1e6 * float(np.min(timed.steps)) / len(scenario.cell.arms)
+
+
+def _operations(scenario: Scenario, needs: Sequence[str]) -> tuple[float, str]:
+    """Return the operations of a tick of the first arm's law, or why they cannot be counted."""
+    if {"model", "regressor"} & {*needs}:
+        return math.nan, "its model is Pinocchio's compiled code"
     try:
         with tempfile.TemporaryDirectory() as folder:
-            return float(sum(export_c(scenario, next(iter(scenario.cell.arms)), folder).flops.values()))
-    except (TracingError, ArgumentError):
-        return math.nan
+            law = export_c(scenario, next(iter(scenario.cell.arms)), folder)
+    except (TracingError, ArgumentError) as error:
+        return math.nan, str(error)
+    return float(sum(law.flops.values())), ""
 
 
 def _needs(scenario: Scenario, law: CellController) -> tuple[str, ...]:

@@ -15,12 +15,15 @@ from coop_pin.errors import NameNotFoundError
 
 COLUMNS = (*MEASURES, "settling_time_s")
 """Measures of the table."""
+CELL = ("scenario", "controller", "trial")
+"""What names a cell of the table."""
 _RESAMPLES = 1000
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Controllers compared</title>
-<style>body{font:14px sans-serif}table{border-collapse:collapse}td,th{padding:2px 8px;text-align:right}
+<style>body{font:14px sans-serif}table{border-collapse:collapse}
+td,th{padding:2px 8px;text-align:right;white-space:nowrap}td:last-child{text-align:left}
 th{cursor:pointer;position:sticky;top:0;background:#eee}tr:nth-child(even){background:#f7f7f7}</style>
-<p>One row for each scenario, controller and trial: medians, 95 % intervals, numbers of runs. Click a heading
-to sort by it; inf is a failed run.</p>
+<p>One row for each scenario, controller and trial: which gains, numbers of runs, finished and trustworthy;
+medians and 95 % intervals of the measures. Click a heading to sort by it; inf is a failed run.</p>
 TABLE
 <script>
 document.querySelectorAll("th").forEach((head, column) => head.onclick = () => {
@@ -41,11 +44,19 @@ class Comparison:
     Attributes:
         data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count; dimensions scenario, controller, trial. A failed run has the measure inf.
+            ``trustworthy`` count; ``gains`` is "tuned", "untuned" or "given", ``failure`` the
+            first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
+            inf, a cell that was not run nan.
     """
 
     def __init__(self, data: xr.Dataset) -> None:
         self.data = data
+
+    @classmethod
+    def of_cells(cls, cells: pd.DataFrame) -> Comparison:
+        """Return the comparison of some cells, one row for each; the order of names is that of the rows."""
+        order = {name: list(dict.fromkeys(cells.index.get_level_values(name))) for name in CELL}
+        return cls(cells.to_xarray().reindex(order))
 
     @property
     def table(self) -> pd.DataFrame:
@@ -87,7 +98,10 @@ class Comparison:
         return pd.DataFrame(columns, index=cells["controller"].values).sort_values("rank", kind="stable")
 
     def summary(self) -> str:
-        """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text."""
+        """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text.
+
+        A star marks cells whose runs are not all trustworthy; failed runs are listed below.
+        """
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
         for scenario in self.data["scenario"].values:
@@ -99,9 +113,24 @@ class Comparison:
                 ]
                 for trial in self.data["trial"].values
             }
-            frame = pd.DataFrame(texts, index=self.data["controller"].values)
+            frame = pd.DataFrame(texts, index=self.labels(scenario))
             lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
-        return "\n".join(lines)
+        return "\n".join(lines + self._failures())
+
+    def _failures(self) -> list[str]:
+        """Return a line for each error of a controller in a scenario, with the trials in which it occurs."""
+        failed = self.table.query("finished < runs").reset_index()
+        return [
+            f"{scenario} | {controller} failed in {', '.join(part['trial'])} "
+            f"({part['runs'].sum() - part['finished'].sum()} of {part['runs'].sum()} runs): {reason}"
+            for (scenario, controller, reason), part in failed.groupby([*CELL[:2], "failure"], sort=False)
+        ]
+
+    def labels(self, scenario: str) -> list[str]:
+        """Return the names of the controllers, with a mark where one runs untuned in a scenario."""
+        used = self.data["gains"].sel(scenario=scenario).transpose("controller", "trial").values
+        marks = (" (untuned)" if "untuned" in row else "" for row in used)
+        return [f"{name}{mark}" for name, mark in zip(self.data["controller"].values, marks, strict=True)]
 
 
 def bootstrap_interval(samples: Array, statistic: Any, seed: int) -> tuple[Array, Array]:

@@ -13,6 +13,15 @@ from coop_pin.simulation.transmission import friction
 _NO_FRICTION = 1e-9
 """Friction is scaled by it rather than by 0, so that a model with the nominal friction is a factor away."""
 _RATES_HZ = (80.0, 250.0, 1000.0)
+BENCHMARK = (
+    "adept-anchored",
+    "two-pandas-box",
+    "panda-ur5-bar",
+    "three-ur5-plate",
+    "kinova-pair",
+    "five-joint-pair",
+)
+"""Scenarios of the benchmark: arms of 3, 5, 6 and 7 joints, like and unlike, two and three of them."""
 
 
 class Trial(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,14 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, styled
 
 _TRACKING = "tracking_rms_mm"
+_SHADES = 1e-5
+"""Least value that has a shade of its own, as a part of the largest."""
 
 
 def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     """Return tracking against internal force, ranks in both, and a map of their values, of one scenario.
 
-    Failed runs have no mark in the front and are hatched in the maps; a cell whose runs are not all
+    Failed runs have no mark in the front and "failed" in the maps; a cell whose runs are not all
     trustworthy has a star. Ranks are over all scenarios and trials.
 
     Args:
@@ -42,6 +45,7 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
         (front, ranks), (left, right) = figure.subplots(2, 2)
         _draw_front(front, own[_TRACKING], force)
         _draw_ranks(ranks, comparison)
+        own = own.assign_coords(label=("controller", comparison.labels(scenario)))
         _draw_map(figure, left, own, own[_TRACKING], "tracking, mm")
         _draw_map(figure, right, own, force, "internal force, N")
         figure.suptitle(as_written(scenario))
@@ -51,10 +55,12 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
 def _draw_front(panel: Axes, tracking: xr.DataArray, force: xr.DataArray) -> None:
     """Draw one mark for each controller: the medians over the trials, failed ones as infinite."""
     x, y = (np.median(part.transpose("controller", ...).values, axis=1) for part in (tracking, force))
-    for name, across, up in zip(tracking["controller"].values, x, y, strict=True):
-        if np.isfinite((across, up)).all():
-            panel.plot(across, up, "o", color=palette.ACTUAL)
-            panel.annotate(as_written(name), (across, up), (3, 3), textcoords="offset points", fontsize=7)
+    for place, number in enumerate(np.argsort(x)):  # neighbours are named above and below in turn
+        point, name = (x[number], y[number]), tracking["controller"].values[number]
+        if np.isfinite(point).all():
+            panel.plot(*point, "o", color=palette.ACTUAL)
+            offset = (3, 3 if place % 2 else -9)
+            panel.annotate(as_written(name), point, offset, textcoords="offset points", fontsize=7)
     panel.set(xscale="log", yscale="log", xlabel="tracking, mm")
     label(panel, "medians over the trials", "internal force, N")
 
@@ -80,17 +86,28 @@ def _draw_map(figure: Figure, panel: Axes, own: xr.Dataset, values: xr.DataArray
     runs, trusted = counts
     finite = np.where(np.isfinite(shown) & (shown > 0.0), shown, np.nan)
     panel.set_facecolor("#f3f4f6")
+    middle = math.inf
     if np.isfinite(finite).any():
-        mesh = panel.pcolormesh(finite, norm=LogNorm(np.nanmin(finite), np.nanmax(finite)), cmap="viridis_r")
+        most = float(np.nanmax(finite))
+        least = max(float(np.nanmin(finite)), _SHADES * most)
+        mesh = panel.pcolormesh(finite, norm=LogNorm(least, most, clip=True), cmap="viridis_r")
         figure.colorbar(mesh, ax=panel)
-    middle = float(np.sqrt(np.nanmin(finite) * np.nanmax(finite))) if np.isfinite(finite).any() else np.inf
+        middle = math.sqrt(least * most)
     for (row, column), value in np.ndenumerate(shown):
-        text = "" if np.isnan(runs[row, column]) else f"{value:.2g}" if np.isfinite(value) else "failed"
-        star = "*" if text and trusted[row, column] < runs[row, column] else ""
+        text = "" if np.isnan(runs[row, column]) else _written(value) if np.isfinite(value) else "failed"
+        star = "*" if np.isfinite(value) and trusted[row, column] < runs[row, column] else ""
         colour = "white" if middle < value < np.inf else "black"  # dark and light cells
         panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6, color=colour)
-    trials, controllers = ([as_written(x) for x in own[name].values] for name in ("trial", "controller"))
+    trials, controllers = ([as_written(x) for x in own[name].values] for name in ("trial", "label"))
     panel.set_yticks(np.arange(len(trials)) + 0.5, trials)
     panel.set_xticks(np.arange(len(controllers)) + 0.5, controllers, rotation=60, ha="right")
     panel.invert_yaxis()
     panel.set_title(title)
+
+
+def _written(value: float) -> str:
+    """Return a number in as many characters as fit into a narrow cell."""
+    if 0.0 < value < 1e-2:
+        return f"{value:.1e}".replace("e-0", "e-")
+    text = f"{value:.2g}"
+    return text[1:] if text.startswith("0.") else text

@@ -30,11 +30,9 @@ from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
-from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.store import TRANSIENT, SweepStore
 from coop_pin.sweeps.table import require_own_names
 
-_TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
-"""Failures that may not occur again."""
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
 
@@ -118,7 +116,7 @@ class Session:
             self._require_files(code)
             self.keys.append(key)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
-            again = retry_failed and kind in _TRANSIENT
+            again = retry_failed and kind in TRANSIENT
             if isinstance(scenario, ScenarioError):
                 if kind is None:
                     refused.append(Outcome(Record.of_failure(key, point.changes, scenario)))
@@ -182,6 +180,7 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     retry_failed: bool = False,
+    merge: Sequence[str | Path] = (),
     quiet: bool = False,
     **plan: Any,
 ) -> SweepResult:
@@ -198,6 +197,7 @@ def sweep(
         workers: number of processes; one for each processor when omitted, 0 for this process (debugging).
         scheduler: address of a dask scheduler to use instead of local processes.
         retry_failed: repeat runs that failed for lack of time, of memory or of a worker.
+        merge: folders of other sweeps, whose runs are taken over by their keys.
         quiet: no progress bar.
         plan: further fields of the SweepPlan: changes, cases, zipped, sample, metrics, time_limit_s,
             memory_limit_gb, keep, engine, repeats.
@@ -209,18 +209,23 @@ def sweep(
         MissingExtraError: dask is not installed.
         CodeChangedError: the user's code was edited after it was loaded.
         StoreLockedError: another process works on the folder.
-        FileReadError: an older version wrote the folder.
+        FileReadError: an older version wrote the folder, or one of ``merge`` is not that of a sweep.
         FileWriteError: the disk is full; every run written before is kept.
         WorkersLostError: the scheduler is gone; every finished run is kept.
         SweepInterruptedError: Ctrl-C; every finished run is kept.
     """
     require_path("out", out)
     require_type("retry_failed", retry_failed, bool)
+    require_type("merge", merge, list, tuple)
+    for folder in merge:
+        require_path("merge", folder)
     fields = plan if axes is None else {**plan, "axes": axes}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
     with open_session(out, workers, scheduler, len(chosen), quiet=quiet) as session:
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
+        for folder in merge:
+            session.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(chosen)))
         session.compute(chosen, retry_failed=retry_failed)
         result = SweepResult(chosen, session.store, session.keys)
         result.write_tables()

@@ -15,8 +15,13 @@ _WORTH_A_BATCH = 64
 _LOG = logging.getLogger("coop_pin.sweeps")
 
 
-def with_engine(plan: SweepPlan, store: SweepStore) -> SweepPlan:
+def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> SweepPlan:
     """Return a plan with its engine decided: as the folder has it, otherwise by its first run.
+
+    Args:
+        plan: the plan.
+        store: its folder.
+        runs: number of runs of its kind in all; the plan's own when omitted.
 
     Raises:
         FieldError: the plan wants batches, and its first run cannot be in one.
@@ -30,8 +35,9 @@ def with_engine(plan: SweepPlan, store: SweepStore) -> SweepPlan:
             return kept
     from coop_pin.batch import plant_reason, require_compiler, support  # slow to load
 
-    reason: object = f"{len(plan)} runs are fewer than {_WORTH_A_BATCH}"
-    if plan.engine == "batch" or len(plan) >= _WORTH_A_BATCH:
+    count = len(plan) if runs is None else runs
+    reason: object = f"{count} runs are fewer than {_WORTH_A_BATCH}"
+    if plan.engine == "batch" or count >= _WORTH_A_BATCH:
         try:
             require_compiler()
             first = plan.scenario(0)

@@ -47,6 +47,8 @@ def _scenario(given: Any) -> Scenario:
 
 Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]
 """Scenarios by name."""
+Engine = Literal["single", "batch", "auto"]
+"""What simulates the runs of a plan."""
 Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 """Named groups of changes."""
 
@@ -111,7 +113,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    engine: Literal["single", "batch", "auto"] = "single"
+    engine: Engine = "single"
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")

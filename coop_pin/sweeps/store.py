@@ -10,7 +10,7 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -25,6 +25,8 @@ from coop_pin.user_files import read_user_file
 _LOG = logging.getLogger("coop_pin.sweeps")
 _PART = re.compile(r"\..*\.[0-9a-f]{32}(\.\w+)?")
 """Names of partial files that ``write_atomically`` leaves if it is killed."""
+TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
+"""Failures that may not occur again."""
 _PLAN_BYTES = 1 << 28
 """Largest plan that is read."""
 
@@ -140,6 +142,27 @@ class SweepStore:
                         data = data[file.write(data) :]
                     os.fsync(file.fileno())
         self.known |= _kinds(outcome.record for outcome in outcomes)
+
+    def take(self, other: SweepStore, keys: Collection[str]) -> None:
+        """Store what another folder has of some runs and this one does not; say how many there were.
+
+        Damaged lines there count as missing. Failures that may not occur again are not taken, nor are full
+        results.
+
+        Raises:
+            FileReadError: the other folder is not that of a sweep.
+            FileWriteError: the disk is full, or this folder cannot be written.
+        """
+        if not (other.folder / "runs").is_dir():
+            raise FileReadError(f"{other.folder} holds no sweep: there is no folder 'runs' in it")
+        damaged: list[bytes] = []
+        found = {record.key: record for record in other.records(damaged) if record.failure not in TRANSIENT}
+        new = [Outcome(found[key]) for key in keys if key in found and key not in self.known]
+        self.append(new)
+        message = "%d runs are taken from the %d of %s; %d others are known here or not in this plan"
+        _LOG.warning(message, len(new), len(found), other.folder, len(found) - len(new))
+        if damaged:
+            _LOG.warning("%d damaged lines of %s are left out", len(damaged), other.folder)
 
     @functools.cached_property
     def _segment(self) -> Path:

@@ -16,7 +16,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
 from coop_pin.sweeps.dimensions import Sample, Span
 from coop_pin.sweeps.engine import open_session
-from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.engine_choice import with_engine
+from coop_pin.sweeps.plan import Engine, SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import PointResult
 
@@ -175,6 +176,7 @@ def tune(
     generations: int = 10,
     population: int = 8,
     seed: int = 0,
+    engine: Engine = "single",
     workers: int | None = None,
     scheduler: str | None = None,
     quiet: bool = False,
@@ -196,6 +198,7 @@ def tune(
         generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: seed of the search.
+        engine: as of a SweepPlan; "auto" counts the runs of the whole search.
         workers: number of processes; one for each processor when omitted, 0 for this process.
         scheduler: address of a dask scheduler to use instead.
         quiet: no progress bar.
@@ -225,14 +228,15 @@ def tune(
         wanted = "names no field, or one with a range that is not two numbers, the lower first"
         raise FieldError(f"{wanted}: {error}", "vary") from None
     points: list[list[float]] = []
+    total = (generations + 1) * size
 
     def plan(rows: Sequence[Sequence[float]]) -> SweepPlan:
         values = dict(zip(vary, zip(*rows, strict=True), strict=True))
-        return SweepPlan(base=base, zipped=(values,), metrics=tuple(metrics))
+        return SweepPlan(base=base, zipped=(values,), metrics=tuple(metrics), engine=engine)
 
-    plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
-    total = (generations + 1) * size
+    lowest = plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
     with open_session(out, workers, scheduler, total, quiet=quiet) as session:
+        engine = with_engine(lowest, session.store, total).engine
 
         def evaluate(generation: list[list[float]]) -> tuple[Array, Array]:
             points.extend(generation)

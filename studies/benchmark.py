@@ -1,0 +1,83 @@
+"""Benchmark of all controllers, from stored gains, in the cells that have them.
+
+Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
+docs/concepts/laws.md, and docs/images/benchmark-CELL.png with .svg.
+
+Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from pages import write_block
+
+from coop_pin import Scenario
+from coop_pin.comparison import BENCHMARK, Comparison, compare, controller_names, standard_trials
+from coop_pin.comparison.controllers import stored_gains
+from coop_pin.figures import comparison_figure, save_figure
+
+HERE = Path(__file__).parent
+DATA = HERE / "benchmark.csv"
+PAGE = HERE.parent / "docs" / "concepts" / "laws.md"
+IMAGES = HERE.parent / "docs" / "images"
+BIASED = ("bias 0.1 mm", "bias 1 mm", "base turned by 1 mrad")
+"""Trials whose first arm has errors in its kinematics."""
+
+
+def tuned_cells() -> list[str]:
+    """Return the cells of the benchmark in which every controller has stored gains."""
+    names = set(controller_names())
+    return [cell for cell in BENCHMARK if names <= set(stored_gains(cell))]
+
+
+def text(found: Comparison, duration: float | None) -> str:
+    """Return what was run, and which cells are still to be tuned, as Markdown."""
+    sizes = found.data.sizes
+    runs, finished, trusted = (int(found.table[name].sum()) for name in ("runs", "finished", "trustworthy"))
+    length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
+    cells = ", ".join(f"`{name}`" for name in found.data["scenario"].values)
+    others = ", ".join(f"`{name}`" for name in BENCHMARK if name not in found.data["scenario"].values)
+    return (
+        f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
+        f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
+    )
+
+
+def main() -> None:
+    """Run what is missing, and write table, figures and text."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--duration", type=float, help="of every run, s; the scenarios' own when omitted")
+    parser.add_argument("--seeds", type=int, default=10, help="of random trials")
+    parser.add_argument("--trials", nargs="+", help="names; all when omitted")
+    parser.add_argument("--workers", type=int, help="processes; one for each processor when omitted")
+    parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "benchmark")
+    asked = parser.parse_args()
+    cells = tuned_cells()
+    known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
+    wanted = asked.trials or list(known)
+    options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration, "workers": asked.workers}
+    # A run with a biased arm records a quantity that others lack, and no batch may hold both.
+    biased = [name for name in wanted if name in BIASED]
+    groups = {"biased": biased, "": [name for name in wanted if name not in BIASED]}
+    parts = [
+        compare(cells, controller_names(), group, out=asked.out / folder, engine="auto", **options)
+        for folder, group in groups.items()
+        if group
+    ]
+    found = Comparison.of_cells(pd.concat([part.table for part in parts]))
+    found = Comparison(found.data.sel(trial=[name for name in wanted if name in found.data["trial"]]))
+    found.write_csv(DATA)
+    for cell in map(str, found.data["scenario"].values):
+        save_figure(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
+    write_block(PAGE, "benchmark", text(found, asked.duration))
+    print(found.summary())
+
+
+if __name__ == "__main__":
+    main()
