@@ -161,3 +161,12 @@ def test_random_cells_are_those_of_the_oracle_and_of_single_runs(cell, data):
     batch = simulate_batch(scenarios)
     for index in np.flatnonzero(batch.is_valid):
         require_same_samples(batch.result(index).data, cp.run(scenarios[index]).data)
+
+
+def test_runs_with_and_without_an_error_of_the_kinematics_share_a_batch():
+    """Each has the quantities of its own single run."""
+    start = cp.Scenario.load("adept-anchored", {"duration": 0.1, "events": []})
+    wrong = start.override({"cell.arms.left.calibration_error.tip.xyz": (1e-3, 0.0, 0.0)})
+    batch = simulate_batch([start, wrong])
+    for index, scenario in enumerate([start, wrong]):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)

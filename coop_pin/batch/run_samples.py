@@ -10,8 +10,9 @@ from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.results.quantities import Samples, quantities
+from coop_pin.results.quantities import Quantity, Samples, quantities
 from coop_pin.simulation.plant import CHANNELS
 
 
@@ -24,9 +25,15 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         record: shape (samples, slots, runs).
     """
     records = _Records(prepared, layout, record)
-    names = {quantity.name for quantity in quantities(prepared.scenarios[0])}
+    names = {quantity.name for quantity in quantities_of_any(prepared.scenarios)}
     groups = {name: values() for name, values in records.measured().items() if name in names}
     return records.state() | records.drives() | groups
+
+
+def quantities_of_any(scenarios: Sequence[Scenario]) -> list[Quantity]:
+    """Return the quantities that some of the runs have, each after those that it is computed from."""
+    named = {quantity.name: quantity for scenario in scenarios for quantity in quantities(scenario)}
+    return list(named.values())
 
 
 class _Records:

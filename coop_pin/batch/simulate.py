@@ -12,7 +12,7 @@ from coop_pin.batch.kernel import RECORD, Layout, Machine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
-from coop_pin.batch.run_samples import samples
+from coop_pin.batch.run_samples import quantities_of_any, samples
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
@@ -54,7 +54,7 @@ class BatchResult:
     def _values(self) -> Samples:
         """All quantities, with a leading axis of runs."""
         count, shares = len(self.scenarios), [scenario.cell.shares for scenario in self.scenarios]
-        table = quantities(self.scenarios[0])
+        table = quantities_of_any(self.scenarios)
         if all(np.array_equal(own, shares[0]) for own in shares):  # then all runs are one row of samples
             flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in self.samples.items()}
             with np.errstate(all="ignore"):  # of runs that are not valid
@@ -70,7 +70,7 @@ class BatchResult:
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
         scenario, recorder = self.scenarios[index], self._prepared.plants[index].run.recorder
-        mine = {name: values[index] for name, values in self._values.items()}
+        mine = {quantity.name: self._values[quantity.name][index] for quantity in quantities(scenario)}
         names = [joints for _, joints in recorder.joints]
         return RunResult(scenario, mine | without_time(scenario, names, recorder.limit_table()))
 
