@@ -40,6 +40,10 @@ WRONG = '[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="app
 ARROWS = """() => Object.fromEntries(Object.values(coopPin.arrows).map(arrow => [arrow.name,
     [...arrow.value.toArray(), ...arrow.tip.toArray(), ...arrow.object.position.toArray(),
      arrow.text.textContent]]))"""
+TOLD = """[coopPin.arrows["forces/left/internal"].value.length(),
+    ...["axial", "shear"].map(key => coopPin.plots.value(coopPin.runs[0],
+        coopPin.plots.plots.find(({ curves }) => curves[0].plot === key).curves[0].column)), coopPin.time]"""
+"""Internal force as drawn, the two parts of it that tiles and captions have, and the time."""
 LINEAR_M, LONGEST_M = 0.25, 0.5
 AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
@@ -176,6 +180,13 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert float(tile.split("\n")[1].split()[0].replace("−", "-")) == pytest.approx(
             result.data["internal_axial"].values[sample, 0], rel=0.06
         )
+
+        axis = page.evaluate("coopPin.runs[0].columns[0]")
+        for key in 3 * ["ArrowRight"] + 2 * ["ArrowLeft"]:
+            page.keyboard.press(key)
+            arrow, axial, shear, now = page.evaluate(TOLD)
+            assert arrow == pytest.approx(np.hypot(axial, shear), rel=1e-5)
+            assert min(abs(now - time) for time in axis) < 1e-4  # a recorded instant
 
         page.locator("#play").click()
         page.wait_for_function(f"{NOW} > {start} + 0.1 || {NOW} >= 2")

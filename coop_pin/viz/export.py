@@ -78,7 +78,8 @@ def save_image(
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
         raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
-    (image,) = run_in_thread(lambda _: list(page_images(replay_html(result, other), [time], width, height)))
+    page = replay_html(result, other, times=[time])
+    (image,) = run_in_thread(lambda _: list(page_images(page, [time], width, height)))
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
 
@@ -114,7 +115,7 @@ def save_video(
     for name, value in (("width", width), ("height", height)):
         if value % 2:
             raise OutOfRangeError(name, value, "an even number of pixels in a video")
-    packages, page = _video_packages(), replay_html(result, other)
+    packages, page = _video_packages(), replay_html(result, other, times=times)
 
     def encode(stop: threading.Event, part: Path) -> int:
         with closing(page_images(page, times, width, height)) as images:
@@ -163,7 +164,7 @@ def page_images(page: str, times: Iterable[float], width: int, height: int) -> G
         browser_page.set_content(page)
         browser_page.add_style_tag(content=_HIDE_CONTROLS)
         for time in times:
-            browser_page.evaluate("time => window.coopPin.seek(time)", float(time))
+            browser_page.evaluate("time => window.coopPin.goTo(time)", float(time))
             browser_page.evaluate(_NEXT_FRAME)
             yield browser_page.screenshot(type="png")
 

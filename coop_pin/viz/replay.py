@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from coop_pin.viz.highlights import breach_marks, instants, spans, telling_insta
 from coop_pin.viz.page import LEGEND, OTHER, PUSH, WARNINGS, packed_run, page_frame, page_html
 
 
-def replay_html(result: RunResult, other: RunResult | None = None) -> str:
+def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
     """Return a page that replays a run: the cell in 3-D with its forces, tiles and time plots, on one clock.
 
     It opens paused at the instant of the largest error of the internal force. It needs no network and no
@@ -28,10 +29,11 @@ def replay_html(result: RunResult, other: RunResult | None = None) -> str:
     Args:
         result: the run.
         other: a second run, shown as ghost arms and dashed curves on the same clock.
+        times: further instants of which the page has the recorded sample, s.
     """
     runs = [result] if other is None else [result, other]
     start, chips = telling_instant(result).time, instants(result)
-    wanted = [start, *(chip.time for chip in chips)]
+    wanted = [start, *(chip.time for chip in chips), *times]
     curves = [cell_curves(run_samples(run), list(run.scenario.cell.arms)) for run in runs]
     packed = [_packed(run, own, wanted) for run, own in zip(runs, curves, strict=True)]
     if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
@@ -119,7 +121,7 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
         list(cell.arms),
         samples["desired_position"],
         frames.rows(moving),
-        thinned_rows(curve_rows(curves, samples)),
+        thinned_rows(curve_rows(curves, samples), kept.tolist()),
     )
 
 

@@ -144,7 +144,8 @@ function coopPinPlots(place, page, runs, seek) {
   }
 
   let now = 0;
-  const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], now)];
+  // The value of the sample whose frame is shown.
+  const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], run.shown)];
   function moveTo(time) {
     now = time;
     for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
