@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import trimesh
+import xarray as xr
 import yourdfpy
 import zmq
 from cells import planar_scenario, spatial_scenario
@@ -37,7 +38,7 @@ from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
 from coop_pin.viz.cell_scene import LINK_FACES
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
-from coop_pin.viz.highlights import telling_instant
+from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.scene import Grid
 
@@ -133,6 +134,8 @@ def test_events_and_windows_are_on_the_clock_of_the_run(planar: Replay) -> None:
     assert "(200, 100, 0) N" in push["text"]
     windows = [(span["start"], span["end"]) for span in planar.data["spans"] if span["kind"] == "window"]
     assert windows == [(4.0, 10.0), (pytest.approx(14.2), 20.0)]
+    names = [span["text"] for span in planar.data["spans"] if span["kind"] == "window"]
+    assert len(set(names)) == 2
 
 
 # ---------------------------------------------------------------- highlights
@@ -192,6 +195,24 @@ def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
     saturated = weak.data["saturated"].values.astype(bool)[page.samples()]
     assert codes.shape[1] == 8
     assert_array_equal((codes == 2).any(axis=1), saturated.any(axis=(1, 2)))
+
+
+def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: Replay) -> None:
+    for result in (planar.result, spatial.result):
+        allowed, text = result.scenario.trust, trust_text(result)
+        condition = result.data["jacobian_condition"].values.max()
+        for number in (
+            f"{max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
+            f"{result.energy_balance_max():.1g} J",
+            f"{condition:.2g} ({allowed.jacobian_condition:g})",
+        ):
+            assert number in text
+    data = planar.result.data.copy()
+    for limit in (np.nan, 90.0):
+        data["torque_limit"] = xr.full_like(data["torque_limit"], limit)
+        told = trust_text(RunResult(planar.result.scenario, data))
+        assert ("torque limits" in told) == np.isfinite(limit)
+    assert html.escape(trust_text(planar.result)) in planar.page
 
 
 # ---------------------------------------------------------------- curves
@@ -380,7 +401,7 @@ def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay
 def test_the_legend_has_the_scales_of_the_arrows(replay: Replay) -> None:
     scales = replay.data["scales"]
     assert f"0.1 m of arrow: {0.1 * scales['forces']:g} N, {0.1 * scales['moments']:g} N m<" in replay.page
-    assert f"compressed beyond {scales['linear'] * scales['forces']:g} N" in replay.page
+    assert f"Beyond {scales['linear'] * scales['forces']:g} N" in replay.page
     recorded = recorded_scales(replay.result.scenario.cell, replay.result.data)
     assert (scales["forces"], scales["moments"]) == recorded
 

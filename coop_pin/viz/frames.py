@@ -84,7 +84,7 @@ def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
 
 
 def frame_samples(time: Array, frames_per_second: float, instants: Sequence[float] = ()) -> Array:
-    """Return the indices of the samples that hold at an even frame rate and at some instants, and of the last.
+    """Return the indices of the samples that hold at an even frame rate and at instants, and of the last.
 
     Args:
         time: times of the samples, s, increasing, shape (n,).

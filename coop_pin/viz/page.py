@@ -136,8 +136,7 @@ def page_html(
         told=told,
         legend="\n".join(_legend_line(*line) for line in lines),
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
-        arrows=f"<li>compressed beyond {LINEAR_M * forces:g} N; the number tells</li>"
-        "<li>arrows: by the payload on the arm, at its grasp</li>",
+        shortened=f"{LINEAR_M * forces:g} N",
         data=json.dumps(page).replace("<", "\\u003c"),
     )
 

@@ -16,7 +16,7 @@ from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import breach_marks, instants, spans, telling_instant
+from coop_pin.viz.highlights import breach_marks, instants, spans, telling_instant, trust_text
 from coop_pin.viz.page import LEGEND, OTHER, PUSH, WARNINGS, packed_run, page_frame, page_html
 
 
@@ -126,12 +126,14 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
 
 
 def _told(runs: list[RunResult]) -> str:
-    """Return verdict and sentence of runs, as HTML."""
+    """Return verdict and sentence of runs, as HTML; the sentence leads to its instant."""
     lines = []
     for run in runs:
-        name = f"{run.scenario.name}: " if len(runs) > 1 else ""
-        verdict = "trustworthy: it keeps the thresholds of its scenario" if run.trustworthy else run.verdict()
-        kind = "verdict" if run.trustworthy else "verdict broken"
-        told = ((kind, verdict), ("told", telling_instant(run).text))
-        lines += [f'<p class="{kind}">{html.escape(name + text)}</p>' for kind, text in told]
+        name = html.escape(f"{run.scenario.name}: ") if len(runs) > 1 else ""
+        kind, instant = "verdict" if run.trustworthy else "verdict broken", telling_instant(run)
+        lines += [
+            f'<p class="{kind}">{name}{html.escape(trust_text(run))}</p>',
+            f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
+            f"(click to go there)</small>{name}{html.escape(instant.text)}</button>",
+        ]
     return "\n".join(lines)

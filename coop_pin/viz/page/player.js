@@ -4,6 +4,7 @@
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
   const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, MOST_FRAMES = 20000;
   const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
+  const told = document.querySelectorAll(".told");
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
   const width = (run) => Object.values(run.blocks).reduce((sum, size) => sum + size, 0);
   const runs = page.runs.map((run) => {
@@ -32,7 +33,7 @@
       const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
       const { other } = actual[values.indexOf(worst)];
-      const second = other === null ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
+      const second = other === null ? "" : `<br><s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
       box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
@@ -56,6 +57,7 @@
     clock.textContent = `t = ${time.toFixed(2).padStart(page.live ? 0 : whole.length)} s` + (page.live ? "" : ` / ${whole} s`);
     const texts = [...page.spans.filter(({ kind, start, end: over }) => kind === "event" && start <= time && time <= Math.max(over, start + 1)),
       ...page.breaches.filter((breach) => breach.time <= time && time <= breach.time + 1)].map(({ text }) => text);
+    told.forEach((sentence) => sentence.classList.toggle("past", Math.abs(sentence.dataset.time - time) > 0.02));
     notice.hidden = texts.length === 0;
     notice.textContent = texts.join("  ·  ");
   }
@@ -108,6 +110,7 @@
     chip.addEventListener("click", () => seek(at));
     element("chips").append(chip);
   }
+  told.forEach((sentence) => sentence.addEventListener("click", () => seek(Number(sentence.dataset.time))));
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
   document.querySelectorAll("[data-layer]").forEach((button) => button.addEventListener("click", () => {
     const on = button.getAttribute("aria-pressed") !== "true";
@@ -115,7 +118,7 @@
     stage.setLayer(button.dataset.layer, on);
     show();
   }));
-  if (innerWidth < 700 || innerHeight < 600) { document.querySelector("#caption details").open = false; }
+  if (innerWidth < 700 || innerHeight < 600) { element("legend").open = false; }
 
   // ---------------------------------------------------------------- a run under way
   function receive(message) {
