@@ -221,6 +221,8 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         tiles, over = (page.locator(one).first.bounding_box() for one in ("#tiles", "#plots .u-over"))
         assert tiles["x"] + tiles["width"] == pytest.approx(over["x"] + over["width"], abs=1.0)
 
+        lines = page.locator("#legend li:visible").all_inner_texts()
+        assert len(lines) == len(set(lines)) == 9  # without those of a push and of a second run
         shown = "coopPin.arrows['forces/left/internal'].object.visible"
         assert page.evaluate(shown)
         page.locator("[data-layer=internal]").click()

@@ -117,11 +117,6 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     return [*windows, *events]
 
 
-def breach_marks(result: RunResult) -> list[dict[str, Any]]:
-    """Return the breaches of trust, for the page: time (s) and text."""
-    return [{"time": breach.time, "text": str(breach)} for breach in result.breaches()]
-
-
 def _event_end(event: Event) -> float:
     return event.time if isinstance(event, PayloadChange) else event.end
 

@@ -16,8 +16,8 @@ from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import breach_marks, instants, spans, telling_instant, trust_text
-from coop_pin.viz.page import LEGEND, OTHER, PUSH, WARNINGS, packed_run, page_frame, page_html
+from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
+from coop_pin.viz.page import packed_run, page_frame, page_html
 
 
 def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
@@ -43,23 +43,16 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
         "duration": max(run.end for run in runs),
         "start": start,
         "spans": spans(result),
-        "breaches": breach_marks(result),
+        "breaches": [{"time": breach.time, "text": str(breach)} for breach in result.breaches()],
         "instants": [chip._asdict() for chip in chips],
+        "pushes": bool(result.data["external_wrench"].values.any()),
     }
-    scenario, scales = result.scenario, recorded_scales(result.scenario.cell, result.data)
-    legend = (
-        *LEGEND,
-        *([PUSH] if result.data["external_wrench"].values.any() else ()),
-        *([OTHER] if other is not None else ()),
-        *WARNINGS.values(),
-    )
     return page_html(
         "replay",
         " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
-        scenario.summary,
+        result.scenario.summary,
         told=_told(runs),
-        legend=legend,
-        scales=scales,
+        scales=recorded_scales(result.scenario.cell, result.data),
         curves=curves,
         data=data,
     )

@@ -112,6 +112,8 @@
   }
   told.forEach((sentence) => sentence.addEventListener("click", () => seek(Number(sentence.dataset.time))));
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
+  const absent = { other: !runs[1], external: !page.pushes, moments: page.scales.moments === null };
+  document.querySelectorAll("[data-layer]").forEach((button) => { button.parentNode.hidden = absent[button.dataset.layer] ?? false; });
   document.querySelectorAll("[data-layer]").forEach((button) => button.addEventListener("click", () => {
     const on = button.getAttribute("aria-pressed") !== "true";
     button.setAttribute("aria-pressed", on);

@@ -41,15 +41,12 @@ function coopPinStage(pane, labels, page) {
     const geometry = () => shapes[kind](item.drawable, meshes);
     if (kind === "axes") {
       drawn = new three.AxesHelper(...size);
-    } else if (kind === "grid") {
-      drawn = new three.GridHelper(...size, item.colour, item.colour);
-      drawn.geometry.rotateX(Math.PI / 2);
     } else if (item.lit || ghost) {
       const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
       material.depthWrite = !ghost;
       drawn = new three.Mesh(geometry(), material);
       drawn.castShadow = drawn.receiveShadow = !ghost;
-      drawn.renderOrder = item.node === "floor" ? 1 : 0;
+      drawn.renderOrder = /^floor/.test(item.node) ? 1 : 0;
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
@@ -65,6 +62,13 @@ function coopPinStage(pane, labels, page) {
   }
   const [first, other] = page.runs, meshes = meshesOf(first.scene);
   first.scene.items.forEach((item) => draw(item, meshes, false));
+  // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
+  const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
+  const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
+  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true }, meshes, false);
+  const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
+  grid.position.set(x, y, first.scene.floor);
+  viewer.scene.add(grid);
   if (other) {
     const own = other.scene.meshes ? meshesOf(other.scene) : meshes;
     other.scene.items.filter(({ node: on }) => /^arms|^payload/.test(on)).forEach((item) => draw(item, own, true));
