@@ -21,6 +21,7 @@
   // ---------------------------------------------------------------- tiles and clock
   const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
     const box = document.createElement("div");
+    box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;${runs[1] ? "<br>&nbsp;" : ""}`;
     element("tiles").append(box);
     return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.find(({ role }) => role === "desired") };
   });

@@ -127,7 +127,7 @@ function coopPinPlots(place, page, runs, seek) {
     };
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
     const u = new uPlot({
-      width: 300, height: 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
+      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
@@ -146,7 +146,7 @@ function coopPinPlots(place, page, runs, seek) {
     });
     new ResizeObserver(() => {
       const { clientWidth: width, clientHeight: height } = holder;
-      if (width && height) { u.setSize({ width, height }); moveTo(now); }
+      if (width && height && (width !== u.width || height !== u.height)) { u.setSize({ width, height }); moveTo(now); }
     }).observe(holder);
     plots.push({ u, line, tables, curves, unit });
     return u;
@@ -175,15 +175,17 @@ function coopPinPlots(place, page, runs, seek) {
     return arms.map((arm) => `${arm} ${actual.filter((curve) => armOf(curve) === arm).map(drive).join(" ")}`).join("<br>");
   }
 
-  const titles = page.plots.map(({ key, title, unit, curves }, k) => {
+  // Headings and captions first, so that every plot is drawn once, at its size.
+  const titles = page.plots.map(({ key, title, unit, curves }) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
     const share = Math.max(0, ...curves.map(({ column, limit }) => (limit ? runs[0].columns[column].reduce((most, value) => Math.max(most, Math.abs(value)), 0) / limit : 0)));
     const limits = share ? ` / limit (at most ${(100 * share).toFixed(0)} % of one)` : ", no limits given";
     heading.textContent = `${title}, ${unit}${key === "torque" ? limits : ""}`;
+    present.innerHTML = caption(curves);
     place.append(heading, present, holder);
-    add(holder, curves, { first: k === 0, last: k === page.plots.length - 1, unit });
-    return { present, curves };
+    return { present, curves, holder, unit };
   });
+  titles.forEach(({ curves, holder, unit }, k) => add(holder, curves, { first: k === 0, last: k === titles.length - 1, unit }));
 
   function refresh() {
     for (const { u, tables } of plots) { u.setData(tables()); }
