@@ -265,6 +265,7 @@ def _encode(images: Iterable[bytes], part: Path, frames_per_second: float, encod
         contextlib.suppress(BrokenPipeError),  # the encoder has ended
         subprocess.Popen(command, stdin=subprocess.PIPE) as process,
     ):
+        assert process.stdin is not None
         process.stdin.writelines(images)
     try:
         return int(encoder.count_frames_and_secs(str(part))[0])
