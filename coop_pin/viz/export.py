@@ -39,8 +39,7 @@ _MAC = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
 _ARGUMENTS = (
     "--use-angle=swiftshader",  # renders in software: the same image on every machine
     "--enable-unsafe-swiftshader",
-    "--disable-gpu-compositing",  # text and plots are drawn faster without SwiftShader
-    "--disable-gpu-rasterization",
+    "--disable-gpu-rasterization",  # text and plots are drawn faster without SwiftShader
     "--disable-accelerated-2d-canvas",
     "--disable-quic",
     "--disable-background-networking",

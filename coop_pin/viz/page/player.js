@@ -14,7 +14,7 @@
       columns: Array.from({ length: run.columns }, (_, column) => rows.map((row) => row[column])),
     };
   });
-  let time = 0, playing = false, last = null, count = 0, changed = false, drawnAt = 0;
+  let time = 0, playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
   const clockRun = runs.reduce((a, b) => (b.frames.at(-1)[0] > a.frames.at(-1)[0] ? b : a));
   const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
@@ -82,7 +82,8 @@
   function tick(present) {
     requestAnimationFrame(tick);
     if (page.live) {
-      if (changed && present - drawnAt > REDRAW_MS) { drawnAt = present; changed = false; plots.refresh(); trails(); }
+      if (arrived && playing) { arrived = false; goTo(end()); } // once a frame, however many have arrived
+      if (changed && present - drawnAt > REDRAW_MS) { changed = false; plots.refresh(); trails(); drawnAt = performance.now(); }
     } else if (playing) {
       if (last !== null) { goTo(time + (present - last) / 1000 * Number(speed.value)); }
       last = present;
@@ -137,8 +138,7 @@
       columns.forEach((column, k) => column.push(row[row.length - columns.length + k]));
       count += 1;
     }
-    changed = true;
-    if (playing) { goTo(end()); }
+    arrived = changed = true;
   }
   function connect() {
     const address = new URL("frames", location.href);
