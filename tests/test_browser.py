@@ -125,6 +125,9 @@ def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(
             last.interaction_wrench,
             last.internal_wrench,
         )
+        page.wait_for_function(
+            "coopPin.plots.plots.every(({ u, line }) => parseFloat(line.style.left) < u.over.clientWidth + 1)"
+        )
         position = page.evaluate("coopPin.node('payload').position.toArray()")
         assert_allclose(position, last.payload_pose[:3, 3], atol=1e-6)
         assert page.evaluate("coopPin.count") > 10

@@ -126,6 +126,7 @@ function coopPinPlots(place, page, runs, seek) {
       return [backward(forward(y.low, y) - margin, y), backward(forward(y.high, y) + margin, y)];
     };
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
+    const line = document.createElement("i"), cursor = (one) => { line.style.left = `${one.valToPos(now, "x")}px`; };
     const u = new uPlot({
       width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
@@ -135,9 +136,8 @@ function coopPinPlots(place, page, runs, seek) {
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
-      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves, first)] },
+      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves, first), cursor] },
     }, tables(), holder);
-    const line = document.createElement("i");
     u.over.append(line);
     let pressed = 0;
     u.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
