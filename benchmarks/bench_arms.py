@@ -1,6 +1,6 @@
-"""Cost of one closed-chain RK4 step against the number of arms: 1 to 8 Pandas around one plate, and MuJoCo.
+"""Cost of one closed-chain RK4 step against the number of arms: 1 to 12 Pandas around one plate, and MuJoCo.
 
-    python benchmarks/bench_arms.py [--arms 8] [--blocks 7] [--calls 100]
+    python benchmarks/bench_arms.py [--arms 12] [--blocks 7] [--calls 100]
 
 MuJoCo steps the same tree, built from the same numbers.
 """
@@ -123,7 +123,7 @@ def chain_task(plant: Plant):
 def main(argv: list[str] | None = None) -> None:
     """Print one row for each number of arms."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--arms", type=int, default=8)
+    parser.add_argument("--arms", type=int, default=12)
     parser.add_argument("--blocks", type=int, default=7)
     parser.add_argument("--calls", type=int, default=100)
     options = parser.parse_args(argv)

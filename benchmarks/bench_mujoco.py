@@ -19,6 +19,7 @@ from common import interleaved, ratio, shortened
 from mujoco_cell import MujocoRun, Recorded
 
 import coop_pin as cp
+from coop_pin.engines import Engine
 from coop_pin.run_scenario import build_controller
 
 OVERRIDES = {"cell.arms.left.friction.coulomb": 0.0, "cell.arms.right.friction.coulomb": 0.0}
@@ -74,12 +75,11 @@ def with_table(page: str, measured: dict[str, list[float]], cost: dict[str, np.n
 
 def spread(cost: np.ndarray) -> str:
     """Return the median and the range of relative costs."""
-    return f"{np.median(cost):.1f} ({cost.min():.1f} .. {cost.max():.1f})"
+    return f"{np.median(cost):.2f} ({cost.min():.2f} .. {cost.max():.2f})"
 
 
-def coop_pin_run(scenario: cp.Scenario, steps: int) -> cp.RunResult:
-    scenario = scenario.override({"clock.steps_per_tick": steps})
-    return cp.simulate(scenario, build_controller(scenario))
+def coop_pin_run(scenario: cp.Scenario, steps: int, engine: Engine = "pinocchio") -> cp.RunResult:
+    return cp.run(scenario, {"clock.steps_per_tick": steps}, engine=engine)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -98,7 +98,10 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     scenario = shortened(cp.Scenario.load("adept-paper", OVERRIDES), options.duration)
     runs = {
-        f"coop_pin, {12.5 / steps:g} ms": lambda n=steps: recorded(coop_pin_run(scenario, n))
+        f"coop_pin{title}, {12.5 / steps:g} ms": lambda n=steps, e=engine: recorded(
+            coop_pin_run(scenario, n, e)
+        )
+        for engine, title in (("pinocchio", ""), ("traced", " traced"))
         for steps in (5, 2, 1)
     }
     for solref in options.solref:

@@ -85,8 +85,9 @@ def cost(made: SweepPlan, workers: int) -> Cost:
         result = sweep(made, out=folder, workers=workers, quiet=True)
         wall, cpu = time.perf_counter() - start - few, time.process_time() - cpu
         samples = memory.stop()
-        times = [record.times for record in result.store.records()]
-        in_run, in_run_cpu = (statistics.fmean(time[name] for time in times) for name in ("wall_s", "cpu_s"))
+        records = list(result.store.records())
+        in_run = statistics.fmean(record.wall_s for record in records)
+        in_run_cpu = statistics.fmean(record.cpu_s for record in records)
         return Cost(wall / len(made), in_run, cpu / len(made) - (0.0 if workers else in_run_cpu), samples)
 
 

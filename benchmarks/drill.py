@@ -55,6 +55,7 @@ _PATIENCE_S = 240.0
 PLAN = """
 base = "adept-paper"
 time_limit_s = 6.0
+engine = "{engine}"
 changes = {{ duration = 0.25, events = [] }}
 [axes]
 # the last diverges
@@ -162,10 +163,10 @@ class Drill:
         random: random number generator.
     """
 
-    def __init__(self, place: Path, runs: int, seed: int) -> None:
+    def __init__(self, place: Path, runs: int, seed: int, engine: str = "single") -> None:
         self.place, self.folder, self.file = place, place / "sweep", place / "sweep.toml"
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.file.write_text(PLAN.format(count=runs // 4))
+        self.file.write_text(PLAN.format(count=runs // 4, engine=engine))
         self.plan = SweepPlan.load(self.file)
         (place / "rogue.py").write_text(ROGUE_LAWS)
         sys.path.insert(0, str(place))  # for keys of runs with these laws, here and in sessions
@@ -419,11 +420,11 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
 
 
 def run_drill(
-    place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS
+    place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS, engine: str = "single"
 ) -> Counter[str]:
     """Inject faults and return how often each kind; an AssertionError reports what was lost."""
     with small_disk(place / "sweep", 64) as is_small:
-        drill = Drill(place, runs, seed)
+        drill = Drill(place, runs, seed, engine)
         kinds = tuple(kind for kind in kinds if is_small or kind != "full-disk")
         for number in range(faults):
             fault = kinds[number % len(kinds)]
@@ -441,10 +442,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--faults", type=int, default=110)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--engine", default="single", help="of the sweep: single or batch")
     options = parser.parse_args(arguments)
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as place:
-        done = run_drill(Path(place), options.faults, options.runs, options.seed)
+        done = run_drill(Path(place), options.faults, options.runs, options.seed, engine=options.engine)
     kinds = ", ".join(f"{count} {name}" for name, count in done.items())
     faults = f"{done.total()} faults ({kinds}) in {time.monotonic() - start:.0f} s"
     print(f"{faults}: nothing lost, the table is that of an undisturbed sweep")

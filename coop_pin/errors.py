@@ -357,8 +357,8 @@ class InvalidStateError(CoopPinError, RuntimeError):
     """An operation that its object is not ready for: a tick of a finished run, an unfinished sweep."""
 
 
-class TracingError(CoopPinError, TypeError):
-    """Code that cannot be traced, for example because it branches on a value; the message says why."""
+class TracingError(ArgumentError, TypeError):
+    """Runs that traced code cannot give, for example as a law branches on a value; the message says why."""
 
 
 class UserCodeError(CoopPinError, RuntimeError):

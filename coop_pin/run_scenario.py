@@ -1,10 +1,9 @@
-"""Run of a scenario: the controller that it names is built, and the simulation runs to a result."""
+"""Controller of a scenario: the laws that it names with its gains, or a user's class."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,16 +31,17 @@ from coop_pin.description.controller import (
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.results import Observer, RunResult
 from coop_pin.schema.user_code import load_class
-from coop_pin.simulation import simulate
-from coop_pin.simulation.simulate import Progress
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import joint_shortage
 
 
-def build_controller(scenario: Scenario) -> CellController:
+def build_controller(scenario: Scenario, models: Mapping[str, ArmModel] | None = None) -> CellController:
     """Return the controller that a scenario names.
+
+    Args:
+        scenario: its controller.
+        models: of its arms, by name, when they are there already.
 
     Raises:
         FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
@@ -50,16 +50,17 @@ def build_controller(scenario: Scenario) -> CellController:
     chosen = scenario.controller
     if isinstance(chosen, UserController):
         return _users_controller(scenario, chosen)
-    laws = {name: _arm_controller(scenario, chosen, name) for name in scenario.cell.arms}
+    models = {} if models is None else models
+    laws = {name: _arm_controller(scenario, chosen, name, models.get(name)) for name in scenario.cell.arms}
     if chosen.zero_at_grasp:
         rows, X_start = scenario.cell.task_rows, scenario.start.matrix
         laws = {name: ZeroedController(rows, law, X_start) for name, law in laws.items()}
     return DecentralisedController(laws)
 
 
-def _arm_controller(scenario: Scenario, law: Law, arm: str) -> ArmController:
+def _arm_controller(scenario: Scenario, law: Law, arm: str, model: ArmModel | None) -> ArmController:
     """Return the law of one arm, its matrix gains sized for the arm's joints or the cell's task rows."""
-    rows, model = scenario.cell.task_rows, ArmModel(scenario.cell.arms[arm])
+    rows, model = scenario.cell.task_rows, model or ArmModel(scenario.cell.arms[arm])
     k_0, k = rows.size, model.nv
     _require_joints(law, arm, k, k_0)
     sizes = {"pose_gain": k_0, "sliding_gain": k_0, "sign_gain": k, "damping_gain": k}
@@ -179,42 +180,4 @@ def _users_controller(scenario: Scenario, chosen: UserController) -> CellControl
         return kind(scenario, **chosen.options)
     return DecentralisedController(
         {name: kind(scenario, name, **chosen.options) for name in scenario.cell.arms}
-    )
-
-
-def run(
-    scenario: Scenario | str | Path,
-    overrides: Mapping[str, Any] | None = None,
-    *,
-    progress: Progress | None = None,
-    view: Observer | None = None,
-    realtime_rate: float | None = None,
-    stop_at_breach: bool = False,
-) -> RunResult:
-    """Return the result of a scenario with the controller that it names.
-
-    Args:
-        scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
-        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
-        progress: called after every tick with (ticks done, ticks in all).
-        view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
-        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
-            1 with a view, otherwise inf.
-        stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
-
-    Raises:
-        ScenarioError: the scenario has mistakes.
-        CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
-    """
-    if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(scenario, overrides)
-    elif overrides is not None:
-        scenario = scenario.override(overrides)
-    return simulate(
-        scenario,
-        build_controller(scenario),
-        progress=progress,
-        view=view,
-        realtime_rate=realtime_rate,
-        stop_at_breach=stop_at_breach,
     )

@@ -39,7 +39,8 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
-# - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit.
+# - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit;
+# - engines runs scenarios, by Pinocchio or by batch's compiled plant.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -56,10 +57,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
-    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "xarray"}),
+    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
-    "run_scenario": ({"schema", "control", "description", "model", "results", "simulation"}, set()),
+    "run_scenario": ({"schema", "control", "description", "model"}, set()),
+    "engines": ({"batch", "description", "results", "run_scenario", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
@@ -92,7 +94,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "imageio_ffmpeg",
             "ipywidgets",
-            "meshcat",
             "playwright",
             "tornado",
             "trimesh",
@@ -100,7 +101,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"batch", "schema", "description", "results", "run_scenario", "progress_bar", "user_files"},
+        {"batch", "engines", "schema", "description", "results", "progress_bar", "user_files"},
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
@@ -112,6 +113,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "results",
+            "engines",
             "run_scenario",
             "simulation",
             "sweeps",
@@ -127,6 +129,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
+            "engines",
             "figures",
             "progress_bar",
             "report",

@@ -55,7 +55,7 @@ def test_the_mujoco_benchmark_prints_its_table_and_writes_it_into_pages(benchmar
     words = ["--rounds", "1", "--duration", "0.05", "--solref", "2", "--pages", str(page)]
     benchmark_module("bench_mujoco").main(words)
     lines = [re.split(r" {2,}", line) for line in capsys.readouterr().out.splitlines() if " ms" in line]
-    assert len(lines) == 4
+    assert len(lines) == 7
     assert {name: cells[:6] for name, *cells in lines} == {
         name: cells[:6] for name, cells in table_of_plants(page).items()
     }
@@ -66,7 +66,7 @@ def test_the_mujoco_benchmark_prints_its_table_and_writes_it_into_pages(benchmar
 def test_the_pages_have_the_same_table_of_plants():
     verification, readme = (table_of_plants(BENCHMARKS.parent / name) for name in PAGES)
     assert verification == readme
-    assert {"coop_pin, 2.5 ms", "MuJoCo, 2.5 ms, solref 2 dt"} <= set(readme)
+    assert {"coop_pin, 2.5 ms", "coop_pin traced, 2.5 ms", "MuJoCo, 2.5 ms, solref 2 dt"} <= set(readme)
 
 
 @pytest.mark.slow
@@ -78,6 +78,7 @@ def test_the_errors_in_the_table_of_plants_are_those_of_its_runs(benchmark_modul
     reference = bench.recorded(bench.coop_pin_run(scenario, 64))
     found = {
         "coop_pin, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5)),
+        "coop_pin traced, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5, "traced")),
         "MuJoCo, 2.5 ms, solref 2 dt": cell.MujocoRun(scenario, build_controller(scenario), 2.0).run(),
     }
     table = table_of_plants(BENCHMARKS / "README.md")
@@ -106,3 +107,10 @@ def test_the_arms_benchmark_starts_both_engines_alike(benchmark_module, capsys):
     pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
     benchmark_module("bench_arms").main(["--arms", "2", "--blocks", "1", "--calls", "1"])
     assert "2 arms: coop_pin" in capsys.readouterr().out
+
+
+def test_the_benchmark_of_the_command_prints_time_of_run_and_tick(benchmark_module, capsys):
+    benchmark_module("bench_run").main(["--rounds", "1", "--duration", "0.05", "--ticks", "4"])
+    printed = capsys.readouterr().out
+    assert re.search(r"coop-pin run adept-paper, all files\n .* best +\d+\.\d+ s", printed)
+    assert re.search(r"a tick of two-pandas-box, best block\n .* best +\d+\.\d+ us", printed)

@@ -506,6 +506,19 @@ def test_help_loads_no_dynamics_and_no_pictures():
     assert done.returncode == 0, done.stderr
 
 
+def test_a_run_with_all_its_files_loads_no_library_that_it_does_not_use(tmp_path):
+    """Each takes 0.1 to 0.5 s: dask through xarray, fonts for PDF, the server of meshcat, mesh readers."""
+    code = (
+        "import sys\nfrom coop_pin.cli import main\n"
+        f"main(['run', 'adept-paper', '--duration', '0.05', '--events', '[]', '--out', {str(tmp_path)!r}])\n"
+        "unused = {'dask', 'fontTools.subset', 'meshcat', 'tornado', 'trimesh', 'IPython', 'llvmlite'}\n"
+        "sys.exit(', '.join(unused & set(sys.modules)) or 0)"
+    )
+    done = child(code=code)
+    assert done.returncode == 0, done.stderr
+    assert {"figure2.png", "replay.html", "result.nc"} <= {path.name for path in tmp_path.iterdir()}
+
+
 # ---------------------------------------------------------------- files that survive
 
 

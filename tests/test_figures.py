@@ -51,7 +51,7 @@ def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(plan
     assert titles(figure) == [
         "payload x",
         "payload y",
-        "payload $\\psi$",
+        "payload ψ",
         "arm left: internal moment",
         "arm left: internal force, axial",
         "arm left: internal force, shear",
@@ -217,6 +217,35 @@ def test_the_same_result_gives_the_same_bytes(figure_of, planar: RunResult, tmp_
         "second.svg",
     ]
     assert b"<dc:date>" not in first[1].read_bytes()
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+@pytest.mark.parametrize("figure_of", [*FIGURES, internal_force_figure])
+@pytest.mark.parametrize("scale", [1.0, -1.2345e4])
+def test_no_text_meets_another_or_the_edge(figure_of, name: str, scale: float, request) -> None:
+    """As matplotlib measures the texts when it draws them, with short and with long numbers at the ticks."""
+    result = request.getfixturevalue(name)
+    data = result.data.assign(torque=scale * result.data["torque"])
+    figure = figure_of(RunResult(result.scenario, data))
+    figure.draw_without_rendering()
+    texts = [figure._suptitle, figure._supxlabel]
+    for panel in figure.axes:
+        texts += [panel._left_title, panel.xaxis.label, panel.yaxis.label]
+        texts += [text for axis in (panel.xaxis, panel.yaxis) for text in shown_numbers(axis)]
+    texts = [text for text in texts if text.get_text()]
+    boxes = [text.get_window_extent() for text in texts]
+    edges = np.array([(*box.min, *box.max) for box in boxes])
+    assert (edges[:, :2] >= 0.0).all()
+    assert (edges[:, 2:] <= figure.bbox.max + 1e-9).all()
+    meet = (edges[:, None, :2] < edges[None, :, 2:] - 1.0).all(axis=2)
+    meet &= meet.T & ~np.eye(len(edges), dtype=bool)
+    assert [(texts[i].get_text(), texts[j].get_text()) for i, j in np.argwhere(meet)] == []
+
+
+def shown_numbers(axis: mpl.axis.Axis) -> list[mpl.text.Text]:
+    low, high = sorted(axis.get_view_interval())
+    ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+    return [tick.label1 for tick in ticks if tick.label1.get_visible()]
 
 
 def test_drawing_changes_no_setting_of_matplotlib(spatial: RunResult, tmp_path: Path) -> None:

@@ -524,3 +524,5 @@ def test_every_metric_is_shown_with_the_scale_of_its_unit():
     for name, (_, unit, scale) in metrics.METRIC_TEXTS.items():
         in_si = units.get(name.rsplit("_", 1)[1], name.rsplit("_", 1)[1])
         assert scale == (1.0 if unit == in_si else scales[in_si, unit])
+    after = [name for name in metrics.METRIC_TEXTS if name.startswith("after_event_")]
+    assert after == [f"after_event_{name}" for name in metrics.STEADY_METRICS]

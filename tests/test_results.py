@@ -11,6 +11,7 @@ import coop_pin as cp
 from coop_pin.errors import FileReadError, FileWriteError
 from coop_pin.results import netcdf
 from coop_pin.results.quantities import Quantity, allocate, bytes_per_sample, computed, quantities
+from coop_pin.spatial import make_pose
 
 STATIC = {
     "position_lower",
@@ -97,6 +98,7 @@ WRIST = {"wrist": {"rate_hz": 40.0}}
         (LATE, WRIST, ("force path", "wrist")),
         (FILTERED | {"delay": 2}, WRIST, ("force path", "wrist")),
         (NONE, WRIST, ("wrist",)),
+        (NONE, {"encoder": {"noise": 1e-6}}, ("encoder", "kinematics")),
     ],
     ids=str,
 )
@@ -108,6 +110,24 @@ def test_what_is_measured_is_recorded_only_where_it_is_not_ideal(path, sensors, 
 
 
 # ---------------------------------------------------------------- parts of wrenches
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_pose_that_an_arm_sees_wrongly_is_recorded_as_its_error(name):
+    """The pose as seen serves to compute the error, by hand here, and is not stored."""
+    wrong = {
+        "planar": {"cell.arms.left.calibration_error.tip.xyz": (1e-3, 0.0, 0.0)},
+        "spatial": {"cell.arms.right.calibration_error.base.rpy": (0.0, 0.0, 1e-3)},
+    }
+    before, scenario = SCENARIOS[name](), SCENARIOS[name]().override(wrong[name])
+    added = set(quantities(scenario)) - set(quantities(before))
+    assert {(q.name, q.stored) for q in added} == {("seen_pose", False), ("seen_pose_error", True)}
+    (error,) = (q.source for q in added if q.stored)
+    X_WP = np.stack([make_pose((0.5, 0.0, height)) for height in (0.0, 0.2)])
+    shifted = np.stack([make_pose((0.52, 0.0, height)) for height in (0.0, 0.2)])
+    seen = np.stack([shifted, X_WP @ make_pose((0.0, 0.0, 0.1), (0.0, 0.0, 0.3))], axis=1)
+    by_hand = np.tile([[0.02, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.1, 0.0, 0.0, 0.3]], (2, 1, 1))
+    assert_close(error({"seen_pose": seen, "payload_pose": X_WP}), by_hand, 1e-15)
 
 
 @pytest.mark.parametrize(("prefix", "suffix"), [("", ""), ("desired_", ""), ("", "_error")])

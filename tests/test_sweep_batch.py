@@ -17,14 +17,6 @@ GAINS = {"controller.gains.damping_gain": [40.0, 1e5, 50.0]}
 """The second one diverges."""
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory):
-    """Compiled code is kept in a folder of the tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 def plan(**fields):
     base = cp.Scenario.load("adept-paper").replace(duration=0.1, events=(), beyond_bound=True)
     return SweepPlan(base=base, **{"axes": GAINS, "engine": "batch"} | fields)
@@ -85,7 +77,7 @@ def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(t
     runs, engines = swept(plan(axes={"start.xyz": [[0.6, 0.14, 0.0], [5.0, 0.0, 0.0]]}), tmp_path / "far")
     assert engines == ["batch", "single"]
     assert [run.kind for run in runs] == ["", "UnreachablePoseError"]
-    runs, engines = swept(plan(axes={"actuators.lag": [0.0, 0.005]}), tmp_path / "lag")
+    runs, engines = swept(plan(axes={"plant.payload": ["welded", "free"]}), tmp_path / "free")
     assert engines == ["batch", "single"]
     assert [run.kind for run in runs] == ["", ""]
 
@@ -104,22 +96,27 @@ def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
     assert engine_choice.with_engine(plan(engine="auto"), store).engine == "single"
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [({"actuators.lag": 0.01}, "lag"), (law("none"), "Faulty")],
-    ids=["lag", "user"],
-)
-def test_the_reason_why_runs_are_single_is_told(changes, word, tmp_path, monkeypatch, caplog):
+@pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])
+def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
-    wanted = plan(changes=changes, axes={})
+    wanted = plan(changes=changes | {"plant.payload": "free"}, axes={})
     with caplog.at_level(logging.WARNING):
         assert (
             engine_choice.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
         )
-    assert word in caplog.text
-    with pytest.raises(FieldError, match=word) as caught:
+    assert "free" in caplog.text
+    with pytest.raises(FieldError, match="free") as caught:
         engine_choice.with_engine(wanted, SweepStore(tmp_path))
     assert caught.value.path == "engine"
+
+
+@pytest.mark.parametrize("mode", ["raise", "SystemExit", "KeyboardInterrupt"])
+def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its_own_run(mode, tmp_path):
+    wanted = plan(changes=law(mode), axes={})
+    assert engine_choice.with_engine(wanted, SweepStore(tmp_path)).engine == "batch"
+    (run,), engines = swept(wanted, tmp_path)
+    assert engines == ["single"]
+    assert run.kind == {"raise": "UserCodeError"}.get(mode, mode)
 
 
 def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypatch):

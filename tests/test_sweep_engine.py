@@ -11,7 +11,13 @@ from faulty import law
 from numpy.testing import assert_array_equal
 
 import coop_pin as cp
-from coop_pin.errors import FieldError, FileReadError, SweepInterruptedError, WorkersLostError
+from coop_pin.errors import (
+    FieldError,
+    FileReadError,
+    StoreLockedError,
+    SweepInterruptedError,
+    WorkersLostError,
+)
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
 from coop_pin.sweeps.run_key import keyed_points
@@ -51,6 +57,21 @@ def records(folder):
 
 
 # ---------------------------------------------------------------- what is computed
+
+
+def test_tables_are_written_while_the_folder_is_locked(monkeypatch, tmp_path):
+    """Otherwise the next session, which cleans up, may take a half-written table away."""
+    write, refused = SweepResult.write_tables, []
+
+    def checked(result):
+        with pytest.raises(StoreLockedError), SweepStore(tmp_path).locked():
+            pass
+        refused.append(True)
+        write(result)
+
+    monkeypatch.setattr(SweepResult, "write_tables", checked)
+    small(tmp_path)
+    assert refused == [True]
 
 
 def test_metrics_are_those_of_single_runs(tmp_path):

@@ -392,3 +392,11 @@ def test_energy_may_be_off_by_a_share_of_all_work_done_and_of_all_lifting(at_onc
     assert [breach[:3] for breach in found] == [("energy", "", "")] * (1 if at_once else 3)
     assert_allclose(found[0][3], 0.2, rtol=0, atol=1e-12)
     assert_allclose(found[0 if at_once else 1][4:], (2.0, 1.4), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_energy_that_a_changed_payload_brings_is_explained(at_once):
+    """It counts once as work, and not as lifting."""
+    works = {"work_payload_change": [0, 0, 7, 7, 7, 7], "work_external": [0, 2, 2, 2, 2, 2]}
+    kinetic = 5.0 + np.sum(list(works.values()), axis=0)
+    assert found_by_hand(kinetic_energy=kinetic, at_once=at_once, **works) == ()

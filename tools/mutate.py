@@ -35,7 +35,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import CodeType, FrameType, FunctionType
+from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import pytest
@@ -442,8 +442,8 @@ class MutationRun:
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Return the tests for a mutant, as many as the budget allows, file by file.
 
-        Those that execute it, or its file if it acts at import; first those that noticed the most mutants of
-        this file for their time so far, then the shortest.
+        Those that execute it; if it acts at import, those that execute or import something of its file. First
+        those that noticed the most mutants of this file for their time so far, then the shortest.
         """
         noticed, seconds = self.noticed[mutant.file], self.seconds
         place = {(mutant.file, line) for line in mutant.lines}
@@ -451,7 +451,7 @@ class MutationRun:
         names = [
             name
             for name, lines in self.lines.items()
-            if (any(file == mutant.file for file, _ in lines) if is_loaded else lines & place)
+            if (self._touches(name, mutant.file) if is_loaded else lines & place)
         ]
         names.sort(key=lambda name: (-noticed[name] / (seconds[name] + 0.01), seconds[name]))
         total = itertools.accumulate(seconds[name] for name in names)
@@ -463,6 +463,20 @@ class MutationRun:
             first.setdefault(_file(name), rank)
         order = {name: index for index, name in enumerate(self.items)}
         return sorted(names, key=lambda name: (first[_file(name)], order[name]))
+
+    def _touches(self, name: str, file: str) -> bool:
+        """Return whether a test executes a line of a file, or its own file has something of that one."""
+        module = sys.modules["coop_pin." + file.removesuffix(".py").replace("/", ".")]
+        made_here = [
+            value
+            for name, value in vars(module).items()
+            if not name.startswith("__") and getattr(value, "__module__", module.__name__) == module.__name__
+        ]
+        own = {id(module)} | {
+            id(value) for value in made_here if not isinstance(value, bool | int | ModuleType | None)
+        }
+        known = vars(self.items[name].module).values()  # type: ignore[attr-defined]
+        return any(id(value) in own for value in known) or any(place == file for place, _ in self.lines[name])
 
     def _limit(self, task: tuple[Mutant, list[str]]) -> float:
         return 10.0 + 5.0 * sum(self.seconds[name] for name in task[1])

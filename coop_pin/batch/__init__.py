@@ -8,7 +8,7 @@ from coop_pin.batch.c_export import CLaw, export_c
 from coop_pin.batch.llvm_machine import require_compiler
 from coop_pin.batch.preparation import family
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
-from coop_pin.batch.support import support
+from coop_pin.batch.support import plant_reason, support
 
 __all__ = [
     "BatchResult",
@@ -16,6 +16,7 @@ __all__ = [
     "CLaw",
     "export_c",
     "family",
+    "plant_reason",
     "require_compiler",
     "simulate_batch",
     "support",

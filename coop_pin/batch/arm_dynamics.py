@@ -10,6 +10,7 @@ from coop_pin.batch.serial_arm import (
     Numbers,
     RigidInertia,
     SerialArm,
+    cross,
     force_cross,
     frames,
     join,
@@ -137,6 +138,17 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
         kinetic=0.5 * (state.v @ (M @ state.v)),
         potential=-1.0 * (model.gravity @ inertias[0].moment),
     )
+
+
+def gravity_torque(arm: SerialArm, gravity: Numbers, q: Numbers) -> Numbers:
+    """Return g(q), which holds an arm without payload at rest, N m, shape (n,)."""
+    seen, torque, force = frames(arm, q), np.empty(len(q), dtype=object), np.zeros(6).astype(object)
+    for k in reversed(range(len(q))):
+        mass, moment, _ = arm.bodies[k].inertia
+        h = mass * seen.p[k] + seen.R[k] @ moment
+        force = force - join(mass * gravity, cross(h, gravity))
+        torque[k] = seen.S[:, k] @ force
+    return torque
 
 
 def factor(M: Numbers) -> tuple[Numbers, Numbers]:

@@ -92,10 +92,15 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
     place = next(place for place in run.plant.chain.model.arms if place.name == arm)
-    constants = arm_constants(scenario, place, controller.controllers[arm])
+    ticks_of_arm, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
     try:
-        code = trace_law(constants, scenario.cell.task_rows, recorded.ticks[0])
-        require_agreement(*code, recorded.ticks)
+        code = trace_law(
+            DecentralisedController(alone),
+            [arm_constants(scenario, place)],
+            scenario.cell.task_rows,
+            ticks_of_arm[0],
+        )
+        require_agreement(*code, ticks_of_arm)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = re.sub(r"\W", "_", arm, flags=re.ASCII)
@@ -207,7 +212,7 @@ def _texts(
         measured=",\n".join(table[0] for table in tables),
         desired=",\n".join(table[1] for table in tables),
         expected=",\n".join(_list(tick.torque) for tick in ticks),
-        tolerance=c_number(tolerance(ticks)),
+        tolerance=c_number(tolerance([ticks])),
     )
     return header, _source(name, measured, desired, code), test
 

@@ -32,7 +32,6 @@ from coop_pin.batch.serial_arm import (
     motion_cross,
 )
 from coop_pin.batch.tape import Number, Tape
-from coop_pin.batch.traced_array import inputs
 from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
 
@@ -85,12 +84,15 @@ class CellModel(NamedTuple):
             velocity_gain=gains.velocity_gain,
         )
 
-    @property
-    def moving_rows(self) -> list[int]:
-        """Rows of world six-vectors that are not zero by structure for every motion of the cell."""
-        tape, rows = Tape(), set()
-        for arm in self.arms:
-            S = frames(arm, inputs(tape, len(arm.bodies))).S
+    def moving_rows(self, q: Sequence[Numbers]) -> list[int]:
+        """Return the rows of world six-vectors that are not zero by structure for every motion of the cell.
+
+        Args:
+            q: joint positions of each arm, traced, shape (n,) each.
+        """
+        rows = set()
+        for arm, own in zip(self.arms, q, strict=True):
+            S = frames(arm, own).S
             rows |= {row for row in range(6) if not all(_is_zero(x) for x in S[row])}
         return sorted(rows)
 
@@ -158,7 +160,7 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellModel, state: 
         cell: its constants.
         state: traced.
     """
-    rows = cell.moving_rows
+    rows = cell.moving_rows(state.q)
     terms = [
         _terms(functions, tape, ArmModel(arm, cell.gravity, "".join(map(str, rows))), own)
         for arm, own in zip(cell.arms, _arm_inputs(cell, state), strict=True)

@@ -38,6 +38,9 @@ _COSINE = (
     4.16666666666665929218e-2,
 )
 _EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
+_INVERSE_TANGENT = tuple(1.0 / (2 * n + 1) for n in range(10, -1, -1))
+"""Series of atanh(s) / s in s^2, for s up to 0.172."""
+_BINARY_PLACES = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
 _ARC_TANGENT_P = (
     -8.750608600031904122785e-1,
     -1.615753718733365076637e1,
@@ -120,10 +123,32 @@ def exp(x: Number) -> Number:
     """Return e^x, with x limited to -700 to 709."""
     if not isinstance(x, Traced):
         return math.exp(x)
-    x = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
-    n = _rounded(x * (1.0 / math.log(2.0)))
-    r = _reduced(x, n, _LOG_2)
-    return _polynomial(r, _EXPONENTIAL) * apply("power_of_two", n)
+    r, power = _exponent(x)
+    return _polynomial(r, _EXPONENTIAL) * power
+
+
+def expm1(x: Number) -> Number:
+    """Return e^x - 1, with x limited to -700 to 709."""
+    if not isinstance(x, Traced):
+        return math.expm1(x)
+    r, power = _exponent(x)
+    return r * _polynomial(r, _EXPONENTIAL[:-1]) * power + (power - 1.0)
+
+
+def log(x: Number) -> Number:
+    """Return the natural logarithm of x = m 2^n, by the series of atanh (m - 1) / (m + 1); NaN for x <= 0."""
+    if not isinstance(x, Traced):
+        return math.log(x)
+    m: Number = x
+    n: Number = 0.0
+    for k in _BINARY_PLACES:  # until 1 <= m < 2
+        for is_beyond, shift in ((less(m, 2.0 ** (1 - k)), k), (less(2.0**k, m), -k)):
+            m, n = select(is_beyond, m * 2.0**shift, m), select(is_beyond, n - shift, n)
+    is_far = less(math.sqrt(2.0), m)
+    m, n = select(is_far, 0.5 * m, m), select(is_far, n + 1.0, n)
+    s = (m - 1.0) / (m + 1.0)
+    small = 2.0 * s * _polynomial(s * s, _INVERSE_TANGENT) + n * _LOG_2[1]
+    return select(less(0.0, x), n * _LOG_2[0] + small, math.nan)
 
 
 def tanh(x: Number) -> Number:
@@ -182,7 +207,8 @@ def _polynomial(z: Number, coefficients: Sequence[float]) -> Number:
     return value
 
 
-def _rounded(x: Number) -> Number:
+def rounded(x: Number) -> Number:
+    """Return the nearest whole number, of two the even one, for abs(x) < 2^51."""
     return (x + _ROUNDER) - _ROUNDER
 
 
@@ -194,12 +220,12 @@ def _reduced(x: Any, n: Number, parts: Sequence[float]) -> Number:
 
 def _is_odd(n: Number) -> tuple[Number, Number]:
     """Return whether a whole number is odd, as a mask, and its half rounded down."""
-    half = _rounded(n * 0.5 - 0.25)
+    half = rounded(n * 0.5 - 0.25)
     return n - 2.0 * half, half
 
 
 def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
-    n = _rounded(x * (2.0 / math.pi))
+    n = rounded(x * (2.0 / math.pi))
     r = _reduced(x, n, _HALF_PI)
     z = r * r
     sine: Number = r + r * z * _polynomial(z, _SINE)
@@ -208,6 +234,13 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
     _, next_half = _is_odd(n + 1.0)
     sine, cosine = select(swapped, cosine, sine), select(swapped, sine, cosine)
     return sine * (1.0 - 2.0 * _is_odd(half)[0]), cosine * (1.0 - 2.0 * _is_odd(next_half)[0])
+
+
+def _exponent(x: Number) -> tuple[Number, Number]:
+    """Return r and 2^n with e^x = e^r 2^n."""
+    x = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
+    n = rounded(x * (1.0 / math.log(2.0)))
+    return _reduced(x, n, _LOG_2), apply("power_of_two", n)
 
 
 def _arc_tangent(x: Number) -> Number:

@@ -72,7 +72,7 @@ class Kernel:
 
     def write(self, name: str, values: Any) -> None:
         """Write a field of the block, after all reads."""
-        numbers = leaves(np.asarray(values, dtype=object)) if not isinstance(values, list) else leaves(values)
+        numbers = leaves(values)
         self.writes += zip(self._lanes.slots(name).ravel().tolist(), numbers, strict=True)
 
     @property

@@ -1,9 +1,10 @@
-"""Law of one arm with its kinematics as traced code, checked against recorded ticks of the law itself."""
+"""Controllers with the kinematics of their arms as traced code, checked against ticks of their own."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,8 +15,8 @@ from coop_pin.batch.run_constants import ArmConstants
 from coop_pin.batch.tape import Number, Tape
 from coop_pin.batch.traced_array import inputs, plain
 from coop_pin.batch.tree import leaves, rebuilt, structure
-from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.errors import CoopPinError, TracingError
+from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
+from coop_pin.errors import TracingError
 from coop_pin.spatial.task_rows import TaskRows
 
 _AGREEMENT = 1e-12
@@ -112,62 +113,77 @@ def fields(tick: Tick) -> tuple[Values, Values]:
     return {name: value for name, value in measured.items() if name not in absent}, desired
 
 
-def trace_law(arm: ArmConstants, rows: TaskRows, first: Tick) -> tuple[LawCode, LawCode]:
-    """Return the traced start and step of an arm's law, with its kinematics.
+def trace_law(
+    controller: CellController, arms: Sequence[ArmConstants], rows: TaskRows, first: Sequence[Tick]
+) -> tuple[LawCode, LawCode]:
+    """Return the traced start and step of a controller, with the kinematics of its arms.
 
     Args:
-        arm: numbers of the arm.
+        controller: of these arms.
+        arms: their numbers.
         rows: task rows of the cell.
-        first: a tick with the fields that are given.
+        first: a tick of each arm with the fields that are given.
 
     Raises:
-        TracingError: the law cannot be traced.
+        TracingError: the controller cannot be traced.
     """
 
-    def record() -> tuple[Tape, ArmMeasurement, ArmReference]:
-        tape = Tape()
-        measured, desired = (
-            {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
-            for values in fields(first)
-        )
-        q, v = measured.pop("q"), measured.pop("v")
-        none = {"internal_wrench": None, **measured}
-        seen = arm.measurement(rows, arm.to_joints.dot(q), q, v, **none)
-        return tape, seen, ArmReference(**desired)
+    def record() -> tuple[Tape, list[ArmMeasurement], list[ArmReference]]:
+        tape, measurements, references = Tape(), list[ArmMeasurement](), list[ArmReference]()
+        for arm, own in zip(arms, first, strict=True):
+            measured, desired = (
+                {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
+                for values in fields(own)
+            )
+            q, v = measured.pop("q"), measured.pop("v")
+            given = {"internal_wrench": None, **measured}
+            measurements.append(arm.measurement(rows, arm.to_joints.dot(q), q, v, **given))
+            references.append(ArmReference(**desired))
+        return tape, measurements, references
 
-    tape, seen, reference = record()
-    try:
-        begun = arm.law.init(seen, reference)
+    tape, seen, desired = record()
+    with only_tracing_errors():
+        begun = controller.init(seen, desired)
         start = LawCode(tape, leaves(begun), (), _all(tape.guards))
-        tape, seen, reference = record()
+        tape, seen, desired = record()
         state = rebuilt(begun, iter([tape.input() for _ in start.state]))
-        command = arm.law.step(seen._replace(holding_torque=None), reference, state)
-    except CoopPinError:
-        raise
-    except Exception as error:  # of libraries that do not know traced numbers
-        raise TracingError(f"computes with what cannot be traced: {type(error).__name__}: {error}") from error
+        later = [own._replace(holding_torque=None) for own in seen]
+        command = controller.step(later, desired, state)
+        torques = [plain(torque) for torque in command.torques]
     if structure(command.state) != structure(begun):
         raise TracingError("returns another kind of state from step than from init")
-    torque = list(plain(command.torque).flat)
+    torque = [entry for part in torques for entry in part.flat]
     return start, LawCode(tape, leaves(command.state), torque, _all(tape.guards))
 
 
-def _flat(tick: Tick) -> list[float]:
-    """Return the inputs of a tick in the order of the tape."""
-    return [float(x) for values in fields(tick) for value in values.values() for x in np.ravel(value)]
+@contextlib.contextmanager
+def only_tracing_errors() -> Iterator[None]:
+    """Raise a TracingError for whatever code raises that does not know traced numbers."""
+    try:
+        yield
+    except TracingError:
+        raise
+    except Exception as error:  # of libraries, and of users
+        raise TracingError(f"computes with what cannot be traced: {type(error).__name__}: {error}") from error
 
 
-def tolerance(ticks: Sequence[Tick]) -> float:
+def _flat(ticks: Sequence[Tick]) -> list[float]:
+    """Return the inputs of a tick of all arms in the order of the tape."""
+    values = (value for tick in ticks for values in fields(tick) for value in values.values())
+    return [float(x) for value in values for x in np.ravel(value)]
+
+
+def tolerance(ticks: Sequence[Sequence[Tick]]) -> float:
     """Return how far torques may be off, N m."""
-    return _AGREEMENT * float(np.abs([tick.torque for tick in ticks]).max())
+    return _AGREEMENT * max(float(np.abs(own.torque).max()) for tick in ticks for own in tick)
 
 
 def _all(guards: Sequence[Number]) -> Number:
     return math.prod(guards, start=1.0)
 
 
-def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Tick]) -> None:
-    """Refuse traced code whose torques at the recorded ticks are not those of the law.
+def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[Tick]]) -> None:
+    """Refuse traced code whose torques at the recorded ticks of all arms are not those of the law.
 
     Raises:
         TracingError: they are not.
@@ -176,9 +192,10 @@ def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Tick]) -> N
     for tick in ticks:
         values = evaluate(step.tape, [*step.torque, *step.state], [*_flat(tick), *state])
         torque, state = values[: len(step.torque)], values[len(step.torque) :]
-        error = float(np.abs(np.array(torque) - tick.torque).max())
+        wanted = np.concatenate([own.torque for own in tick])
+        error = float(np.abs(np.array(torque) - wanted).max())
         if not error <= allowed:
             raise TracingError(
-                f"differs from its traced code by {error:.3g} N m at t = {tick.measurement.time:g} s:"
+                f"differs from its traced code by {error:.3g} N m at t = {tick[0].measurement.time:g} s:"
                 " it keeps state besides that of init and step, or depends on more than its arguments"
             )

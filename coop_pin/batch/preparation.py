@@ -2,24 +2,80 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import RunConstants, Start, run_constants, start, with_laws
-from coop_pin.batch.support import support
+from coop_pin.batch.run_constants import run_constants, start
+from coop_pin.batch.signals import RunShape, errors, references, signal_layout
+from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
-from coop_pin.description.controller import NoForcePath
+from coop_pin.control import CellController
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError
+from coop_pin.errors import TracingError
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
-_NO_DIFFERENCE = {"name", "summary", "controller", "trust", "beyond_bound"}
+_NO_DIFFERENCE = {"name", "summary", "controller", "trust", "beyond_bound", "seed"}
 """Fields of a scenario that do not reach its plant."""
+_NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
+"""Of JSON without blanks."""
+
+
+class Plant:
+    """Plant of one or more runs, before they run.
+
+    Attributes:
+        scenario: of the newest of them.
+        run: a simulation of the first, at its start.
+        constants: its numbers, the controller's last.
+        values: leaves of the others.
+        start: of the runs.
+        shape: of the runs.
+        layout: of the signals of a tick.
+        kind: what the runs of a batch must share besides numbers, the controller apart.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Build the plant.
+
+        Raises:
+            TracingError: it cannot be traced.
+            CoopPinError: the run cannot start.
+        """
+        if reason := plant_reason(scenario.plant):
+            raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
+        self.scenario, self.run = scenario, Simulation(scenario, build_controller(scenario))
+        self._models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}
+        self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
+        others = self.constants._replace(controller=None)
+        self.values, self.shape = leaves(others), RunShape.of(scenario)
+        self.kind = structure(others), self.shape, _times(scenario)
+        self._references, self._signals = references(self.run), dict[int, Array]()
+        self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
+        self.layout = signal_layout(len(self._joints), sum(self._joints))
+
+    def controller(self, scenario: Scenario) -> CellController:
+        """Return the controller of a run of this plant."""
+        return build_controller(scenario, self._models)
+
+    def signals(self, scenario: Scenario) -> Array:
+        """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
+        if scenario.seed not in self._signals:
+            self._signals = {scenario.seed: self._drawn(scenario)}  # those of one seed are kept
+        return self._signals[scenario.seed]
+
+    def _drawn(self, scenario: Scenario) -> Array:
+        time = self._references["time"]
+        values = np.zeros((len(time), self.layout.size))
+        for name, entries in {**self._references, **errors(scenario, self.shape, self._joints, time)}.items():
+            values[:, self.layout.slots(name).ravel()] = entries.reshape(len(time), -1)
+        return values
 
 
 class Prepared(NamedTuple):
@@ -27,51 +83,46 @@ class Prepared(NamedTuple):
 
     Attributes:
         scenarios: to run.
-        runs: a simulation of each, at its start; runs with equal plants share the first one's.
-        constants: numbers of each.
-        starts: of each.
-        references: X_WP_d, V_WP_d, A_WP_d and squeeze at all ticks, shape (runs, ticks + 1, 28 + 6 m).
+        plants: of each; runs with equal plants share the first one's.
+        signals: of each at all ticks, shape (ticks + 1, entries).
         values: leaves of the constants, shape (runs, leaves).
         kind: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
-    runs: Sequence[Simulation]
-    constants: Sequence[RunConstants]
-    starts: Sequence[Start]
-    references: Array
+    plants: Sequence[Plant]
+    signals: Sequence[Array]
     values: Array
     kind: Hashable
 
 
-def prepare(scenarios: Sequence[Scenario]) -> Prepared:
-    """Return plants, numbers and references of all runs; those of equal plants are shared.
+def prepare(scenarios: Sequence[Scenario], known: Plant | None = None) -> Prepared:
+    """Return plants, numbers and signals of all runs; those of equal plants are shared.
+
+    Args:
+        scenarios: to run.
+        known: a plant that some of them may have.
 
     Raises:
-        ArgumentError: a scenario cannot run in a batch, or they differ in more than numbers.
+        TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
-    first, runs = scenarios[0], list[Simulation]()
-    constants, starts, references = list[RunConstants](), list[Start](), list[Array]()
+    plants, values, kinds, signals = list[Plant](), [], [], list[Array]()
     for scenario in scenarios:
-        if runs and _same_plant(scenario, first):
-            runs.append(runs[0])
-            constants.append(with_laws(constants[0], scenario))
-            starts.append(starts[0])
-            references.append(references[0])
-            continue
-        if reason := support(scenario):
-            raise ArgumentError(f"{scenario.name!r} cannot run in a batch: {reason}")
-        run = Simulation(scenario, build_controller(scenario))
-        runs.append(run)
-        constants.append(run_constants(scenario, run))
-        starts.append(start(scenario, run))
-        references.append(_references(run))
-    kinds = list(map(_kind, scenarios, constants))
+        if known is None or not _same_plant(scenario, known.scenario):
+            plant = Plant(scenario)
+            known = plant if known is None else known
+        else:
+            plant = known
+            plant.scenario = scenario  # the next one shares more of its objects
+        controller = plant.controller(scenario)
+        plants.append(plant)
+        values.append([*plant.values, *leaves(controller)])
+        kinds.append((plant.kind, structure(controller)))
+        signals.append(plant.signals(scenario))
     for index, kind in enumerate(kinds):
         if kind != kinds[0]:
-            raise ArgumentError(f"scenarios[{index}] differs from the first in more than numbers")
-    values = np.array([leaves(tree) for tree in constants], dtype=np.float64)
-    return Prepared(scenarios, runs, constants, starts, np.array(references), values, kinds[0])
+            raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
+    return Prepared(scenarios, plants, signals, np.array(values, dtype=np.float64), kinds[0])
 
 
 def _same_plant(scenario: Scenario, other: Scenario) -> bool:
@@ -83,30 +134,15 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
 
 def family(scenario: Scenario) -> Hashable:
     """Return what a scenario must share with others of its batch, as far as its fields show it."""
-    fields = set(Scenario.model_fields) - {"name", "summary", "trust"}
-    return *(structure(getattr(scenario, name)) for name in sorted(fields)), _times(scenario)
-
-
-def _kind(scenario: Scenario, constants: RunConstants) -> Hashable:
-    """Return what the scenarios of a batch must share."""
-    return structure(constants), scenario.cell.rows, _times(scenario)
+    text = scenario.model_dump_json(exclude={"name", "summary", "trust"})
+    return _NUMBERS.sub("0", text), RunShape.of(scenario), _times(scenario)
 
 
 def _times(scenario: Scenario) -> Hashable:
-    """Return ticks and delays, and events by their times."""
-    path, events = scenario.controller.force_path, scenario.events
-    times = [(event.time, event.end if isinstance(event, WrenchPulse) else np.nan) for event in events]
-    delay = None if isinstance(path, NoForcePath) else path.delay
+    """Return ticks, and events and losses of torque by their times."""
+    times = [
+        (event.time, event.end if isinstance(event, WrenchPulse) else np.nan) for event in scenario.events
+    ]
+    lost = [scenario.actuators_of(arm).torque_lost_at for arm in scenario.cell.arms]
     clock = scenario.clock
-    ticks = (clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration)
-    return ticks, str(times), delay
-
-
-def _references(run: Simulation) -> Array:
-    """Return X_WP_d, V_WP_d, A_WP_d and squeeze of all ticks, shape (ticks + 1, 28 + 6 m)."""
-    found, grasps = [], run.scenario.cell.grasps
-    for tick in range(run.timeline.ticks + 1):
-        time = run.timeline.time(tick)
-        target, squeeze = run.motion.at(time), run.squeeze.at(time, grasps)
-        found.append(np.concatenate((target.X_WP_d.ravel(), target.V_WP_d, target.A_WP_d, squeeze.ravel())))
-    return np.array(found)
+    return clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration, str(times), str(lost)

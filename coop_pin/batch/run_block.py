@@ -1,8 +1,8 @@
-"""Block of the runs of a program: its slots, and how kernels read constants and references from it."""
+"""Block of the runs of a program: its slots, and how kernels read constants and signals from it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,40 +10,26 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.batch.kernel import Kernel, Layout
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers
+from coop_pin.batch.signals import RunShape
 from coop_pin.batch.traced_array import traced
 from coop_pin.batch.tree import leaves, rebuilt
 from coop_pin.control import ArmReference
-from coop_pin.spatial.task_rows import TaskRows
 
 
-class References(NamedTuple):
-    """Desired motion and squeeze at all ticks, split by what must be given to the code.
+class SignalSplit(NamedTuple):
+    """Signals of all runs, split by what must be given to the code.
 
     Attributes:
+        layout: of the entries.
         constants: entries that never change, else anything, shape (entries,).
         is_uniform: which entries change in time, alike in all runs, shape (entries,).
         is_loaded: which entries differ between runs, shape (entries,).
     """
 
+    layout: Layout
     constants: Array
     is_uniform: Mask
     is_loaded: Mask
-
-
-class RunShape(NamedTuple):
-    """What runs of one program share besides numbers.
-
-    Attributes:
-        rows: task rows of the cell.
-        delay: ticks of transport of the internal wrench; None without a force path.
-        changes_payload: whether events change it.
-        pushes: whether events push it.
-    """
-
-    rows: TaskRows
-    delay: int | None
-    changes_payload: bool
-    pushes: bool
 
 
 class RunBlock:
@@ -52,48 +38,51 @@ class RunBlock:
     Attributes:
         shape: of the runs.
         constants: of one of them.
-        references: of all runs.
+        signals: of all runs.
         lanes: slots of a block.
         uniforms: numbers that all runs share at a row.
         recorded: number of slots that are recorded, the first ones.
         loaded: number of slots after them that are loaded at each tick.
     """
 
-    def __init__(
-        self, shape: RunShape, constants: RunConstants, differs: Mask, references: References
-    ) -> None:
+    def __init__(self, shape: RunShape, constants: RunConstants, differs: Mask, signals: SignalSplit) -> None:
         """Lay out the block.
 
         Args:
             shape: of the runs.
             constants: of one of them.
             differs: which of its leaves differ between the runs.
-            references: of all runs.
+            signals: of all runs.
         """
-        self.shape, self.constants, self.references, self._differs = shape, constants, references, differs
+        self.shape, self.constants, self.signals, self._differs = shape, constants, signals, differs
         self._sizes = [len(arm.drive) for arm in constants.arms]
         m, N, k_0 = len(self._sizes), sum(self._sizes), shape.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        for name, *sizes in (
+        recorded: tuple[tuple[Any, ...], ...] = (
             *(("q", N), ("v", N), ("work", 3), ("payload_energy",), ("torque", N), ("commanded", N)),
             *(("saturated", N), ("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
             *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
             *(("external", 6), ("measured", m, k_0), ("seen_poses", m, 4, 4), ("jacobians", k_0 * N)),
-        ):
-            lanes.add(str(name), *sizes)
+            *((("seen_q", N), ("seen_v", N)) if any(shape.has_encoders) else ()),
+            *((("readings", m, 6),) if shape.wrist_delays is not None else ()),
+            *((("requested", N),) if any(arm.carried is not None for arm in constants.arms) else ()),
+        )
+        for field in recorded:
+            lanes.add(*field)
         self.recorded = lanes.size
-        lanes.add("references", int(references.is_loaded.sum()))
+        lanes.add("signals", int(signals.is_loaded.sum()))
         self.loaded = lanes.size - self.recorded
-        lanes.add("force", N)
-        lanes.add("holding", N)
-        lanes.add("constants", int(differs.sum()))
-        lanes.add("payload", 13)
-        lanes.add("late", 0 if shape.delay is None else shape.delay, m, k_0)
+        others: tuple[tuple[Any, ...], ...] = (
+            *(("force", N), ("holding", N), ("last", N), ("response", 4, N), ("estimates", 2, N)),
+            *(("constants", int(differs.sum())), ("payload", 13), ("late", shape.delay or 0, m, k_0)),
+            *((f"late_{index}", delay, 6) for index, delay in enumerate(shape.wrist_delays or ())),
+        )
+        for field in others:
+            lanes.add(*field)
         uniforms.add("h")
-        uniforms.add("time")
-        uniforms.add("age")
-        uniforms.add("arrived")
-        uniforms.add("references", int(references.is_uniform.sum()))
+        uniforms.add("s")
+        uniforms.add("gives", m)
+        uniforms.add("signals", int(signals.is_uniform.sum()))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""
@@ -116,20 +105,19 @@ class RunBlock:
             traced(part) for part in np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
         ]
 
+    def signal(self, kernel: Kernel, name: str) -> Any:
+        """Return a signal at the kernel's tick."""
+        split, entries = self.signals, np.empty(len(self.signals.constants), dtype=object)
+        entries[:] = split.constants
+        entries[split.is_uniform] = kernel.uniform("signals")
+        entries[split.is_loaded] = kernel.read("signals")
+        return traced(entries[split.layout.slots(name)])
+
     def arm_references(self, kernel: Kernel) -> list[ArmReference]:
         """Return the reference of each arm at the kernel's tick."""
-        split, entries = self.references, np.empty(len(self.references.constants), dtype=object)
-        entries[:] = split.constants
-        entries[split.is_uniform] = kernel.uniform("references")
-        entries[split.is_loaded] = kernel.read("references")
-        pose, twist, acceleration, squeeze = np.split(entries, (16, 22, 28))
+        pose, twist, acceleration, squeeze = (
+            self.signal(kernel, name) for name in ("pose", "twist", "acceleration", "squeeze")
+        )
         rows = self.shape.rows
-        return [
-            ArmReference(
-                traced(pose.reshape(4, 4)),
-                traced(rows.select(twist)),
-                traced(rows.select(acceleration)),
-                traced(rows.select(wrench)),
-            )
-            for wrench in squeeze.reshape(-1, 6)
-        ]
+        twist, acceleration = traced(rows.select(twist)), traced(rows.select(acceleration))
+        return [ArmReference(pose, twist, acceleration, traced(rows.select(wrench))) for wrench in squeeze]

@@ -5,7 +5,7 @@ A tick is that of coop_pin.simulation: sense, events, law and actuation, observe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,21 @@ import numpy as np
 from coop_pin.batch import elementary
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
 from coop_pin.batch.kernel import Kernel
+from coop_pin.batch.law_code import only_tracing_errors
+from coop_pin.batch.plant_code import write_step
+from coop_pin.batch.run_actuation import RunActuation
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
-from coop_pin.batch.serial_arm import Numbers
+from coop_pin.batch.run_sensing import RunSensing
+from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.tape import Number
 from coop_pin.batch.traced_array import traced
 from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
-from coop_pin.control import ArmMeasurement
-from coop_pin.simulation.actuation import TORQUE_LIMIT
+from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 
-STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
-"""Of the classical Runge-Kutta method: nodes, also the coefficients of the stage before, and weights."""
+KERNELS = ("start", "law", "observe", "step", "sense", "drive", "release")
+"""Kernels of every program, in order."""
 
 
 class RunCode:
@@ -32,32 +35,14 @@ class RunCode:
 
     def __init__(self, block: RunBlock) -> None:
         self._block, self._shape = block, block.shape
+        self._sensing, self._actuation = RunSensing(block), RunActuation(block)
         self._functions = SharedFunctions()
         self._state: Any = None
 
     def kernels(self) -> list[Kernel]:
-        """Return the kernels: start, law, observe, step, sense, and one for each instant of events."""
-        made = [self._start(), self._law(), self._observe(), self._step(), self._sense()]
+        """Return the kernels: those of KERNELS, and one for each instant of events."""
+        made = [getattr(self, f"_{name}")() for name in KERNELS]
         return made + [self._event(index) for index in range(len(self._block.constants.instants))]
-
-    def _measurements(self, kernel: Kernel, constants: RunConstants, is_first: bool) -> list[ArmMeasurement]:
-        has_path, made = self._shape.delay is not None, []
-        parts = (self._block.split(kernel.read(name)) for name in ("q", "v", "saturated", "holding"))
-        for index, (arm, q, v, saturated, holding) in enumerate(zip(constants.arms, *parts, strict=True)):
-            made.append(
-                arm.measurement(
-                    self._shape.rows,
-                    q,
-                    arm.drive.dot(q),
-                    arm.drive.dot(v),
-                    time=kernel.uniform("time"),
-                    internal_wrench=kernel.read("measured")[index] if has_path else None,
-                    saturated=saturated,
-                    internal_wrench_age=kernel.uniform("age") if has_path else np.inf,
-                    holding_torque=holding if is_first else None,
-                )
-            )
-        return made
 
     def _motion(
         self, kernel: Kernel, constants: RunConstants, q: Numbers, v: Numbers
@@ -73,10 +58,22 @@ class RunCode:
     # ------------------------------------------------------------ kernels
 
     def _start(self) -> Kernel:
-        """Return the kernel of the first tick before the law: its state, and f_m[0] = f_d."""
+        """Return the kernel of the first tick before the law: measurements, its state, and f_m[0] = f_d."""
         kernel, constants = self._block.kernel("start")
         references = self._block.arm_references(kernel)
-        measurements = self._measurements(kernel, constants, True)
+        drives = self._sensing.read_encoders(kernel, constants, is_first=True)
+        first: dict[str, Sequence[Any]] = {"holding_torque": self._block.split(kernel.read("holding"))}
+        if self._shape.wrist_delays is not None:
+            weight = np.concatenate((constants.cell.payload.mass * constants.cell.gravity, np.zeros(3)))
+            loads = np.stack([arm.share * weight for arm in constants.arms])
+            own, *_ = self._block.split(kernel.read("q"))
+            R_WP = frames(constants.cell.arms[0], own).R_WP
+            readings = self._sensing.read_wrists(kernel, constants, drives, loads, R_WP)
+            first["interaction_wrench"] = [
+                traced(self._shape.rows.select(wrench)) if has_wrist else None
+                for wrench, has_wrist in zip(readings, self._shape.has_wrist, strict=True)
+            ]
+        measurements = self._sensing.measurements(kernel, constants, drives, **first)
         if self._shape.delay is not None:
             desired = [
                 self._shape.rows.turn(seen.payload_pose, reference.internal_wrench)
@@ -87,10 +84,8 @@ class RunCode:
                 for seen, wrench in zip(measurements, desired, strict=True)
             ]
             kernel.write("measured", np.stack(desired))
-        self._state = [
-            arm.law.init(seen, reference)
-            for arm, seen, reference in zip(constants.arms, measurements, references, strict=True)
-        ]
+        with only_tracing_errors():
+            self._state = constants.controller.init(measurements, references)
         self._block.lanes.add("law", len(leaves(self._state)))
         kernel.write("law", self._state)
         self._guard(kernel, [])
@@ -100,26 +95,33 @@ class RunCode:
         """Return the kernel of laws and actuation."""
         kernel, constants = self._block.kernel("law")
         references = self._block.arm_references(kernel)
-        states = rebuilt(self._state, iter(kernel.read("law")))
-        commanded, torques, saturated, forces, after = [], [], [], [], []
-        measurements = self._measurements(kernel, constants, False)
-        for arm, seen, reference, state in zip(constants.arms, measurements, references, states, strict=True):
-            command = arm.law.step(seen, reference, state)
-            asked = traced(command.torque)
-            torque = np.minimum(np.maximum(asked, -arm.limit), arm.limit)
-            commanded.append(asked)
-            torques.append(torque)
-            saturated.append(np.not_equal(torque, asked))
-            forces.append(arm.drive.T.dot(torque))
-            after.append(command.state)
+        state = rebuilt(self._state, iter(kernel.read("law")))
+        measurements = self._sensing.measurements(kernel, constants, self._sensing.drives(kernel, constants))
+        with only_tracing_errors():
+            command = constants.controller.step(measurements, references, state)
+            kernel.write("law", command.state)
+        commanded = [traced(torque) for torque in command.torques]
+        self._actuation.actuate(kernel, constants, commanded)
         kernel.write("seen_poses", np.stack([seen.payload_pose for seen in measurements]))
         kernel.write("jacobians", np.concatenate([seen.payload_jacobian.ravel() for seen in measurements]))
         kernel.write("commanded", np.concatenate(commanded))
-        kernel.write("torque", np.concatenate(torques))
-        kernel.write("saturated", np.concatenate(saturated))
-        kernel.write("force", np.concatenate(forces))
-        kernel.write("law", after)
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
+        return kernel
+
+    def _drive(self) -> Kernel:
+        """Return the kernel before a plant step: the mean force of varying torques over it."""
+        return self._varying("drive", lambda response, s, h: response.mean(s, h))
+
+    def _release(self) -> Kernel:
+        """Return the kernel at the end of a tick: the force of varying torques there."""
+        return self._varying("release", lambda response, s, _: response.at(s))
+
+    def _varying(self, name: str, torques: Callable[[TorqueResponse, Any, Any], Numbers]) -> Kernel:
+        kernel, constants = self._block.kernel(name)
+        if constants.response is not None:
+            response = self._actuation.response(kernel, constants.response)
+            now = torques(response, kernel.uniform("s"), kernel.uniform("h"))
+            self._actuation.hold(kernel, constants, self._actuation.acting(kernel, now))
         return kernel
 
     def _observe(self) -> Kernel:
@@ -135,41 +137,32 @@ class RunCode:
         return kernel
 
     def _step(self) -> Kernel:
-        """Return the kernel of one plant step of h: Runge-Kutta 4, with the work of the forces."""
+        """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
-        q, v, h = kernel.read("q"), kernel.read("v"), kernel.uniform("h")
-        force = kernel.read("force")
-        q_end, v_end, work = q, v, kernel.read("work")
-        q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
-        for node, weight in STAGES:
-            q_i, v_i = q + node * h * q_rate, v + node * h * v_rate
-            motion, friction = self._motion(kernel, constants, q_i, v_i)
-            q_rate, v_rate = v_i, traced(np.concatenate(motion.accelerations))
+
+        def motion(q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers, Number]:
+            motion, friction = self._motion(kernel, constants, q, v)
             external = kernel.read("external") @ motion.V_WP if self._shape.pushes else 0.0
-            power = traced([force @ v_i, np.concatenate(friction) @ v_i, external])
-            q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
-            work = work + weight * h * power
-        kernel.write("q", q_end)
-        kernel.write("v", v_end)
-        kernel.write("work", work)
+            return motion, np.concatenate(friction), external
+
+        write_step(kernel, motion)
         return kernel
 
     def _sense(self) -> Kernel:
-        """Return the kernel of the force path: f_m <- p f_m + (1 - p) f, of a sample that has arrived."""
+        """Return the kernel of sensors: encoders, wrists, and the force path f_m <- p f_m + (1 - p) f."""
         kernel, constants = self._block.kernel("sense")
-        if self._shape.delay is None:
+        drives, wrists = (
+            self._sensing.read_encoders(kernel, constants, is_first=False),
+            self._shape.wrist_delays,
+        )
+        if self._shape.delay is None and wrists is None:
             return kernel
         motion, _ = self._motion(kernel, constants, kernel.read("q"), kernel.read("v"))
-        shares = np.array([arm.share for arm in constants.arms], dtype=object)
-        internal = motion.wrenches - shares[:, None] * motion.wrenches.sum(axis=0)
-        sample = np.stack([self._shape.rows.select(wrench) for wrench in internal])
-        if self._shape.delay:
-            late = kernel.read("late")
-            kernel.write("late", np.concatenate((late[1:], sample[None])))
-            sample = late[0]
-        p, before = constants.pole, kernel.read("measured")
-        filtered = p * before + (1.0 - p) * sample
-        kernel.write("measured", np.where(kernel.uniform("arrived"), filtered, before))
+        wrenches = motion.wrenches
+        if wrists is not None:
+            wrenches = self._sensing.read_wrists(kernel, constants, drives, wrenches, motion.R_WP)
+        if self._shape.delay is not None:
+            self._sensing.send(kernel, constants, wrenches)
         return kernel
 
     def _event(self, index: int) -> Kernel:

@@ -11,15 +11,16 @@ from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
 from coop_pin.batch.traced_array import traced
-from coop_pin.control import ArmController, ArmMeasurement, DecentralisedController
+from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import TorqueResponse
+from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.transmission import Friction, friction
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -46,7 +47,8 @@ class ArmConstants(NamedTuple):
         friction: of its joints or drives.
         limit: of its drive torques, N m, shape (k,).
         share: c_i.
-        law: its controller.
+        encoders: of its drives; None if they are ideal.
+        carried: factor on its weight that the robot itself adds to the commands; None for nothing.
     """
 
     seen: SerialArm
@@ -55,7 +57,8 @@ class ArmConstants(NamedTuple):
     friction: Friction
     limit: Numbers
     share: Any
-    law: ArmController
+    encoders: Encoders | None
+    carried: Any
 
     def measurement(
         self, rows: TaskRows, angles: Numbers, q: Numbers, v: Numbers, **others: Any
@@ -90,12 +93,18 @@ class RunConstants(NamedTuple):
         arms: the rest of each arm.
         pole: p of the force path.
         instants: of events, in order.
+        response: of all drives at the start; None if torques are held between ticks.
+        period: T, s.
+        controller: of all arms.
     """
 
     cell: CellModel
     arms: tuple[ArmConstants, ...]
     pole: Any
     instants: tuple[Instant, ...]
+    response: TorqueResponse | None
+    period: Any
+    controller: Any
 
 
 class Start(NamedTuple):
@@ -104,10 +113,14 @@ class Start(NamedTuple):
     Attributes:
         q: joint positions of all arms, of continuous joints near the posture, shape (N,).
         holding: torques that the drives report, N m, shape (N,).
+        last: commands that hold the cell at rest, N m, shape (N,).
+        response: what of a TorqueResponse changes, shape (4, N).
     """
 
     q: Array
     holding: Array
+    last: Array
+    response: Array
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -115,37 +128,35 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
 
     Args:
         scenario: what is run.
-        run: of this scenario, or of one with another controller.
+        run: of this scenario.
 
     Raises:
         TracingError: an arm is no serial chain.
     """
-    controller = build_controller(scenario)
-    assert isinstance(controller, DecentralisedController)
-    arms = tuple(
-        arm_constants(scenario, place, controller.controllers[place.name])
-        for place in run.plant.chain.model.arms
-    )
     path = scenario.controller.force_path
     pole = 0.0 if isinstance(path, NoForcePath) else path.pole
-    return RunConstants(CellModel.from_chain(run.plant.chain), arms, pole, instants(scenario, run))
+    return RunConstants(
+        cell=CellModel.from_chain(run.plant.chain),
+        arms=tuple(
+            arm_constants(scenario, place)._replace(encoders=sensor.encoders, carried=drives.carried or None)
+            for place, sensor, drives in zip(
+                run.plant.chain.model.arms, run.sensing.arms, run.actuation.arms.values(), strict=True
+            )
+        ),
+        pole=pole,
+        instants=instants(scenario, run),
+        response=run.actuation.response,
+        period=scenario.clock.period,
+        controller=run.controller,
+    )
 
 
-def with_laws(constants: RunConstants, scenario: Scenario) -> RunConstants:
-    """Return the numbers of a run with the same plant under the laws of another scenario."""
-    controller = build_controller(scenario)
-    assert isinstance(controller, DecentralisedController)
-    arms = zip(constants.arms, controller.controllers.values(), strict=True)
-    return constants._replace(arms=tuple(arm._replace(law=law) for arm, law in arms))
-
-
-def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> ArmConstants:
-    """Return the numbers of one arm.
+def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
+    """Return the numbers of one arm with ideal sensors and drives.
 
     Args:
         scenario: for its cell.
         place: of the arm in the cell's model.
-        law: its controller.
 
     Raises:
         TracingError: the arm is no serial chain.
@@ -160,7 +171,8 @@ def arm_constants(scenario: Scenario, place: ArmPlace, law: ArmController) -> Ar
         friction=friction(cell.arms[name], name),
         limit=JointLimits(cell.arms[name], name).torque,
         share=float(cell.shares[list(cell.arms).index(name)]),
-        law=law,
+        encoders=None,
+        carried=None,
     )
 
 
@@ -195,7 +207,10 @@ def start(scenario: Scenario, run: Simulation) -> Start:
         q.append(place.angles.near(run.plant.q[place.q_slice], near))
         assert seen.holding_torque is not None
         holding.append(seen.holding_torque)
-    return Start(np.concatenate(q), np.concatenate(holding))
+    last = run.actuation.holding_commands(run.plant.q)
+    held, response = np.concatenate(last), run.actuation.response
+    varying = np.zeros((4, len(held))) if response is None else np.array(response[3:])
+    return Start(np.concatenate(q), np.concatenate(holding), held, varying)
 
 
 def _inertia(payload: Payload) -> RigidInertia:

@@ -9,11 +9,11 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.kernel import LOAD, RECORD, Instruction, Program
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.run_block import References, RunBlock, RunShape
-from coop_pin.batch.run_code import RunCode
+from coop_pin.batch.run_block import RunBlock, SignalSplit
+from coop_pin.batch.run_code import KERNELS, RunCode
+from coop_pin.batch.run_constants import Start
 from coop_pin.batch.tree import leaves
-from coop_pin.description.controller import NoForcePath
-from coop_pin.description.events import PayloadChange
+from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 
 
@@ -31,82 +31,102 @@ class RunProgram:
         Args:
             first: a batch whose first run has the numbers that fold.
             differs: leaves of the constants that are inputs.
-            is_loaded: entries of the references that are inputs.
+            is_loaded: entries of the signals that are inputs.
         """
-        scenario, desired = first.scenarios[0], first.references[0]
-        path = scenario.controller.force_path
-        shape = RunShape(
-            rows=scenario.cell.task_rows,
-            delay=None if isinstance(path, NoForcePath) else path.delay,
-            changes_payload=any(isinstance(event, PayloadChange) for event in scenario.events),
-            pushes=any(not isinstance(event, PayloadChange) for event in scenario.events),
-        )
-        is_uniform = ~is_loaded & (desired != desired[:1]).any(axis=0)
-        references = References(desired[0], is_uniform, is_loaded)
-        self._block, self._differs = RunBlock(shape, first.constants[0], differs, references), differs
+        plant, signals = first.plants[0], first.signals[0]
+        is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
+        split = SignalSplit(plant.layout, signals[0], is_uniform, is_loaded)
+        self._block, self._differs = RunBlock(plant.shape, plant.constants, differs, split), differs
         kernels = RunCode(self._block).kernels()
-        instructions, self.uniforms = _schedule(
-            first.runs[0].timeline, self._block, desired[:, is_uniform], scenario.clock.record_every
-        )
-        block = self._block
-        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, instructions)
+        schedule = Schedule(plant.run, self._block, signals[:, is_uniform])
+        self.uniforms, block = np.array(schedule.rows), self._block
+        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
-        lanes, is_loaded = self.program.lanes, self._block.references.is_loaded
-        block = np.zeros((lanes.size, len(prepared.starts)))
+        lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
+        plants, count = prepared.plants, len(prepared.plants)
+        block = np.zeros((lanes.size, count))
         for name, given in (
-            ("q", [start.q for start in prepared.starts]),
-            ("holding", [start.holding for start in prepared.starts]),
+            *((name, [getattr(plant.start, name) for plant in plants]) for name in Start._fields),
             ("constants", prepared.values[:, self._differs]),
-            ("payload", [leaves(constants.cell.payload) for constants in prepared.constants]),
-            ("is_valid", np.ones((len(prepared.starts), 1))),
+            ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
+            ("is_valid", np.ones((count, 1))),
         ):
-            block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).T
+            block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T
         if not is_loaded.any():
-            return block, np.zeros((1, 0, len(prepared.starts)))
-        return block, np.ascontiguousarray(np.moveaxis(prepared.references[:, :, is_loaded], 0, 2))
+            return block, np.zeros((1, 0, count))
+        return block, np.stack([signals[:, is_loaded] for signals in prepared.signals], axis=2)
 
 
-def _schedule(
-    timeline: Timeline, block: RunBlock, desired: Array, every: int
-) -> tuple[list[Instruction], Array]:
-    """Return the instructions of a run and the uniforms that they refer to."""
-    start_code, law, observe, step, sense, event = range(6)
-    delay = block.shape.delay
-    rows: list[Array] = []
-    steps: dict[float, int] = {}
-    made: list[Instruction] = []
+class Schedule:
+    """Order of the kernels of a run.
 
-    def row(**fields: Any) -> int:
-        values = np.zeros(block.uniforms.size)
-        for name, value in fields.items():
-            values[block.uniforms.slots(name)] = value
-        rows.append(values)
-        return len(rows) - 1
+    Attributes:
+        instructions: in order.
+        rows: uniforms that they refer to.
+    """
 
-    def happen(time: float) -> None:
-        nonlocal event
-        if timeline.happens_at(time):
-            made.append(Instruction(event, 0))
-            event += 1
+    def __init__(self, run: Simulation, block: RunBlock, signals: Array) -> None:
+        """Order the kernels.
 
-    for tick in range(timeline.ticks + 1):
-        time, arrived = timeline.time(tick), delay is not None and tick - delay >= 1
-        age = float(delay) if delay is not None and arrived else np.inf
-        now = row(time=time, age=age, arrived=float(arrived), references=desired[tick])
-        if block.loaded:
-            made.append(Instruction(LOAD, tick))
-        if tick == 0 or delay is not None:
-            made.append(Instruction(sense if tick else start_code, now))
-        happen(time)
-        made += [Instruction(law, now), Instruction(observe, now)]
-        if tick % every == 0 or tick == timeline.ticks:
-            made.append(Instruction(RECORD, -(-tick // every)))
-        for index, (begin, length) in enumerate(timeline.steps(tick) if tick < timeline.ticks else ()):
+        Args:
+            run: for its timeline.
+            block: of the runs.
+            signals: those that are uniform, shape (ticks + 1, ...).
+        """
+        self.instructions: list[Instruction] = []
+        self.rows: list[Array] = []
+        self._steps: dict[float, int] = {}
+        self._events, self._block, self._actuation = 0, block, run.actuation
+        timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
+        for tick in range(timeline.ticks + 1):
+            time = timeline.time(tick)
+            row = self._row(s=time - before, gives=run.actuation.gives(time), signals=signals[tick])
+            before = time
+            if block.loaded:
+                self.instructions.append(Instruction(LOAD, tick))
+            self._call("sense" if tick else "start", row)
+            self._happen(timeline, time)
+            self._call("law", row)
+            self._call("observe", row)
+            if tick % every == 0 or tick == timeline.ticks:
+                self.instructions.append(Instruction(RECORD, -(-tick // every)))
+            if tick < timeline.ticks:
+                self._advance(timeline, tick)
+
+    def _advance(self, timeline: Timeline, tick: int) -> None:
+        """Add the plant steps of a tick."""
+        time, varies, row = timeline.time(tick), self._block.constants.response is not None, 0
+        gives = self._actuation.gives(time)
+        for index, (start, length) in enumerate(timeline.steps(tick)):
             if index > 0:
-                happen(begin)
-            if length not in steps:
-                steps[length] = row(h=length)
-            made.append(Instruction(step, steps[length]))
-    return made, np.array(rows)
+                self._happen(timeline, start)
+            if varies:
+                gives = self._actuation.gives(start)
+                row = self._row(h=length, s=start - time, gives=gives)
+                self._call("drive", row)
+            elif length in self._steps:
+                row = self._steps[length]
+            else:
+                row = self._steps[length] = self._row(h=length)
+            self._call("step", row)
+        if varies:
+            self._call("release", self._row(s=timeline.time(tick + 1) - time, gives=gives))
+
+    def _row(self, **fields: Any) -> int:
+        """Return the index of a new row of uniforms."""
+        values = np.zeros(self._block.uniforms.size)
+        for name, value in fields.items():
+            values[self._block.uniforms.slots(name)] = value
+        self.rows.append(values)
+        return len(self.rows) - 1
+
+    def _call(self, kernel: str, row: int) -> None:
+        self.instructions.append(Instruction(KERNELS.index(kernel), row))
+
+    def _happen(self, timeline: Timeline, time: float) -> None:
+        """Add the kernel of the events at a time, if there are any."""
+        if timeline.happens_at(time):
+            self.instructions.append(Instruction(len(KERNELS) + self._events, 0))
+            self._events += 1

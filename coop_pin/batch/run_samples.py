@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
-from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.results.quantities import Samples, quantities
 from coop_pin.simulation.plant import CHANNELS
@@ -24,55 +23,108 @@ def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
         layout: of the record's slots.
         record: shape (samples, slots, runs).
     """
-    run, scenario = prepared.runs[0], prepared.scenarios[0]
-    places, every = run.plant.chain.model.arms, scenario.clock.record_every
-    kept = [tick for tick in range(run.timeline.ticks + 1) if tick % every == 0 or tick == run.timeline.ticks]
+    records = _Records(prepared, layout, record)
+    names = {quantity.name for quantity in quantities(prepared.scenarios[0])}
+    groups = {name: values() for name, values in records.measured().items() if name in names}
+    return records.state() | records.drives() | groups
 
-    def field(name: str) -> Array:
-        slots = layout.slots(name)
+
+class _Records:
+    """Record of a batch, read by names."""
+
+    def __init__(self, prepared: Prepared, layout: Layout, record: Array) -> None:
+        self._prepared, self._layout, self._record = prepared, layout, record
+        self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
+        self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
+        last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
+        self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
+        self._angles, self._velocities = self._split("q"), self._split("v")
+
+    def _field(self, name: str) -> Array:
+        slots, record = self._layout.slots(name), self._record
         values = np.moveaxis(record[:, slots.ravel()], 2, 0)
         return values.reshape(record.shape[2], record.shape[0], *slots.shape)
 
-    q, v, desired = field("q"), field("v"), prepared.references[:, kept]
-    pose = np.zeros((*q.shape[:2], 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = field("R_WP"), field("p_WP"), 1.0
-    determined = determinate_rows(run.plant.chain, run.plant.q)
-    angles, velocities = _split(q, places), _split(v, places)
-    drive_velocities = [own @ place.drive.T for own, place in zip(velocities, places, strict=True)]
-    work = [*np.moveaxis(field("work"), 2, 0), field("payload_energy")]
-    found: Samples = {
-        "time": np.broadcast_to([run.timeline.time(tick) for tick in kept], q.shape[:2]),
-        "configuration": np.concatenate(
-            [place.angles.configuration(own) for own, place in zip(angles, places, strict=True)], axis=2
-        ),
-        "velocity": v,
-        "payload_pose": pose,
-        "payload_twist": field("V_WP"),
-        "desired_pose": desired[..., :16].reshape(*desired.shape[:2], 4, 4),
-        "desired_twist": desired[..., 16:22],
-        "desired_squeeze": desired[..., 28:].reshape(*desired.shape[:2], -1, 6),
-        "tip_position": field("tips"),
-        "interaction_wrench": np.where(determined, field("wrenches"), np.nan),
-        "external_wrench": field("external"),
-        "closure_distance": field("closure_errors")[..., 0],
-        "closure_angle": field("closure_errors")[..., 1],
-        "kinetic_energy": field("kinetic"),
-        "potential_energy": field("potential"),
-        **{f"work_{name}": done for name, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
-        "torque": _per_joint(_split(field("torque"), places)),
-        "commanded_torque": _per_joint(_split(field("commanded"), places)),
-        "saturated": np.nan_to_num(_per_joint(_split(field("saturated"), places))) > 0.0,
-        "drive_velocity": _per_joint(drive_velocities),
-        "joint_position": _per_joint(angles),
-        "joint_velocity": _per_joint(velocities),
-        "jacobian_condition": _conditions(field("jacobians"), scenario.cell.task_rows.size, places),
-    }
-    names = {quantity.name for quantity in quantities(scenario)}
-    if "seen_pose" in names:
-        found["seen_pose"] = field("seen_poses")
-    if "measured_internal_wrench" in names:
-        found |= _measured(scenario, kept, field("measured"))
-    return found
+    def _signal(self, name: str) -> Array:
+        slots = self._plant.layout.slots(name)
+        values = np.stack([signals[self._kept][:, slots.ravel()] for signals in self._prepared.signals])
+        return values.reshape(*values.shape[:2], *slots.shape)
+
+    def _split(self, name: str) -> list[Array]:
+        return np.split(
+            self._field(name), np.cumsum([len(place.drive) for place in self._places])[:-1], axis=2
+        )
+
+    def _table(self, name: str) -> Array:
+        return _per_joint(self._split(name))
+
+    def _at_drives(self, parts: Sequence[Array]) -> Array:
+        return _per_joint([own @ place.drive.T for own, place in zip(parts, self._places, strict=True)])
+
+    def _six(self, rows: Array) -> Array:
+        """Return rows of wrenches in their places, NaN elsewhere."""
+        full = np.full((*rows.shape[:-1], 6), np.nan)
+        full[..., self._rows.indices] = rows
+        return full
+
+    def state(self) -> Samples:
+        """Return the quantities of payload and cell."""
+        field, signal, run = self._field, self._signal, self._plant.run
+        positions, errors = field("p_WP"), field("closure_errors")
+        pose = np.zeros((*positions.shape[:2], 4, 4))
+        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = field("R_WP"), positions, 1.0
+        determined = determinate_rows(run.plant.chain, run.plant.q)
+        work = [*np.moveaxis(field("work"), 2, 0), field("payload_energy")]
+        return {
+            "time": signal("time"),
+            "velocity": field("v"),
+            "payload_pose": pose,
+            "payload_twist": field("V_WP"),
+            "desired_pose": signal("pose"),
+            "desired_twist": signal("twist"),
+            "desired_squeeze": signal("squeeze"),
+            "tip_position": field("tips"),
+            "interaction_wrench": np.where(determined, field("wrenches"), np.nan),
+            "external_wrench": field("external"),
+            "closure_distance": errors[..., 0],
+            "closure_angle": errors[..., 1],
+            "kinetic_energy": field("kinetic"),
+            "potential_energy": field("potential"),
+            **{f"work_{name}": done for name, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
+        }
+
+    def drives(self) -> Samples:
+        """Return the quantities of joints and drives."""
+        configurations = [
+            place.angles.configuration(own) for own, place in zip(self._angles, self._places, strict=True)
+        ]
+        return {
+            "configuration": np.concatenate(configurations, axis=2),
+            "torque": self._table("torque"),
+            "commanded_torque": self._table("commanded"),
+            "saturated": np.nan_to_num(self._table("saturated")) > 0.0,
+            "drive_velocity": self._at_drives(self._velocities),
+            "joint_position": _per_joint(self._angles),
+            "joint_velocity": _per_joint(self._velocities),
+            "jacobian_condition": _conditions(self._field("jacobians"), self._rows.size, self._places),
+        }
+
+    def measured(self) -> dict[str, Callable[[], Array]]:
+        """Return what gives the quantities that only some runs have."""
+        rows, has_wrist = self._rows.indices, np.array(self._plant.shape.has_wrist)[:, None]
+        return {
+            "requested_torque": lambda: self._table("requested"),
+            "drive_position": lambda: self._at_drives(self._angles),
+            "measured_drive_position": lambda: self._table("seen_q"),
+            "measured_drive_velocity": lambda: self._table("seen_v"),
+            "seen_pose": lambda: self._field("seen_poses"),
+            "measured_wrench": lambda: np.where(
+                has_wrist, self._six(self._field("readings")[..., rows]), np.nan
+            ),
+            "measured_wrench_age": lambda: self._signal("wrist_age"),
+            "measured_internal_wrench": lambda: self._six(self._field("measured")),
+            "measured_internal_wrench_age": lambda: self._signal("age"),
+        }
 
 
 def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Array:
@@ -85,22 +137,6 @@ def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Arra
             part[is_finite].reshape(-1, rows, part.shape[2] // rows)
         )
     return conditions
-
-
-def _measured(scenario: Scenario, kept: list[int], measured: Array) -> Samples:
-    """Return the internal wrenches that the controllers get, in their rows of six, and their age in ticks."""
-    delay = scenario.controller.force_path.delay  # type: ignore[union-attr]
-    wrenches = np.full((*measured.shape[:3], 6), np.nan)
-    wrenches[..., scenario.cell.task_rows.indices] = measured
-    age = np.array([delay if tick > delay else np.inf for tick in kept], dtype=np.float64)
-    return {
-        "measured_internal_wrench": wrenches,
-        "measured_internal_wrench_age": np.broadcast_to(age, measured.shape[:2]),
-    }
-
-
-def _split(values: Array, places: tuple[ArmPlace, ...]) -> list[Array]:
-    return np.split(values, np.cumsum([len(place.drive) for place in places])[:-1], axis=2)
 
 
 def _per_joint(parts: Sequence[Array]) -> Array:

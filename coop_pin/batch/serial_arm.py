@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import traced
+from coop_pin.batch.traced_array import plain, traced
 from coop_pin.errors import TracingError
 
 Numbers: TypeAlias = NDArray[Any]
@@ -82,7 +82,8 @@ class RigidInertia(NamedTuple):
 
         With r = R h: h' = m p + r, second' = R second R^T + (p . h' + p . r) 1 - p h'^T - r p^T.
         """
-        r, R_second = R @ self.moment, R @ self.second
+        R, p = plain(R), plain(p)  # products of constants in the order of traced ones, not in that of BLAS
+        r, R_second = R @ plain(self.moment), R @ plain(self.second)
         h = self.mass * p + r
         trace, second = p @ h + p @ r, np.empty((3, 3), dtype=object)
         for i in range(3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
 from coop_pin.batch.run_samples import samples
+from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
-from coop_pin.results.dataset import dataset
+from coop_pin.results.dataset import without_time
+from coop_pin.results.quantities import Samples, computed, quantities
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""
@@ -47,13 +50,29 @@ class BatchResult:
         self._prepared = prepared
         self.samples = samples(prepared, layout, record)
 
+    @cached_property
+    def _values(self) -> Samples:
+        """All quantities, with a leading axis of runs."""
+        count, shares = len(self.scenarios), [scenario.cell.shares for scenario in self.scenarios]
+        table = quantities(self.scenarios[0])
+        if all(np.array_equal(own, shares[0]) for own in shares):  # then all runs are one row of samples
+            flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in self.samples.items()}
+            with np.errstate(all="ignore"):  # of runs that are not valid
+                found = computed(table, flat, shares[0])
+            del found["load_share"]
+            return {name: values.reshape(count, -1, *values.shape[1:]) for name, values in found.items()}
+        runs = [
+            computed(table, {name: values[index] for name, values in self.samples.items()}, own)
+            for index, own in enumerate(shares)
+        ]
+        return {name: np.stack([run[name] for run in runs]) for name in runs[0]}
+
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
-        prepared, scenario = self._prepared, self.scenarios[index]
-        recorder = prepared.runs[index].recorder
-        mine = {name: values[index] for name, values in self.samples.items()}
+        scenario, recorder = self.scenarios[index], self._prepared.plants[index].run.recorder
+        mine = {name: values[index] for name, values in self._values.items()}
         names = [joints for _, joints in recorder.joints]
-        return RunResult(scenario, dataset(scenario, mine, names, recorder.limit_table()))
+        return RunResult(scenario, mine | without_time(scenario, names, recorder.limit_table()))
 
 
 class BatchSimulator:
@@ -74,7 +93,7 @@ class BatchSimulator:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        prepared = prepare(scenarios)
+        prepared = prepare(scenarios, None if self._first is None else self._first.plants[0])
         code = self._code(prepared)
         program, records = code.program, []
         count, remedy = len(scenarios), "give fewer at a time, or raise clock.record_every"
@@ -90,11 +109,14 @@ class BatchSimulator:
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""
         if self._first is None or prepared.kind != self._first.kind:
+            require_traceable(prepared.scenarios[0], prepared.plants[0].run, prepared.plants[0].constants)
             self._first, self._differs, self._is_loaded = prepared, np.array(False), np.array(False)
-        folded, desired = self._first.values[:1], self._first.references[:1]
+        folded, signals = self._first.values[:1], self._first.signals[0]
         same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))
         differs = self._differs | ~same.all(axis=0)
-        is_loaded = self._is_loaded | (prepared.references != desired).any(axis=(0, 1))
+        is_loaded = self._is_loaded
+        for other in {id(other): other for other in prepared.signals}.values():
+            is_loaded = is_loaded | (other != signals).any(axis=0)
         if not (np.array_equal(differs, self._differs) and np.array_equal(is_loaded, self._is_loaded)):
             self._differs, self._is_loaded = differs, is_loaded
             self._program = RunProgram(self._first, differs, is_loaded)
@@ -114,7 +136,8 @@ def simulate_batch(
         machine: what runs the program.
 
     Raises:
-        ArgumentError: there are none, one cannot run in a batch, or they differ in more than numbers.
+        ArgumentError: there are none.
+        TracingError: one cannot run in a batch, or they differ in more than numbers.
         MissingExtraError: llvmlite is not installed.
         NotEnoughMemoryError: the samples do not fit.
         CoopPinError: a run cannot start.

@@ -225,7 +225,8 @@ class Traced(NDArrayOperatorsMixin):
 
     def __float__(self) -> float:
         raise TracingError(
-            "turns a value into a plain float; use numpy's functions or coop_pin.spatial.scalars"
+            "turns a value into a plain float, which Pinocchio, scipy and math need;"
+            " use numpy's functions or coop_pin.spatial.scalars"
         )
 
     __int__ = __index__ = __complex__ = __float__

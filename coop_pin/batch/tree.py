@@ -1,13 +1,15 @@
-"""Trees of numbers: nested tuples, dataclasses and descriptions whose leaves are numbers.
+"""Trees of numbers: nested tuples, dataclasses, descriptions and objects whose leaves are numbers.
 
 What differs between runs is found leaf by leaf and becomes an input; the rest is constant and folds.
 """
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import itertools
 from collections.abc import Callable, Hashable, Iterator, Mapping
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,6 +42,10 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
     if not parts:
         return tree
+    if _is_plain(tree):
+        made_of = copy.copy(tree)
+        vars(made_of).update(parts)
+        return made_of
     if isinstance(tree, Description):
         return tree.model_copy(update=parts)
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
@@ -79,7 +85,13 @@ def _parts(tree: Any) -> list[tuple[str, Any]]:
     if isinstance(tree, tuple | list):
         names = getattr(tree, "_fields", map(str, range(len(tree))))
         return list(zip(names, tree, strict=True))
-    return []
+    return list(vars(tree).items()) if _is_plain(tree) else []
+
+
+def _is_plain(tree: Any) -> bool:
+    """Return whether a value is an object with attributes, such as a controller."""
+    is_other = isinstance(tree, Description | Mapping | tuple | list | np.ndarray | type | ModuleType)
+    return not (is_other or dataclasses.is_dataclass(tree) or callable(tree)) and hasattr(tree, "__dict__")
 
 
 class SharedFunctions:

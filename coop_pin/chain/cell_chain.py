@@ -226,14 +226,14 @@ class CellChain:
 
     def _wrenches(self, frames: Any, external: Array) -> Array:
         """Return the interaction wrenches of the solver's last solution, about P in world axes."""
-        X_WP = frames[self.model.payload_frame]
-        R_WP, in_payload = X_WP.rotation, np.zeros((len(self.model.arms), 6))
+        X_WP, arms = frames[self.model.payload_frame], self.model.arms
+        in_payload = np.zeros((len(arms), 6))
         for index, F_E in zip(self._held, self.mechanism.solver.wrenches(), strict=True):
-            X_PE = X_WP.actInv(frames[self.model.arms[index].tip])
+            X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if self.model.closed_by_tree:
-            in_payload[0] = -self._payload_balance(X_WP) - in_payload.sum(axis=0)
-        wrenches: Array = in_payload.reshape(-1, 3).dot(R_WP.T).reshape(-1, 6)
+            in_payload[0] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
+        wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
         if self.model.closed_by_tree:
             wrenches[0] += external
         return require_finite("the interaction wrenches", wrenches)

@@ -6,6 +6,7 @@ forces with the same weights.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple
@@ -162,18 +163,21 @@ class VectorRungeKutta(Integrator):
         C[1, :, 1, 2:] = A[1:]
         C[2, :, 0, 2:] = A[1:] @ A[:stages]
         self._shape, self._polynomials = C.shape[1:], C.reshape(3, -1)
+        self._h, self._stages, self._weights = math.nan, np.empty(0), np.empty(0)  # of the last step's length
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""
-        C = np.array((1.0, h, h * h)).dot(self._polynomials).reshape(self._shape)
+        if h != self._h:
+            self._stages = np.array((1.0, h, h * h)).dot(self._polynomials).reshape(self._shape)
+            self._h, self._weights = h, h * self.tableau.b
         known = np.zeros((self._shape[2], len(q)))
         known[0], known[1] = q, v
         stage, powers = known, []
         for i, c in enumerate(self.tableau.c):
             known[i + 2], power = rate(t + c * h, stage[0], stage[1])
-            stage = C[i].dot(known)
+            stage = self._stages[i].dot(known)
             powers.append(power)
-        return Step(stage[0], stage[1], (h * self.tableau.b).dot(np.array(powers)))
+        return Step(stage[0], stage[1], self._weights.dot(np.array(powers)))
 
 
 class SemiImplicitEuler(Integrator):

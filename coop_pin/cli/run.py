@@ -32,6 +32,7 @@ class Run:
         quiet: no progress bar and no table.
         verbose: list every breach of the trust thresholds.
         stop_at_breach: end the run at its first breach of the trust thresholds.
+        engine: what computes the motion; traced is compiled code, which needs the extra 'fast'.
         replay: write replay.html, the motion in 3-D.
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
@@ -44,6 +45,7 @@ class Run:
     quiet: bool = False
     verbose: bool = False
     stop_at_breach: bool = False
+    engine: Literal["pinocchio", "traced"] = "pinocchio"
     replay: bool = True
     figures: bool = True
     svg: bool = False
@@ -58,6 +60,7 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
+        from coop_pin.engines import plant_of
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
         from coop_pin.run_scenario import build_controller
@@ -72,7 +75,11 @@ class Run:
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
                 result = simulate(
-                    scenario, controller, progress=bar.advance_to, stop_at_breach=self.stop_at_breach
+                    scenario,
+                    controller,
+                    progress=bar.advance_to,
+                    stop_at_breach=self.stop_at_breach,
+                    plant=plant_of(self.engine),
                 )
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:

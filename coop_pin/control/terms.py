@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, SingularJacobianError
-from coop_pin.spatial.scalars import inverse, require_less
+from coop_pin.spatial.scalars import identity, inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
@@ -40,19 +40,20 @@ def jacobian_inverse(J: Array, time: float) -> Array:
     return J_inverse
 
 
-def right_inverse(J: Array, time: float, damping: float = 0.0) -> Array:
+def right_inverse(J: Array, time: float, damping: float | None = None) -> Array:
     """Return J^+ = J^T (J J^T + damping^2 I)^-1 of a payload Jacobian with at least as many columns as rows.
 
     Args:
         J: shape (k_0, k).
         time: for the message, s.
-        damping: in the unit of J's singular values; with it J J^+ is not the identity.
+        damping: in the unit of J's singular values; with it J J^+ is not the identity. None for none.
 
     Raises:
         ArgumentError: J has fewer columns (joints) than rows.
         SingularJacobianError: J J^T + damping^2 I has a condition number beyond 1e12 (of J: 1e6).
     """
-    gram_inverse, condition = inverse(J.dot(J.T) + damping**2 * np.eye(len(J)))
+    gram = J.dot(J.T)
+    gram_inverse, condition = inverse(gram if damping is None else gram + damping**2 * identity(len(J)))
     require_less(condition**0.5, CONDITION_LIMIT, partial(_singular, J, time))
     return J.T.dot(gram_inverse)
 
@@ -127,7 +128,7 @@ def is_new(age: float, last: float) -> bool:
 
 def null_space_part(torque: Array, J: Array, J_plus: Array) -> Array:
     """Return N^T torque with N = I - J^+ J: the part that does no work on the payload, shape (k,)."""
-    return torque - J.T @ (J_plus.T @ torque)
+    return torque - J.T.dot(J_plus.T.dot(torque))
 
 
 @dataclass(frozen=True, eq=False)

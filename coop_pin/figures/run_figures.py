@@ -63,7 +63,7 @@ def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
 def _draw_heading(data: xr.Dataset, panel: Axes) -> None:
     for name, style in (("payload", ACTUAL), ("desired", DESIRED)):
         panel.plot(data["time"].values, _heading_deg(data[f"{name}_quaternion"].values), **style)
-    label(panel, "payload $\\psi$", "deg")
+    label(panel, "payload ψ", "deg")
 
 
 def _heading_deg(quaternion: Array) -> Array:
@@ -178,6 +178,7 @@ def internal_force_figure(result: RunResult) -> Figure:
                 inset_peak(panel, data["time"].values)
                 label(panel, f"{name}, {text}", unit)
         if has_measured:  # three entries are too wide beside a title
+            figure.set_layout_engine("constrained")
             figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
         else:
             legend_above(axes[0, 0])

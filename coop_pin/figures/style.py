@@ -10,15 +10,14 @@ from typing import Any, Literal, TypeAlias
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.figures import palette
+from coop_pin.figures.layout import PanelLayout, write_decades
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 
@@ -74,21 +73,22 @@ def run_figure(
     """
     scenario = result.scenario
     with styled():
-        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6), layout="constrained")
+        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6))
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        figure.suptitle(f"{as_written(scenario.name)}: {title}")
+        heading = figure.suptitle(f"{as_written(scenario.name)}: {title}", va="top")
         windows = [one for one in (result.steady_window, result.after_event_window) if not one.is_empty]
         shaded = ("blue shade: the windows of the metrics",) if windows else ()
         caption = "; ".join((*((scenario.summary,) if scenario.summary else ()), *shaded))
-        figure.supxlabel(as_written(caption), fontsize=7.5, color=palette.CAPTION)
+        below = figure.supxlabel(as_written(caption), fontsize=7.5, color=palette.CAPTION, va="bottom")
+        figure.set_layout_engine(PanelLayout(heading, below))
         yield figure, axes
-        figure.align_ylabels()
         for panel_axes in axes.flat:
             for window in windows:
                 panel_axes.axvspan(window.start, window.end, color=palette.ACTUAL, **_WINDOW)
             for event in scenario.events:
                 _mark_event(panel_axes, event)
             panel_axes.set_xlim(0.0, max(result.end, scenario.clock.period))
+            write_decades(panel_axes)
         for panel_axes in axes[-1]:
             panel_axes.set_xlabel("time (s)")
 
@@ -100,7 +100,8 @@ def as_written(text: object) -> str:
 
 def label(panel: Axes, title: str, unit: str) -> None:
     """Set the title of a panel and the label of its vertical axis."""
-    panel.set_title(title, loc="left", fontsize=STYLE["axes.titlesize"])
+    panel.set_title(title, loc="left", fontsize=STYLE["axes.titlesize"], y=1.0)
+    panel.yaxis.set_offset_position("right")  # a factor such as 1e-5 does not meet the title
     panel.set_ylabel(unit)
 
 
@@ -223,7 +224,6 @@ def is_log_spaced(values: Array) -> bool:
 _DPI = 150
 _COLUMN, _PAGE = 3.5, 7.16
 """Widths of one and of two columns of a paper, inches."""
-_CANVASES: dict[str, Any] = {".png": FigureCanvasAgg, ".svg": FigureCanvasSVG, ".pdf": FigureCanvasPdf}
 Format: TypeAlias = Literal["png", "svg", "pdf"]
 
 
@@ -278,6 +278,7 @@ def _fit_paper(figure: Figure) -> None:
 
 
 def _write(figure: Figure, part: Path) -> None:
-    canvas: Any = _CANVASES[part.suffix](figure)
-    metadata = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    getattr(canvas, f"print_{part.suffix[1:]}")(part, metadata=metadata[part.suffix])
+    kind = part.suffix[1:]
+    canvas: Any = get_registered_canvas_class(kind)(figure)  # loads the backend: that of PDF takes 0.2 s
+    metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    getattr(canvas, f"print_{kind}")(part, metadata=metadata[kind])

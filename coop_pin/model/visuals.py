@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-import trimesh
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.arm import Arm
@@ -145,6 +144,8 @@ def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
     """
     if part.overrideMaterial or Path(part.meshPath).suffix.lower() != ".dae":
         return []
+    import trimesh  # a third of a second, only for arms with such meshes
+
     pieces: dict[Colour, list[Any]] = {}
     dumped: Any = trimesh.load_scene(part.meshPath).dump()
     for piece in dumped:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
+from xarray.indexes import PandasIndex
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
@@ -29,42 +32,75 @@ def dataset(
 ) -> xr.Dataset:
     """Return the labelled arrays of a run: every stored quantity, and the joint limits.
 
-    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
-    (x, y, z, w).
-
     Args:
         scenario: what was run.
         samples: of every recorded quantity.
         joints: names of each arm's joints.
         limits: the four ``LIMITS`` of m arms with at most k joints, shape (4, m, k); NaN where there is none.
     """
-    table = quantities(scenario)
-    values = computed(table, samples, scenario.cell.shares)
+    values = computed(quantities(scenario), samples, scenario.cell.shares)
+    return labelled(scenario, values | without_time(scenario, joints, limits))
+
+
+def without_time(scenario: Scenario, joints: Sequence[Sequence[str]], limits: Array) -> Samples:
+    """Return names and limits of arms and joints by name; arguments as of dataset."""
+    k = limits.shape[2]
+    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
+    return dict(zip(LIMITS, limits, strict=True)) | {
+        "arm": np.array(list(scenario.cell.arms)),
+        "joint_name": names,
+    }
+
+
+def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
+    """Return the arrays of a run with dimensions, units and texts.
+
+    Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
+    (x, y, z, w).
+
+    Args:
+        scenario: what was run.
+        values: of all quantities, and what ``without_time`` returns.
+    """
     # All variables are gathered first: assigning one to a Dataset aligns the whole Dataset anew.
-    variables: dict[str, tuple[Any, ...]] = {
-        quantity.name: (
+    variables = {
+        quantity.name: _variable(
             ("time", *quantity.dims.split()),
             values[quantity.name],
             {"units": quantity.unit, "long_name": quantity.text},
         )
-        for quantity in table
+        for quantity in quantities(scenario)
         if quantity.stored
     }
-    joint, k = ("arm", "joint"), samples["torque"].shape[2]
-    for name, values_of_joints in zip(LIMITS, limits, strict=True):
-        attributes = {"units": LIMITS[name], "long_name": "NaN where there is none"}
-        variables[name] = (joint, values_of_joints, attributes)
-    names = np.array([(*arm, *[""] * (k - len(arm))) for arm in joints])
-    variables["joint_name"] = (joint, names, {"long_name": "empty beyond an arm's joints"})
-    determined = np.isfinite(samples["interaction_wrench"]).all(axis=(0, 1))
+    joint, k = ("arm", "joint"), values["torque"].shape[2]
+    for name, unit in LIMITS.items():
+        attributes = {"units": unit, "long_name": "NaN where there is none"}
+        variables[name] = _variable(joint, values[name], attributes)
+    text = "empty beyond an arm's joints"
+    variables["joint_name"] = _variable(joint, values["joint_name"], {"long_name": text})
+    determined = np.asarray(np.isfinite(values["interaction_wrench"]).all(axis=(0, 1)))
     text = "rows of wrenches that rigid bodies determine; others are NaN"
-    variables["wrench_is_determined"] = ("axis", determined, {"long_name": text})
-    coordinates = {
-        "time": ("time", samples["time"], {"units": "s"}),
-        "arm": list(scenario.cell.arms),
+    variables["wrench_is_determined"] = _variable(("axis",), determined, {"long_name": text})
+    labels: dict[str, NDArray[Any]] = {
+        "time": values["time"],
+        "arm": values["arm"],
         "joint": np.arange(1, k + 1),
-        "axis": AXES,
-        "position": AXES[:3],
-        "quaternion": ["x", "y", "z", "w"],
+        "axis": np.array(AXES),
+        "position": np.array(AXES[:3]),
+        "quaternion": np.array(("x", "y", "z", "w")),
     }
+    coordinates = _coordinates(labels)
+    coordinates["time"].attrs["units"] = "s"
     return xr.Dataset(variables, coordinates, {"title": scenario.summary or scenario.name})
+
+
+def _variable(dims: tuple[str, ...], values: NDArray[Any], attributes: Mapping[str, str]) -> xr.Variable:
+    """Return a variable that holds a numpy array as it is: to convert one, xarray imports dask, 0.3 s."""
+    return xr.Variable(dims, values, attributes, fastpath=True)
+
+
+def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:
+    """Return the coordinates of dimensions with labels, without dask as well."""
+    indexes = {dim: PandasIndex(pd.Index(values), dim, values.dtype) for dim, values in labels.items()}
+    variables = {dim: index.create_variables()[dim] for dim, index in indexes.items()}
+    return xr.Coordinates(variables, indexes)

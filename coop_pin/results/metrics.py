@@ -1,12 +1,13 @@
 """Metrics of a run: settling time, tracking error, internal force, energy balance, limit violations.
 
-Functions of a run's dataset; those that average or count from an instant state their window.
+Functions of a run's arrays by name, such as its dataset; those that average state their window.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -62,6 +63,8 @@ METRIC_TEXTS |= {
     if name in STEADY_METRICS
 }
 
+Arrays: TypeAlias = Mapping[Any, Any] | xr.Dataset
+"""Arrays of a run by name: numpy's, or labelled ones."""
 _SLACK = 1e-9
 """Differences below it, in time or beyond a limit, are rounding."""
 
@@ -105,12 +108,12 @@ def checked_window(window: tuple[float, float], end: float) -> Window:
     return Window(start, stop)
 
 
-def samples_of(data: xr.Dataset, window: Window) -> Mask:
+def samples_of(data: Arrays, window: Window) -> Mask:
     """Return the mask of the samples with start <= t < end, shape (n,).
 
     The last sample of a run is in a window that reaches the end of the run.
     """
-    time = data["time"].values
+    time = np.asarray(data["time"])
     return np.asarray(
         (time >= window.start - _SLACK)
         & ((time < window.end - _SLACK) | (time == time[-1]) & (window.end >= time[-1] - _SLACK))
@@ -125,17 +128,17 @@ def rms(values: Array) -> float:
 # ------------------------------------------------------------ tracking
 
 
-def in_band(data: xr.Dataset) -> Mask:
+def in_band(data: Arrays) -> Mask:
     """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (n,)."""
-    error = data["pose_error"].values
+    error = np.asarray(data["pose_error"])
     near = np.linalg.norm(error[:, :3], axis=1) <= POSITION_BAND_M
     aligned = np.linalg.norm(error[:, 3:], axis=1) <= ORIENTATION_BAND_RAD
     return np.asarray(near & aligned)
 
 
-def settling_time(data: xr.Dataset, window: Window) -> float:
+def settling_time(data: Arrays, window: Window) -> float:
     """Return the time from the window's start after which the errors stay in the band; inf if they do not."""
-    inside, time = samples_of(data, window), data["time"].values
+    inside, time = samples_of(data, window), np.asarray(data["time"])
     out = np.flatnonzero(inside & ~in_band(data))
     if out.size == 0:
         return 0.0
@@ -170,24 +173,25 @@ class InternalForceMetrics(NamedTuple):
         return math.hypot(self.axial_rms_error, self.shear_rms)
 
 
-def internal_force(data: xr.Dataset, window: Window) -> InternalForceMetrics:
+def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
     """Return the metrics of the internal wrench over a window."""
-    if data.sizes["arm"] == 1:
+    if len(data["arm"]) == 1:
         return InternalForceMetrics(*[math.nan] * 4)
     inside = samples_of(data, window)
-    axial = data["internal_axial"].values[inside]
-    errors = (data[f"internal_{part}_error"].values[inside] for part in ("axial", "shear", "moment"))
+    axial = np.asarray(data["internal_axial"])[inside]
+    errors = (np.asarray(data[f"internal_{part}_error"])[inside] for part in ("axial", "shear", "moment"))
     return InternalForceMetrics(float(axial.mean()) if axial.size else math.nan, *map(rms, errors))
 
 
 # ------------------------------------------------------------ energy
 
 
-def energy_balance(data: xr.Dataset) -> Array:
+def energy_balance(data: Arrays) -> Array:
     """Return energy minus its start minus all work done, J, shape (n,): zero for an exact integration."""
-    energy = data["kinetic_energy"].values + data["potential_energy"].values
+    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
     work = sum(
-        data[f"work_{channel}"].values for channel in ("actuation", "friction", "external", "payload_change")
+        np.asarray(data[f"work_{channel}"])
+        for channel in ("actuation", "friction", "external", "payload_change")
     )
     return np.asarray(energy - energy[0] - work)
 
@@ -216,11 +220,11 @@ class LimitViolation(NamedTuple):
     first_time: float
 
 
-def limit_violations(data: xr.Dataset) -> tuple[LimitViolation, ...]:
+def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
     """Return the limits that were exceeded, by arm, joint and kind; the plant stops no joint at its limit."""
     found = []
-    for a, arm in enumerate(data["arm"].values):
-        for j, joint in enumerate(data["joint_name"].values[a]):
+    for a, arm in enumerate(np.asarray(data["arm"])):
+        for j, joint in enumerate(np.asarray(data["joint_name"])[a]):
             if not joint:
                 continue
             for kind, values, lower, upper in _limited(data, a, j):
@@ -229,24 +233,24 @@ def limit_violations(data: xr.Dataset) -> tuple[LimitViolation, ...]:
                 if beyond.size:
                     worst = float(values[beyond[np.argmax(over[beyond])]])
                     limit = upper if worst > upper else lower
-                    first = float(data["time"].values[beyond[0]])
+                    first = float(np.asarray(data["time"])[beyond[0]])
                     found.append(LimitViolation(str(arm), str(joint), kind, worst, limit, first))
     return tuple(found)
 
 
 def _limited(
-    data: xr.Dataset, a: int, j: int
+    data: Arrays, a: int, j: int
 ) -> list[tuple[Literal["position", "velocity", "torque"], Array, float, float]]:
     """Return kind, values over time, lower and upper limit of one joint."""
     lower, upper, speed, torque = (
-        float(data[name].values[a, j])
+        float(np.asarray(data[name])[a, j])
         for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit")
     )
     asked = "requested_torque" if "requested_torque" in data else "commanded_torque"
     return [
-        ("position", data["joint_position"].values[:, a, j], lower, upper),
-        ("velocity", data["joint_velocity"].values[:, a, j], -speed, speed),
-        ("torque", data[asked].values[:, a, j], -torque, torque),
+        ("position", np.asarray(data["joint_position"])[:, a, j], lower, upper),
+        ("velocity", np.asarray(data["joint_velocity"])[:, a, j], -speed, speed),
+        ("torque", np.asarray(data[asked])[:, a, j], -torque, torque),
     ]
 
 

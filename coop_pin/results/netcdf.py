@@ -39,7 +39,7 @@ def to_netcdf(data: xr.Dataset, scenario: str) -> bytes:
 
 def _written(data: xr.Dataset) -> bytes:
     """Return a dataset as Dataset.to_netcdf writes it, without its import of dask.distributed."""
-    order = (*data.data_vars, *data.coords)
+    order = (*data.coords, *data.data_vars)
     variables, attributes = cf_encoder({name: data.variables[name] for name in order}, data.attrs)
     buffer = io.BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down
     with h5netcdf.File(buffer, "w") as file:

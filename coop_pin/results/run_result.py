@@ -15,6 +15,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.atomic_write import write_atomically
+from coop_pin.results.dataset import labelled
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
@@ -24,7 +25,7 @@ from coop_pin.results.metrics import (
     metric_text,
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
-from coop_pin.results.quantities import quantities
+from coop_pin.results.quantities import Samples, quantities
 from coop_pin.results.trust import Breach, TrustMonitor
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -36,22 +37,43 @@ class RunResult:
     Attributes:
         scenario: what was run.
         data: xarray Dataset with dimensions time, arm, joint, axis; units are attributes of the variables.
+        arrays: the same without labels, by name.
     """
 
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
+    ENGINE = "engine"
+    """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
 
-    def __init__(self, scenario: Scenario, data: xr.Dataset) -> None:
+    def __init__(self, scenario: Scenario, data: xr.Dataset | Samples) -> None:
+        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for."""
         require_type("scenario", scenario, Scenario)
-        require_type("data", data, xr.Dataset)
-        self.scenario, self.data = scenario, data
+        require_type("data", data, xr.Dataset, dict)
+        self.scenario, self._data = scenario, data
+
+    @property
+    def data(self) -> xr.Dataset:
+        """The labelled arrays."""
+        if not isinstance(self._data, xr.Dataset):
+            self._data = labelled(self.scenario, self._data)
+        return self._data
+
+    @property
+    def arrays(self) -> metrics.Arrays:
+        """The arrays by name, without their labels."""
+        return self._data.variables if isinstance(self._data, xr.Dataset) else self._data
+
+    @property
+    def engine(self) -> str:
+        """What computed the motion: "pinocchio" or "traced"."""
+        return str(self.data.attrs.get(self.ENGINE, "pinocchio"))
 
     # ------------------------------------------------------------ windows
 
     @property
     def end(self) -> float:
         """Time of the last sample, s."""
-        return float(self.data["time"].values[-1])
+        return float(np.asarray(self.arrays["time"])[-1])
 
     @property
     def first_event(self) -> float:
@@ -93,13 +115,12 @@ class RunResult:
 
         The last one is the error that ended the run, if one did.
         """
-        data = self.data
-        names = [[name for name in row if name] for row in data["joint_name"].values.tolist()]
-        joints = list(zip(map(str, data["arm"].values), names, strict=True))
-        limits = data["position_lower"].values, data["position_upper"].values
-        monitor = TrustMonitor(self.scenario.trust, joints, *limits)
-        found = monitor.breaches({str(name): data[name].values for name in ("time", *data.data_vars)})
-        if self.ENDED_BY in data.attrs:
+        arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
+        names = [[name for name in row if name] for row in arrays["joint_name"].tolist()]
+        joints = list(zip(map(str, arrays["arm"]), names, strict=True))
+        limits = arrays["position_lower"], arrays["position_upper"]
+        found = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
+        if self.ENDED_BY in getattr(self._data, "attrs", ()):
             found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return found
 
@@ -118,21 +139,15 @@ class RunResult:
     # ------------------------------------------------------------ metrics
 
     def settling_time(self) -> float:
-        """Return the time after which the errors stay within 5 mm and 5 mrad until the first event, s.
-
-        inf if they do not.
-        """
-        return metrics.settling_time(self.data, Window(0.0, self.first_event))
+        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
+        return metrics.settling_time(self.arrays, Window(0.0, self.first_event))
 
     def resettling_time(self) -> float:
-        """Return the settling time after the first event, s.
-
-        NaN without an event, or if the errors never left the band.
-        """
-        inside = metrics.samples_of(self.data, self._event_window)
-        if not self.scenario.events or not np.any(inside & ~metrics.in_band(self.data)):
+        """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
+        inside = metrics.samples_of(self.arrays, self._event_window)
+        if not self.scenario.events or not np.any(inside & ~metrics.in_band(self.arrays)):
             return math.nan
-        return metrics.settling_time(self.data, self._event_window)
+        return metrics.settling_time(self.arrays, self._event_window)
 
     def event_peak_position_error(self) -> float:
         """Return the largest position error from the first event on, m; NaN without an event."""
@@ -162,28 +177,29 @@ class RunResult:
     def internal_wrench_definitions(self) -> xr.Dataset:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
 
-        Variables ``load_shares`` (the paper's, eqs. (7)-(12), as ``data.internal_wrench``), ``minimum_norm``,
-        ``nonsqueezing``, ``virtual_linkage``, ``constraint_consistent`` and, for two arms, ``symmetric``: see
-        coop_pin.spatial.internal_wrench for their equations and sources.
+        Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
+        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see coop_pin.spatial.internal_wrench.
         """
         cell = self.scenario.cell
         return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        return float(self.data["closure_distance"].max()), float(self.data["closure_angle"].max())
+        found = (np.nanmax(np.asarray(self.arrays[f"closure_{part}"])) for part in ("distance", "angle"))
+        distance, angle = map(float, found)
+        return distance, angle
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
-        return float(np.abs(metrics.energy_balance(self.data)).max())
+        return float(np.abs(metrics.energy_balance(self.arrays)).max())
 
     def torque_peak(self) -> float:
         """Return the largest drive torque over the whole run, N m."""
-        return float(np.nanmax(np.abs(self.data["torque"].values)))
+        return float(np.nanmax(np.abs(np.asarray(self.arrays["torque"]))))
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return metrics.limit_violations(self.data)
+        return metrics.limit_violations(self.arrays)
 
     def metrics(self) -> dict[str, float]:
         """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
@@ -215,7 +231,9 @@ class RunResult:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
         ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
-        lines = [f"{scenario.name}: {self.verdict()}", f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}"]
+        engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
+        span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}"
+        lines = [f"{scenario.name}: {self.verdict()}", span]
         for name, value in self.metrics().items():
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
@@ -234,14 +252,12 @@ class RunResult:
 
     def _unsettled(self) -> str:
         """Return the errors at the end of a run that did not settle, and what to try."""
-        last = self.data["pose_error"].values[-1]
+        last = np.asarray(self.arrays["pose_error"])[-1]
         advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
         if any(violation.kind == "torque" for violation in self.limit_violations()):
             advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-        errors = (
-            f"errors of {np.linalg.norm(last[:3]):.3g} m and {np.linalg.norm(last[3:]):.3g} rad at the end"
-        )
-        return f"did not settle: {errors}; {advice}"
+        position, turn = np.linalg.norm(last[:3]), np.linalg.norm(last[3:])
+        return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
 
     def _window(self, window: tuple[float, float] | None) -> Window:
         return self.steady_window if window is None else metrics.checked_window(window, self.end)
@@ -250,11 +266,11 @@ class RunResult:
         if window.is_empty:
             return dict.fromkeys(STEADY_METRICS, math.nan)
         errors = (metrics.rms(self._error_norms(axes, window)) for axes in (slice(3), slice(3, None)))
-        return dict(zip(STEADY_METRICS, (*errors, *metrics.internal_force(self.data, window)), strict=True))
+        return dict(zip(STEADY_METRICS, (*errors, *metrics.internal_force(self.arrays, window)), strict=True))
 
     def _error_norms(self, axes: slice, window: Window) -> Array:
         """Return the norm of some axes of the pose error at the samples of a window."""
-        error = self.data["pose_error"].values[metrics.samples_of(self.data, window), axes]
+        error = np.asarray(self.arrays["pose_error"])[metrics.samples_of(self.arrays, window), axes]
         return np.linalg.norm(error, axis=1)
 
     # ------------------------------------------------------------ files

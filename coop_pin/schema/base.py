@@ -214,8 +214,9 @@ class Description(BaseModel):
             raise FieldError("has a table with a key that is not a text") from None
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and all(
-            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        return self is other or (
+            type(self) is type(other)
+            and all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
         )
 
     def replace(self, **fields: Any) -> Self:

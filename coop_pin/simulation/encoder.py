@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import exp, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,60 +18,84 @@ from coop_pin.description.sensors import (
 from coop_pin.model.joint_limits import per_joint
 
 
-class Encoders:
-    """Encoders of one arm, with the state of its velocity estimate."""
+class EncoderState(NamedTuple):
+    """Memory of the velocity estimate.
 
-    def __init__(
-        self, sensors: Sensors, period: float, rng: np.random.Generator, joints: int, path: str
-    ) -> None:
-        """Start without a reading.
+    Attributes:
+        position: last reading, or the observer's position, rad, shape (k,).
+        velocity: the estimate, rad/s, shape (k,).
+    """
+
+    position: Array
+    velocity: Array
+
+
+class Encoders(NamedTuple):
+    """Encoders of one arm; every row has one value for each drive, shape (k,).
+
+    Attributes:
+        resolution: of a count, rad; 0 is continuous.
+        noise: standard deviation at each tick, rad.
+        offset: of the zero, rad.
+        velocity: kind of the estimate.
+        pole: p of its filter or observer.
+        period: T, s.
+    """
+
+    resolution: Array
+    noise: Array
+    offset: Array
+    velocity: str
+    pole: float
+    period: float
+
+    @classmethod
+    def of_sensors(cls, sensors: Sensors, period: float, joints: int, path: str) -> Encoders:
+        """Return the encoders of an arm.
 
         Args:
             sensors: of the arm.
             period: T, s.
-            rng: source of the noise.
             joints: number of drives.
             path: of the sensors in the scenario, for error messages.
 
         Raises:
             FieldError: the number of values differs from that of the drives.
         """
-        self._resolution, self._noise, self._offset = (
+        resolution, noise, offset = (
             per_joint(np.array(getattr(sensors.encoder, name)), joints, f"{path}.encoder.{name}")
             for name in Encoder.model_fields
         )
-        # A continuous encoder divides by one and keeps the undivided value.
-        self._is_counted = self._resolution > 0.0
-        self._count = np.where(self._is_counted, self._resolution, 1.0)
-        self._velocity, self._period, self._rng = sensors.velocity, period, rng
-        self._last: Array | None = None
-        self._estimate = np.zeros(joints)
+        match sensors.velocity:
+            case DifferencedVelocity(cutoff_hz=rate_hz) | ObservedVelocity(bandwidth_hz=rate_hz):
+                pole = exp(-2.0 * pi * rate_hz * period)
+            case IdealVelocity():
+                pole = 0.0
+        return cls(resolution, noise, offset, sensors.velocity.kind, pole, period)
 
-    def restart(self) -> None:
-        """Take the next reading as the first, at rest."""
-        self._last = None
-
-    def read(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return measured position and velocity of the drives at the next tick, shape (k,) each.
+    def read(
+        self, q: Array, v: Array, noise: Array, state: EncoderState | None
+    ) -> tuple[Array, Array, EncoderState]:
+        """Return measured position and velocity of the drives at the next tick, shape (k,), and the state.
 
         Args:
             q: true drive coordinates, rad, shape (k,).
             v: true drive velocities, rad/s, shape (k,).
+            noise: of this tick, rad, shape (k,).
+            state: after the tick before; None at the first, at rest.
         """
-        q = q + self._noise * self._rng.standard_normal(q.size)
-        q = np.where(self._is_counted, self._count * np.round(q / self._count), q) + self._offset
-        last, T = q if self._last is None else self._last, self._period
-        if self._last is None:
-            self._estimate = np.zeros(q.size)
-        match self._velocity:
-            case IdealVelocity():
-                return q, v.copy()
-            case DifferencedVelocity(cutoff_hz=cutoff_hz):
-                p = exp(-2.0 * pi * cutoff_hz * T)
-                self._estimate = p * self._estimate + (1.0 - p) * (q - last) / T
-                self._last = q
-            case ObservedVelocity(bandwidth_hz=bandwidth_hz):
-                p = exp(-2.0 * pi * bandwidth_hz * T)
-                e = q - last - T * self._estimate
-                self._last, self._estimate = q - p**2 * e, self._estimate + (1.0 - p) ** 2 * e / T
-        return q, self._estimate.copy()
+        is_counted = self.resolution > 0.0
+        # A continuous encoder divides by one and keeps the undivided value.
+        count = np.where(is_counted, self.resolution, 1.0)
+        q = q + noise
+        q = np.where(is_counted, count * np.round(q / count), q) + self.offset
+        last, estimate = (q, np.zeros(q.size)) if state is None else state
+        p, T = self.pole, self.period
+        if self.velocity == "ideal":
+            return q, v.copy(), EncoderState(q, estimate)
+        if self.velocity == "difference":
+            estimate = p * estimate + (1.0 - p) * (q - last) / T
+            return q, estimate.copy(), EncoderState(q, estimate)
+        e = q - last - T * estimate
+        state = EncoderState(q - p**2 * e, estimate + (1.0 - p) ** 2 * e / T)
+        return q, state.velocity.copy(), state

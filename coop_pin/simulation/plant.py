@@ -12,6 +12,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
+from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.plant import PlantOptions
 from coop_pin.simulation.transmission import Transmission
@@ -26,6 +27,7 @@ class Plant:
     """Closed chain in motion: its state and the forces on it.
 
     Attributes:
+        engine: what computes it.
         chain: the cell's closed chain.
         transmission: between its drives and joints, with friction.
         q: configuration, shape (nq,).
@@ -33,6 +35,8 @@ class Plant:
         external: wrench on the payload about P in world axes, N and N m, shape (6,).
         work: done so far by each of CHANNELS, J, shape (3,).
     """
+
+    engine = "pinocchio"
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         """Start at rest, without torques.
@@ -71,6 +75,10 @@ class Plant:
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         return self.chain.interaction_wrenches(self.q, self.v, self.generalised_force(), self.external)
+
+    def closure_errors(self) -> list[ClosureError]:
+        """Return the closure error between tip and grasp of each arm at the present state."""
+        return self.chain.closure_errors(self.q)
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""

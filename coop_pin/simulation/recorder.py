@@ -20,6 +20,8 @@ from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
 
+_WORK = tuple(f"work_{channel}" for channel in CHANNELS)
+
 
 class Recorder:
     """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
@@ -71,7 +73,7 @@ class Recorder:
     ) -> None:
         """Record one tick; the plant already holds its torques."""
         kept, plant, sample = self._samples, self._plant, self._sample(tick)
-        seen, work = plant.observe(), (*plant.work, self.payload_energy)
+        seen = plant.observe()
         distances, angles = zip(*seen.closure_errors, strict=True)
         for name, value in {
             "time": time,
@@ -83,15 +85,17 @@ class Recorder:
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
             "tip_position": seen.tip_positions,
-            "interaction_wrench": np.where(self._determined, seen.interaction_wrenches, np.nan),
+            "interaction_wrench": seen.interaction_wrenches,
             "external_wrench": plant.external,
             "closure_distance": distances,
             "closure_angle": angles,
             "kinetic_energy": seen.energy.kinetic,
             "potential_energy": seen.energy.potential,
-            **{f"work_{c}": done for c, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
+            "work_payload_change": self.payload_energy,
         }.items():
             kept[name][sample] = value
+        for name, done in zip(_WORK, plant.work, strict=True):
+            kept[name][sample] = done
         for index, measurement in enumerate(measurements):
             drives = len(measurement.v)
             kept["torque"][sample, index, :drives] = applied.torques[index]
@@ -101,7 +105,6 @@ class Recorder:
                 kept["requested_torque"][sample, index, :drives] = applied.requested[index]
             self._jacobians[index][sample] = measurement.payload_jacobian
             place = plant.chain.model.arms[index]
-            kept["drive_velocity"][sample, index, :drives] = place.drive.dot(plant.v[place.v_slice])
             if not place.angles.is_vector:
                 # Full turns are counted at every tick: between kept samples a joint may make several.
                 turned = place.angles.along(plant.q[None, place.q_slice], self._angles[index])[0]
@@ -131,7 +134,7 @@ class Recorder:
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         last = slice(self.count - 1, self.count)
-        samples = {name: values[last] for name, values in self._samples.items()}
+        samples = self._kept(last)
         samples["jacobian_condition"] = np.array([[np.linalg.cond(J[last])[0] for J in self._jacobians]])
         values = computed(self._table, samples, self._cell.shares, Snapshot._fields)
         arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
@@ -144,7 +147,10 @@ class Recorder:
             scenario: what was run.
         """
         kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self.joints]
-        return RunResult(scenario, dataset(scenario, kept, names, self.limit_table()))
+        data = dataset(scenario, kept, names, self.limit_table())
+        if self._plant.engine != Plant.engine:
+            data.attrs[RunResult.ENGINE] = self._plant.engine
+        return RunResult(scenario, data)
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
@@ -157,7 +163,7 @@ class Recorder:
 
     def _filled(self, ticks: slice) -> Samples:
         """Return the samples of some ticks, with what needs no record of its own filled in."""
-        kept = {name: values[ticks] for name, values in self._samples.items()}
+        kept = self._kept(ticks)
         for index, place in enumerate(self._plant.chain.model.arms):
             kept["jacobian_condition"][:, index] = np.linalg.cond(self._jacobians[index][ticks])
             joints = len(place.drive)
@@ -165,7 +171,15 @@ class Recorder:
                 kept["joint_position"][:, index, :joints] = place.angles.of(
                     kept["configuration"][:, place.q_slice]
                 )
-            kept["joint_velocity"][:, index, :joints] = kept["velocity"][:, place.v_slice]
+            v = kept["velocity"][:, place.v_slice]
+            kept["joint_velocity"][:, index, :joints] = v
+            kept["drive_velocity"][:, index, :joints] = v.dot(place.drive.T)
+        return kept
+
+    def _kept(self, ticks: slice) -> Samples:
+        """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
+        kept = {name: values[ticks] for name, values in self._samples.items()}
+        kept["interaction_wrench"][..., ~self._determined] = np.nan
         return kept
 
     def _sample(self, tick: int) -> int:

@@ -14,7 +14,7 @@ from coop_pin.description.sensors import WristSensor
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
-from coop_pin.simulation.encoder import Encoders
+from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.noise import generator
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.wrist import ForcePath, Wrist
@@ -25,6 +25,7 @@ class ArmSensor:
     """Sensors of one arm, and its payload kinematics.
 
     Attributes:
+        encoders: of its drives; None if they are ideal.
         has_wrist: whether the arm measures its interaction wrench.
     """
 
@@ -45,11 +46,12 @@ class ArmSensor:
         X_PE, posture = cell.grasps[name].matrix, cell.arms[name].posture
         self._kinematics = ArmKinematics(cell.arms[name], X_PE, cell.task_rows)
         self._angles = np.zeros(joints) if posture is None else np.array(posture)
-        self._encoders: Encoders | None = None
+        self.encoders: Encoders | None = None
         if not sensors.joints_are_ideal:
-            rng = generator(scenario.seed, f"{name}/encoder")
-            self._encoders = Encoders(sensors, scenario.clock.period, rng, joints, path)
+            self.encoders = Encoders.of_sensors(sensors, scenario.clock.period, joints, path)
+            self._noise = generator(scenario.seed, f"{name}/encoder")
             self._to_joints = np.linalg.inv(place.drive)
+        self._read: EncoderState | None = None
         rng = generator(scenario.seed, f"{name}/wrist")
         self._wrist = Wrist(sensors.wrist or WristSensor(), X_PE, scenario.clock, rng)
         error = np.array(sensors.holding_torque_error)
@@ -58,8 +60,7 @@ class ArmSensor:
     def restart(self) -> None:
         """Take the next measurement as the first."""
         self._wrist.restart()
-        if self._encoders is not None:
-            self._encoders.restart()
+        self._read = None
 
     def measure(
         self,
@@ -78,8 +79,9 @@ class ArmSensor:
         own, T, angles = q[self._place.q_slice], self._place.drive, self._place.angles
         self._angles = own if angles.is_vector else angles.near(own, self._angles)
         q_drive, v_drive = T.dot(self._angles), T.dot(v[self._place.v_slice])
-        if self._encoders is not None:
-            q_drive, v_drive = self._encoders.read(q_drive, v_drive)
+        if self.encoders is not None:
+            noise = self.encoders.noise * self._noise.standard_normal(q_drive.size)
+            q_drive, v_drive, self._read = self.encoders.read(q_drive, v_drive, noise, self._read)
             own = angles.configuration(self._to_joints.dot(q_drive))
         view = self._kinematics.view(own)
         return ArmMeasurement(

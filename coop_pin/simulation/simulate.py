@@ -10,6 +10,7 @@ from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, UserCodeError
 from coop_pin.results import Observer, RunResult, ThrottledObserver
+from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulation import Simulation
 
@@ -25,6 +26,7 @@ def simulate(
     view: Observer | None = None,
     realtime_rate: float | None = None,
     stop_at_breach: bool = False,
+    plant: type[Plant] = Plant,
 ) -> RunResult:
     """Return the result of a controller on the plant of a scenario.
 
@@ -36,6 +38,7 @@ def simulate(
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
+        plant: what computes the motion.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.
@@ -47,7 +50,7 @@ def simulate(
     """
     for name, called in (("progress", progress), ("view", view)):
         require_type(name, called, Callable, type(None))  # type: ignore[arg-type]
-    run = Simulation(scenario, controller)
+    run = Simulation(scenario, controller, plant=plant)
     pacer = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
     try:
         while not run.is_finished:

@@ -58,14 +58,18 @@ class Timeline:
 
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
-        edges = (self._edge(tick, i) for i in range(self._per_tick + 1))
-        cuts = self._cuts(tick)
-        for left, right in itertools.pairwise(heapq.merge(edges, cuts) if cuts else edges):
+        edges: Iterable[float] = [self._edge(tick, i) for i in range(self._per_tick + 1)]
+        if self._instants and (cuts := self._cuts(tick)):
+            edges = heapq.merge(edges, cuts)
+        for left, right in itertools.pairwise(edges):
             yield PlantStep(left, right - left)
 
     def happens_at(self, time: float) -> bool:
         """Return whether any event starts or ends at this time."""
-        return any(self._same(time, instant) for instant in self._instants)
+        instants, tolerance = self._instants, _SAME * self._step
+        if not instants or not instants[0] - tolerance <= time <= instants[-1] + tolerance:
+            return False
+        return any(self._same(time, instant) for instant in instants)
 
     def changes_at(self, time: float) -> list[PayloadChange]:
         """Return the payload changes at this time."""

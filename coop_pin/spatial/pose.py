@@ -166,5 +166,5 @@ def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
     """
     R_AB, vector_B = shaped("R_AB", R_AB, 3, 3), shaped("vector_B", vector_B, 6)
     halves = vector_B.reshape(*vector_B.shape[:-1], 2, 3)
-    turned = halves @ np.swapaxes(R_AB, -1, -2)
+    turned = halves.dot(R_AB.T) if R_AB.ndim == 2 else halves @ np.swapaxes(R_AB, -1, -2)
     return turned.reshape(vector_B.shape)

@@ -65,7 +65,7 @@ def inverse(A: Array) -> tuple[Array, float]:
     if type(A) is not np.ndarray:
         A_inverse = np.linalg.inv(A)  # type: ignore[assignment]
     else:
-        _, _, A_inverse, zero_pivot = dgesv(A, _identity(len(A)))
+        _, _, A_inverse, zero_pivot = dgesv(A, identity(len(A)))
         if zero_pivot:
             return np.full(A.shape, np.inf), np.inf
     condition: Any = (np.vdot(A, A) * np.vdot(A_inverse, A_inverse)) ** 0.5
@@ -73,5 +73,6 @@ def inverse(A: Array) -> tuple[Array, float]:
 
 
 @cache
-def _identity(size: int) -> Array:
+def identity(size: int) -> Array:
+    """Return the identity matrix, read-only, shape (size, size)."""
     return frozen(np.eye(size))

@@ -52,7 +52,11 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             else:
                 from coop_pin.sweeps.batch_job import run_batch  # slow to load
 
-                yield run_batch(batch)
+                found = run_batch(batch)
+                yield [outcome for outcome in found if outcome]
+                for job, outcome in zip(batch, found, strict=True):
+                    if outcome is None:
+                        yield [run_job(job)]
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
@@ -137,7 +141,8 @@ class Worker:
         arguments = pickle.dumps(jobs), memory_limit
         error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
         if error is None:
-            return pickle.loads(content)
+            done = zip(jobs, pickle.loads(content), strict=True)
+            return [outcome or self.compute([job._replace(engine="single")])[0] for job, outcome in done]
         is_late, deaths = isinstance(error, TimeoutError), deaths + 1
         if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
             raise error

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
+from coop_pin.engines import run
 from coop_pin.errors import (
     FieldError,
     MissingExtraError,
@@ -23,7 +24,6 @@ from coop_pin.errors import (
     SweepInterruptedError,
 )
 from coop_pin.progress_bar import ProgressBar
-from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
 from coop_pin.sweeps.engine_choice import with_engine
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
@@ -58,7 +58,10 @@ class Session:
     Attributes:
         store: the folder.
         bar: the progress bar.
+        keys: of the points of the last plan.
     """
+
+    keys: list[str]
 
     def __init__(self, store: SweepStore, bar: ProgressBar, workers: int, scheduler: str | None) -> None:
         self.store, self.bar, self._workers, self._scheduler = store, bar, workers, scheduler
@@ -79,7 +82,7 @@ class Session:
             FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
-        under_way, refused = Counter[str](), list[Outcome]()
+        self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
@@ -113,6 +116,7 @@ class Session:
         limits = plan.time_limit_s, int(plan.memory_limit_gb * 1e9)
         for point, key, scenario, code in keyed_points(plan):
             self._require_files(code)
+            self.keys.append(key)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
             again = retry_failed and kind in _TRANSIENT
             if isinstance(scenario, ScenarioError):
@@ -218,8 +222,8 @@ def sweep(
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
         session.compute(chosen, retry_failed=retry_failed)
-    result = SweepResult(chosen, session.store)
-    result.write_tables()
+        result = SweepResult(chosen, session.store, session.keys)
+        result.write_tables()
     return result
 
 

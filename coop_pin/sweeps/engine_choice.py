@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 
+from coop_pin.description.controller import UserController
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, MissingExtraError
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
@@ -27,13 +28,16 @@ def with_engine(plan: SweepPlan, store: SweepStore) -> SweepPlan:
         kept = store.read_plan()
         if plan.engine == "auto" and kept.replace(engine="auto") == plan:
             return kept
-    from coop_pin.batch import require_compiler, support  # slow to load
+    from coop_pin.batch import plant_reason, require_compiler, support  # slow to load
 
     reason: object = f"{len(plan)} runs are fewer than {_WORTH_A_BATCH}"
     if plan.engine == "batch" or len(plan) >= _WORTH_A_BATCH:
         try:
             require_compiler()
-            reason = support(plan.scenario(0))
+            first = plan.scenario(0)
+            # A user's code runs in workers only; if it cannot be traced, they tell why.
+            is_user = isinstance(first.controller, UserController)
+            reason = plant_reason(first.plant) if is_user else support(first)
         except CoopPinError as error:
             reason = error
     if reason is None:

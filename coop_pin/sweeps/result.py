@@ -14,9 +14,9 @@ import pandas as pd
 import xarray as xr
 
 from coop_pin.arrays import as_count, as_number, require_path, require_type
+from coop_pin.engines import run
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.results import RunResult
-from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
@@ -33,10 +33,11 @@ class SweepResult:
         store: its folder.
     """
 
-    def __init__(self, plan: SweepPlan, store: SweepStore) -> None:
+    def __init__(self, plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> None:
+        """Read nothing yet; ``keys`` are those of all points, where they are known."""
         require_type("plan", plan, SweepPlan)
         require_type("store", store, SweepStore)
-        self.plan, self.store = plan, store
+        self.plan, self.store, self._keys = plan, store, keys
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -53,7 +54,7 @@ class SweepResult:
 
     @functools.cached_property
     def _runs(self) -> xr.Dataset:
-        return read_runs(self.plan, self.store)
+        return read_runs(self.plan, self.store, self._keys)
 
     @functools.cached_property
     def data(self) -> xr.Dataset:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,14 +39,19 @@ class PointResult(NamedTuple):
     message: str = ""
 
 
-def read_runs(plan: SweepPlan, store: SweepStore) -> xr.Dataset:
+def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> xr.Dataset:
     """Return all runs of a plan, read from the store in one pass, with the plan's dimensions.
 
     Variables: COLUMNS, and every metric of the finished runs in alphabetical order, not a number where a run
     failed or is missing, but the ``trustworthy`` of a failed one is 0. Runs whose lines are damaged count as
     missing.
+
+    Args:
+        plan: of the runs.
+        store: of their records.
+        keys: of all points, where they are known.
     """
-    keys = [each.key for each in keyed_points(plan)]
+    keys = [each.key for each in keyed_points(plan)] if keys is None else keys
     wanted = set(keys)
     rows = (
         record.metrics | {name: getattr(record, name) for name in _STORED}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import html
+import importlib.util
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
-
-import meshcat
 
 from coop_pin.arrays import Array
 from coop_pin.figures import palette
@@ -132,7 +131,8 @@ def page_frame(height: int, title: str, **source: str) -> str:
 
 def _viewer_file(name: str) -> str:
     """Return a file of meshcat's viewer, which holds three.js."""
-    return Path(meshcat.viewer_assets_path(), "dist", name).read_text(encoding="utf-8")
+    meshcat: Any = importlib.util.find_spec("meshcat")  # not loaded: its server takes a quarter of a second
+    return Path(meshcat.origin).with_name("viewer").joinpath("dist", name).read_text(encoding="utf-8")
 
 
 def _file(name: str) -> str:

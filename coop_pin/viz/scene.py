@@ -9,7 +9,6 @@ import base64
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
@@ -98,6 +97,8 @@ def thinned(mesh: Mesh, faces: int) -> Mesh:
         mesh: any mesh.
         faces: number of triangles to keep.
     """
+    import trimesh  # a third of a second, only for cells with meshes
+
     whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     whole.merge_vertices()
     if len(whole.faces) > faces:

@@ -87,6 +87,7 @@ class UrdfFile:
     xacro_args: tuple[tuple[str, str], ...] = ()
 
 
+@functools.cache
 def bundled_urdf_folder() -> Path:
     """Return the folder of the bundled robots: inside the package of a wheel, at the top of a checkout."""
     package = Path(__file__).resolve().parents[2]
@@ -120,12 +121,24 @@ def find_urdf(
     Raises:
         UrdfError: there is none; the message lists the places searched and the closest names.
     """
-    given = Path.cwd() / name_or_path
-    robots = robot_files()
+    given, robots = Path.cwd() / name_or_path, robot_files()
     path = given if os.path.isfile(given) else robots.get(str(name_or_path))  # noqa: PTH113
     if path is None:
         raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))
-    path, folders = path.resolve(), [Path(folder).absolute() for folder in package_dirs]
+    resolved = path.resolve() if path is given else _resolved(path)
+    return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), Path.cwd())
+
+
+_resolved = functools.cache(Path.resolve)
+"""Of robots that come with packages."""
+
+
+@functools.lru_cache(maxsize=256)
+def _found(
+    path: Path, package_dirs: tuple[str, ...], xacro_args: tuple[tuple[str, str], ...], cwd: Path
+) -> UrdfFile:
+    """Return the file at a resolved path; folders are relative to the working directory."""
+    folders = [cwd / folder for folder in package_dirs]
     origin: Literal["user", "bundled", "example"] = "user"
     examples, bundled = example_folder(), bundled_urdf_folder()
     if examples is not None and path.is_relative_to(examples.resolve()):
@@ -136,7 +149,7 @@ def find_urdf(
         origin, folders = "bundled", [*folders, bundled]
     else:
         folders += path.parents[:_PACKAGE_LEVELS]
-    return UrdfFile(path, tuple(folders), origin, tuple(sorted(xacro_args.items())))
+    return UrdfFile(path, tuple(folders), origin, xacro_args)
 
 
 def _not_found(name: str, given: Path, robots: Sequence[str]) -> str:

@@ -1,0 +1,192 @@
+"""Plant of a single run as compiled code: the engine "traced", in place of Pinocchio's solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.cell_dynamics import CellModel
+from coop_pin.batch.llvm_machine import LlvmMachine
+from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
+from coop_pin.batch.serial_arm import RigidInertia
+from coop_pin.batch.support import plant_reason
+from coop_pin.batch.tree import leaves, structure
+from coop_pin.chain.cell_chain import CellChain, Observation
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.trajectory import Energy
+from coop_pin.description.plant import PlantOptions
+from coop_pin.errors import ArgumentError, TracingError
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.transmission import friction
+
+_KEPT_CODES = 8
+"""Cells whose code a process keeps."""
+
+
+class TracedPlant(Plant):
+    """Plant whose steps and observations are compiled code; its chain remains that of Pinocchio.
+
+    Steps wait until the state is read or a force changes, so that a tick without events is one call.
+    """
+
+    engine = "traced"
+
+    def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
+        """Start at rest, without torques; arguments as of Plant.
+
+        Raises:
+            ArgumentError: the engine does not have the options, or an arm is no serial chain.
+            MissingExtraError: llvmlite is not installed.
+        """
+        code, machine = _compiled(_numbers(chain, options))
+        self._waiting: list[float] = []
+        self._is_observed = False
+        self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
+        self._call = machine.bound(self._block, self._lengths)
+        self._at = {
+            name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
+            for name in ("q", "v", "work", "force", "external", "payload", *OBSERVED)
+            for slots in (code.lanes.slots(name),)
+        }
+        self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
+        super().__init__(chain, options, q)
+        self._weigh()
+
+    @property
+    def q(self) -> Array:
+        """Configuration, shape (nq,)."""
+        self._settle()
+        return self._q
+
+    @q.setter
+    def q(self, q: Array) -> None:
+        self._settle()
+        self._q = q
+        self._is_observed = False
+        parts = [q] if self._is_vector else [place.angles.of(q[place.q_slice]) for place in self._places]
+        self._at["q"][:] = np.concatenate(parts)
+
+    @property
+    def v(self) -> Array:
+        """Velocity, shape (nv,)."""
+        self._settle()
+        return self._v
+
+    @v.setter
+    def v(self, v: Array) -> None:
+        self._settle()
+        self._is_observed = False
+        self._v = self._at["v"][:] = v
+
+    @property
+    def work(self) -> Array:
+        """Work done so far by each of CHANNELS, J, shape (3,)."""
+        self._settle()
+        return self._at["work"].copy()
+
+    @work.setter
+    def work(self, work: Array) -> None:
+        self._settle()
+        self._at["work"][:] = work
+
+    def hold(self, force: Array) -> None:
+        """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
+        self._settle()
+        super().hold(force)
+        self._is_observed = False
+        self._at["force"][:] = force
+
+    def push(self, external: Array) -> None:
+        """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
+        self._settle()
+        super().push(external)
+        self._is_observed = False
+        self._at["external"][:] = external
+
+    def advance(self, t: float, h: float) -> None:
+        """Integrate from time t over h seconds."""
+        if self.chain.model.payload_inertia is not self._payload:
+            self._settle()
+            self._weigh()
+        self._waiting.append(h)
+        if len(self._waiting) == STEPS_AT_ONCE:
+            self._settle()
+
+    def observe(self) -> Observation:
+        """Return poses, wrenches and energy of the chain at the present state, under the present forces."""
+        seen, X_WP = self._observed(), np.zeros((4, 4))
+        X_WP[:3, :3], X_WP[:3, 3], X_WP[3, 3] = seen["R_WP"], seen["p_WP"], 1.0
+        return Observation(
+            payload_pose=X_WP,
+            payload_twist=seen["V_WP"].copy(),
+            tip_positions=seen["tips"].copy(),
+            closure_errors=self.closure_errors(),
+            interaction_wrenches=seen["wrenches"].copy(),
+            energy=Energy(seen["kinetic"].item(), seen["potential"].item()),
+        )
+
+    def interaction_wrenches(self) -> Array:
+        """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
+        return self._observed()["wrenches"].copy()
+
+    def closure_errors(self) -> list[ClosureError]:
+        """Return the closure error between tip and grasp of each arm at the present state."""
+        return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]
+
+    def _observed(self) -> dict[str, Array]:
+        """Return the slots after an observation, which is made once for a state and its forces."""
+        self._settle()
+        if self.chain.model.payload_inertia is not self._payload:
+            self._weigh()
+        if not self._is_observed:
+            self._call(0, 1)
+            self._is_observed = True
+        return self._at
+
+    def _settle(self) -> None:
+        """Make the steps that wait."""
+        if not self._waiting:
+            return
+        self._is_observed = False
+        count, self._lengths[: len(self._waiting), 0] = len(self._waiting), self._waiting
+        self._waiting.clear()
+        self._call(1, count)
+        self._v, q = self._at["v"].copy(), self._at["q"].copy()
+        self._q = q if self._is_vector else self._configuration(q)
+
+    def _configuration(self, angles: Array) -> Array:
+        places = self._places
+        return np.concatenate([place.angles.configuration(angles[place.v_slice]) for place in places])
+
+    def _weigh(self) -> None:
+        """Take over the payload's inertia, which events change."""
+        self._payload, self._is_observed = self.chain.model.payload_inertia, False
+        self._at["payload"][:] = leaves(RigidInertia.from_model(self._payload))
+
+
+def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
+    """Return the numbers of a plant; raises ArgumentError as TracedPlant."""
+    if reason := plant_reason(options):
+        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
+    try:
+        cell = CellModel.from_chain(chain)
+    except TracingError as error:
+        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
+    return PlantNumbers(cell, tuple(friction(arm, name) for name, arm in chain.cell.arms.items()))
+
+
+_CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
+
+
+def _compiled(numbers: PlantNumbers) -> tuple[PlantCode, LlvmMachine]:
+    """Return the code of a plant, which is traced once in a process."""
+    folded = [numbers.cell._replace(payload=()), numbers.friction]  # type: ignore[arg-type]
+    key = structure(folded), tuple(leaves(folded))
+    if key not in _CODES:
+        if len(_CODES) == _KEPT_CODES:
+            del _CODES[next(iter(_CODES))]
+        code = PlantCode(numbers)
+        _CODES[key] = code, LlvmMachine(code.program, width=1)
+    return _CODES[key]

@@ -1,0 +1,76 @@
+"""Run of a scenario by an engine that is chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
+
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import NameNotFoundError
+from coop_pin.results import Observer, RunResult
+from coop_pin.run_scenario import build_controller
+from coop_pin.simulation import simulate
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulate import Progress
+
+Engine: TypeAlias = Literal["pinocchio", "traced"]
+"""Pinocchio is the oracle; "traced" is compiled code, and needs the extra ``fast``."""
+
+
+def plant_of(engine: Engine) -> type[Plant]:
+    """Return the plant of an engine.
+
+    Raises:
+        NameNotFoundError: there is no such engine.
+    """
+    if engine not in get_args(Engine):
+        raise NameNotFoundError("engine", engine, get_args(Engine), "coop_pin.run")
+    if engine == "pinocchio":
+        return Plant
+    from coop_pin.batch.traced_plant import TracedPlant  # a run by Pinocchio does without its compiler
+
+    return TracedPlant
+
+
+def run(
+    scenario: Scenario | str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    progress: Progress | None = None,
+    view: Observer | None = None,
+    realtime_rate: float | None = None,
+    stop_at_breach: bool = False,
+    engine: Engine = "pinocchio",
+) -> RunResult:
+    """Return the result of a scenario with the controller that it names.
+
+    Args:
+        scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
+        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
+        progress: called after every tick with (ticks done, ticks in all).
+        view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
+            1 with a view, otherwise inf.
+        stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
+        engine: what computes the motion. "traced" is compiled code: faster, and equal to rounding.
+
+    Raises:
+        ScenarioError: the scenario has mistakes.
+        ArgumentError: engine "traced" does not have the scenario's plant.
+        MissingExtraError: engine "traced", and llvmlite is not installed.
+        CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = Scenario.load(scenario, overrides)
+    elif overrides is not None:
+        scenario = scenario.override(overrides)
+    return simulate(
+        scenario,
+        build_controller(scenario),
+        progress=progress,
+        view=view,
+        realtime_rate=realtime_rate,
+        stop_at_breach=stop_at_breach,
+        plant=plant_of(engine),
+    )

@@ -1,0 +1,261 @@
+"""Controllers in batches: every law of the package is traced or listed with the reason, and users' own."""
+
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from batches import require_same_samples
+from cells import ANCHORED, SCENARIOS
+from numpy.testing import assert_allclose
+from scipy.linalg import expm
+
+import coop_pin as cp
+from coop_pin import control, model_based
+from coop_pin.batch import simulate_batch, support
+from coop_pin.batch.law_code import require_agreement as agree
+from coop_pin.batch.law_code import trace_law
+from coop_pin.batch.run_constants import run_constants
+from coop_pin.batch.support import random_ticks
+from coop_pin.control import CellCommand, CellController
+from coop_pin.errors import TracingError
+from coop_pin.run_scenario import build_controller
+from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.store import SweepStore
+
+GAINS = {"pose_gain": 2.0, "sign_gain": 0.1, "damping_gain": 20.0, "transient_rate": 5.0}
+REDUNDANT = {"controller": {"kind": "sliding-mode-redundant", "gains": GAINS}}
+WRIST, NO_PATH = {"sensors.wrist": {}}, {"kind": "none"}
+
+
+def of_class(name, **options):
+    package = "control" if hasattr(control, name) else "model_based"
+    return {"controller": {"kind": "user", "target": f"coop_pin.{package}:{name}", "options": options}}
+
+
+LAWS = {
+    "SlidingModeController": [
+        ("planar", {}),
+        ("planar", {"controller.force_path": {"kind": "late"}}),
+        ("planar", {"controller.switching": {"kind": "saturation"}}),
+        ("planar", {"controller.switching": {"kind": "tanh"}}),
+        ("spatial", {}),
+        ("five-joint-pair", {}),
+    ],
+    "RedundantSlidingModeController": [("two-pandas-box", REDUNDANT)],
+    "PayloadSpaceController": [
+        ("planar", {"controller": ANCHORED["planar"]}),
+        ("spatial", {"controller": ANCHORED["spatial"]}),
+        (
+            "spatial",
+            {"controller": ANCHORED["spatial"].replace(payload_mass=2.0, force_path=NO_PATH), **WRIST},
+        ),
+        ("two-pandas-box", {}),
+    ],
+    "ZeroedController": [
+        ("spatial", {"controller.zero_at_grasp": True}),
+        ("planar", {"controller.zero_at_grasp": True}),
+    ],
+    "PrescribedPerformanceController": [
+        (cell, of_class("PrescribedPerformanceController"))
+        for cell in ("planar", "spatial", "two-pandas-box")
+    ],
+    "LeaderFollowerController": [
+        (cell, of_class("LeaderFollowerController") | WRIST)
+        for cell in ("planar", "spatial", "two-pandas-box")
+    ],
+}
+"""Cells and changes in which each law of coop_pin.control is traced."""
+UNTRACEABLE = {
+    "AdaptiveController": "Pinocchio",
+    "ComputedTorqueController": "Pinocchio",
+    "ObjectImpedanceController": "Pinocchio",
+    "TorqueQpController": "Pinocchio",
+}
+"""Laws elsewhere, and what they compute with."""
+SLOW = {"two-pandas-box", "five-joint-pair"}
+
+
+def scenario_with(cell, changes):
+    scenario = SCENARIOS[cell]() if cell in SCENARIOS else cp.Scenario.load(cell)
+    return scenario.replace(duration=0.05, events=(), beyond_bound=True).override(changes)
+
+
+def classes(package):
+    found = (getattr(package, name) for name in package.__all__)
+    is_law = lambda kind: isinstance(kind, type) and issubclass(kind, cp.ArmController | CellController)  # noqa: E731
+    return {kind.__name__ for kind in found if is_law(kind)}
+
+
+def test_every_law_of_the_package_is_traced_or_listed():
+    interfaces = {"ArmController", "CellController", "DecentralisedController"}
+    assert classes(control) - interfaces == set(LAWS)
+    assert classes(model_based) == set(UNTRACEABLE)
+
+
+@pytest.mark.parametrize(
+    ("cell", "changes"),
+    [
+        pytest.param(cell, changes, id=f"{name}-{index}", marks=[pytest.mark.slow] if cell in SLOW else [])
+        for name, cases in LAWS.items()
+        for index, (cell, changes) in enumerate(cases)
+    ],
+)
+def test_traced_laws_are_the_laws_themselves(cell, changes):
+    """At random measurements of successive ticks, with the memory that each carries on."""
+    scenario = scenario_with(cell, changes)
+    run = cp.Simulation(scenario, build_controller(scenario))
+    constants = run_constants(scenario, run)
+    ticks = random_ticks(scenario, run, constants)
+    assert support(scenario) is None
+    start, step = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
+    agree(start, step, ticks)
+    torques = np.array([np.concatenate([own.torque for own in tick]) for tick in ticks])
+    assert np.ptp(torques, axis=0).min() > 1e-3
+    step.torque[0] = step.torque[0] + 1e-9 * np.abs(torques).max()
+    with pytest.raises(TracingError, match="differs"):
+        agree(start, step, ticks)
+
+
+@pytest.mark.parametrize("name", UNTRACEABLE)
+def test_laws_that_cannot_be_traced_say_why(name):
+    assert UNTRACEABLE[name] in support(scenario_with("planar", of_class(name)))
+
+
+def test_laws_use_neither_math_nor_scipy():
+    for file in Path(control.__file__).parent.glob("*.py"):
+        modules = re.findall(r"^(?:from|import) (\S+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+        assert not [module for module in modules if module.split(".")[0] in ("math", "scipy")], file.name
+
+
+LEADER = {"follower_damping": 20.0, "follower_stiffness": 20.0, "admittance_damping": 100.0}
+
+
+@pytest.mark.parametrize(
+    ("cell", "changes", "path"),
+    [
+        ("planar", of_class("LeaderFollowerController", **LEADER) | WRIST, "controller.options.pose_gain"),
+        ("planar", of_class("PrescribedPerformanceController"), "controller.options.velocity_gain"),
+        *(
+            pytest.param("spatial", of_class(name, **options) | WRIST, path, marks=pytest.mark.slow)
+            for name, options, path in (
+                ("LeaderFollowerController", LEADER, "controller.options.pose_gain"),
+                ("PrescribedPerformanceController", {}, "controller.options.velocity_gain"),
+            )
+        ),
+    ],
+)
+def test_whole_runs_of_laws_in_classes_are_those_of_coop_pin_run(cell, changes, path):
+    """Two runs whose numbers differ inside the objects of the law."""
+    base = scenario_with(cell, changes)
+    scenarios = [base.override({path: value}) for value in (1.0, 1.5)]
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.all()
+    for index, scenario in enumerate(scenarios):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+    assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
+
+
+# ---------------------------------------------------------------- users' controllers
+
+
+class Law(cp.ArmController):
+    """A user's law: a spring and damper, or one of the ways in which it cannot be traced."""
+
+    def __init__(self, scenario, arm, mode="spring", stiffness=300.0):
+        self.rows, self.mode, self.steps, self.stiffness = scenario.cell.task_rows, mode, 0, stiffness
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        error = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        damping = 20.0 * measurement.v
+        match self.mode:
+            case "branch":
+                error = error if error[0] > 0.0 else 2.0 * error
+            case "scipy":
+                error = expm(np.diag(error)) @ error
+            case "hidden":
+                self.steps += 1
+                error = error * self.steps
+            case "raises":
+                raise ValueError("no such law")
+            case "shape":
+                return cp.ArmCommand(np.zeros(7), state)
+            case "state":
+                state = (error,)
+        return cp.ArmCommand(-measurement.payload_jacobian.T @ (self.stiffness * error) - damping, state)
+
+
+class OfTheCell(CellController):
+    """A law that sees all arms: each pulls at the mean of what they see, with an integral."""
+
+    def __init__(self, scenario, stiffness=300.0):
+        self.rows, self.stiffness, self.period = scenario.cell.task_rows, stiffness, scenario.clock.period
+
+    def init(self, measurements, references):
+        return {"integral": np.zeros(self.rows.size)}
+
+    def step(self, measurements, references, state):
+        error = sum(
+            self.rows.pose_error(seen.payload_pose, wanted.pose)
+            for seen, wanted in zip(measurements, references, strict=True)
+        )
+        integral = state["integral"] + self.period * error
+        pull = self.stiffness * (error + integral)
+        torques = [-seen.payload_jacobian.T @ pull - 20.0 * seen.v for seen in measurements]
+        return CellCommand(torques, {"integral": integral})
+
+
+def users(target, cell="planar", **options):
+    controller = {"kind": "user", "target": f"{__name__}:{target}", "options": options}
+    return scenario_with(cell, {"controller": controller})
+
+
+@pytest.mark.parametrize("target", ["Law", "OfTheCell"])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_a_users_controller_runs_in_a_batch_if_it_can_be_traced(target, cell):
+    scenarios = [users(target, cell, stiffness=stiffness) for stiffness in (300.0, 400.0)]
+    assert support(scenarios[0]) is None
+    batch = simulate_batch(scenarios)
+    for index, scenario in enumerate(scenarios):
+        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+
+
+REASONS = {
+    "branch": "branches",
+    "scipy": "cannot be traced|plain float",
+    "hidden": "keeps state",
+    "raises": "no such law",
+    "shape": "ShapeError",
+    "state": "another kind of state",
+}
+
+
+@pytest.mark.parametrize("mode", REASONS)
+def test_a_users_controller_that_cannot_be_traced_is_refused_and_the_reason_told(mode):
+    scenario = users("Law", mode=mode)
+    assert re.search(REASONS[mode], support(scenario))
+    with pytest.raises(TracingError, match=REASONS[mode]):
+        simulate_batch([scenario])
+
+
+def test_a_sweep_runs_such_controllers_singly_and_tells_why_once(tmp_path, caplog):
+    """Of three controllers in one plan one is in a batch, and the user is told of the others once."""
+    cases = {mode: {"controller.options.mode": mode} for mode in ("spring", "branch", "hidden")}
+    axes = {"controller.options.stiffness": [300.0, 320.0]}
+    plan = SweepPlan(
+        base=users("Law", mode="spring", stiffness=300.0), cases={"mode": cases}, axes=axes, engine="batch"
+    )
+    with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
+        table = cp.sweep(plan, out=tmp_path, workers=0, quiet=True).table
+    engines = [record.engine for record in SweepStore(tmp_path).records()]
+    assert sorted(engines) == ["batch"] * 2 + ["single"] * 4
+    assert [REASONS[mode] in caplog.text for mode in ("branch", "hidden")] == [True, True]
+    assert len(caplog.records) == 2
+    torques = table["torque_peak_Nm"].to_numpy()
+    single = cp.run(plan.scenario(0)).metrics()["torque_peak_Nm"]
+    assert_allclose(torques[0], single, rtol=1e-9)
+    assert len(set(torques.round(9))) == 6
