@@ -4,33 +4,28 @@
 
 The slowdown is the processor time of a run as fast as possible with a view, against the same run alone,
 interleaved. Frames per second are counted at real time: those sent to the server process, those that reached
-a client, and, if playwright and a Chromium are installed, those that a browser drew. Printed, never asserted.
+a client, with the time from their tick on, and, if playwright and a Chromium are installed, those that
+a browser drew. Printed, never asserted.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import importlib.util
 import math
-import shutil
+import struct
 import threading
 import time
+from pathlib import Path
 
 import common
 import numpy as np
 from tornado.websocket import websocket_connect
 
 import coop_pin as cp
+from coop_pin.errors import BrowserError
 from coop_pin.viz import LiveView, open_view
-
-CHROMIUM_ARGUMENTS = [
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-sandbox",
-    "--disable-quic",
-    "--disable-sync",
-]
+from coop_pin.viz.export import find_browser, launch
 
 
 def slowdown(scenario: cp.Scenario, blocks: int) -> None:
@@ -66,18 +61,27 @@ def slowdown(scenario: cp.Scenario, blocks: int) -> None:
 def frames(scenario: cp.Scenario) -> None:
     """Print the frame rates of sender, client and browser at real time."""
     view = open_view(scenario)
-    counted, ready = [0], threading.Event()
-    client = threading.Thread(target=lambda: asyncio.run(count(view, counted, ready)), daemon=True)
+    arrived, ready = dict[float, float](), threading.Event()
+    client = threading.Thread(target=lambda: asyncio.run(receive(view, arrived, ready)), daemon=True)
     client.start()
     ready.wait(10.0)
+    sent = dict[float, float]()
+
+    def watch(snapshot: cp.Snapshot) -> None:
+        sent[float(np.float32(snapshot.time))] = time.monotonic()
+        view(snapshot)
+
     start = time.monotonic()
-    result = cp.run(scenario, view=view)
+    result = cp.run(scenario, view=watch)
     wall = time.monotonic() - start
+    time.sleep(1.0)
+    late = 1e3 * np.array([when - sent[frame] for frame, when in arrived.items()])
     print(
         f"{result.end:g} s at real time took {wall:.2f} s: {view.sent / wall:.1f} frames per second sent,"
         f" {view.dropped} dropped,"
     )
-    print(f"  {counted[0] / wall:.1f} reached a client", end="")
+    print(f"  {len(arrived) / wall:.1f} reached a client,", end="")
+    print(f" {np.median(late):.1f} ms after their tick (99 %: {np.quantile(late, 0.99):.0f} ms)", end="")
     view.close()
     drawn = in_browser(scenario)
     print(
@@ -87,24 +91,26 @@ def frames(scenario: cp.Scenario) -> None:
     )
 
 
-async def count(view: LiveView, counted: list[int], ready: threading.Event) -> None:
-    """Count the frames that reach a client."""
+async def receive(view: LiveView, arrived: dict[float, float], ready: threading.Event) -> None:
+    """Note when each frame reaches the client, by the frame's time."""
     connection = await websocket_connect(view.url.replace("http", "ws") + "frames")
     ready.set()
-    while await connection.read_message() is not None:
-        counted[0] += 1
+    while (frame := await connection.read_message()) is not None:
+        arrived[struct.unpack_from("<f", frame)[0]] = time.monotonic()
 
 
 def in_browser(scenario: cp.Scenario) -> float | None:
     """Return the frames per second that a browser draws; None if there is none."""
-    chromium = shutil.which("chromium")
-    if chromium is None or importlib.util.find_spec("playwright") is None:
+    try:
+        from playwright.sync_api import sync_playwright
+
+        chromium = find_browser(Path())
+    except (ImportError, BrowserError):
         return None
-    from playwright.sync_api import sync_playwright
 
     view = open_view(scenario)
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=CHROMIUM_ARGUMENTS)
+        browser = launch(driver, chromium)
         page = browser.new_page(viewport={"width": 1200, "height": 720})
         page.goto(view.url)
         page.wait_for_function("window.coopPin !== undefined")

@@ -92,7 +92,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "figures",
         },
         {
-            "imageio",
             "imageio_ffmpeg",
             "ipywidgets",
             "playwright",

@@ -138,7 +138,7 @@ def test_limits_that_were_exceeded_are_listed():
     assert "No joint and no drive" not in text
     assert weak.verdict() in text
     assert all(str(breach) in text for breach in weak.breaches())
-    assert "This run is trustworthy" in "".join(page("planar").text)
+    assert "trustworthy: grasps closed to" in "".join(page("planar").text)
     assert "No joint and no drive" in "".join(page("planar").text)
 
 

@@ -28,7 +28,7 @@ from coop_pin.figures.run_figures import (
 from coop_pin.results import RunResult
 from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.metrics import METRIC_TEXTS
-from coop_pin.viz.highlights import telling_instant
+from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.replay import replay_html
 
 
@@ -191,11 +191,9 @@ def _broken_off(result: RunResult) -> str:
 
 
 def _verdict(result: RunResult) -> str:
-    breaches = result.breaches()
-    if not breaches:
-        return '<p class="verdict">This run is trustworthy: it keeps the thresholds of its scenario.</p>'
-    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
-    return f'<p class="warning">{html.escape(result.verdict())}</p><ol class="breaches">{reasons}</ol>'
+    kind, text = "verdict" if result.trustworthy else "warning", html.escape(trust_text(result))
+    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in result.breaches())
+    return f'<p class="{kind}">{text}</p>' + (f'<ol class="breaches">{reasons}</ol>' if reasons else "")
 
 
 def _tiles(result: RunResult) -> str:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
+from trimesh import Trimesh, creation
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape
+from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, payload_shape
 from coop_pin.model.visuals import Body
 from coop_pin.viz.arrows import LONGEST_M
-from coop_pin.viz.scene import Axes, Camera, Grid, Item, Scene, thinned, translation
+from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned, translation
 
 LINK_FACES = 1800
 """Largest number of triangles of one link's mesh."""
@@ -21,10 +22,14 @@ _TRIAD_M = 0.05
 _GHOST_SCALE = 0.97
 """The ghost at the desired pose is smaller than the payload, so that it is hidden while there is no error."""
 
-_GRID_M = 0.25
-_FLOOR_M = 3.0
 _PLATE_M, _PLATE_COLOUR = (0.22, 0.22), "#33383f"
 _FLUSH_M = 5e-4
+
+_SOLIDS: dict[type, Callable[..., Trimesh]] = {
+    Box: creation.box,
+    Cylinder: creation.cylinder,
+    Sphere: lambda radius: creation.icosphere(radius=radius),
+}
 
 _FIELD_OF_VIEW_DEG = 32.0
 _AZIMUTH_DEG = 22.0
@@ -51,12 +56,11 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     points = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
     camera = _camera(cell, points, tips[-1] - tips[0])
     items = (
-        *_floor_items(camera.target, floor),
         *_plates(cell, feet, floor),
         *arms,
         *_payload_items(cell),
     )
-    return Scene(items, camera)
+    return Scene(items, camera, floor)
 
 
 def _camera(cell: Cell, points: Array, line: Array) -> Camera:
@@ -86,30 +90,12 @@ def _camera(cell: Cell, points: Array, line: Array) -> Camera:
 def _lowest(item: Item, cell: Cell) -> float:
     """Return the height of the lowest point of a shape on the base of an arm, m."""
     X_WS = cell.arms[item.node.split("/")[1]].base.matrix @ item.pose
-    down, reach = X_WS[2, :3], 0.0
-    match item.drawable:
-        case Mesh(vertices, _):
-            reach = -float((vertices @ down).min())
-        case Cylinder(radius, length):
-            reach = float(abs(down[2]) * length / 2.0 + radius * np.hypot(down[0], down[1]))
-        case Box() | Sphere() as shape:
-            reach = float(np.abs(down) @ half_extents(shape))
-    return float(X_WS[2, 3]) - reach
-
-
-def _floor_items(target: Array, height: float) -> tuple[Item, ...]:
-    """Return the floor with its grid under a point, m, shape (3,), at a height, m."""
-    x, y = np.round(target[:2] / _GRID_M) * _GRID_M
-    slab = Box((8 * _FLOOR_M, 8 * _FLOOR_M, 0.01))
-    return (
-        Item("floor", slab, palette.FLOOR, translation((x, y, height - 0.006))),
-        Item(
-            "floor",
-            Grid(2 * _FLOOR_M, round(2 * _FLOOR_M / _GRID_M)),
-            palette.FLOOR_LINES,
-            translation((x, y, height)),
-        ),
+    vertices = (
+        item.drawable.vertices
+        if isinstance(item.drawable, Mesh)
+        else _SOLIDS[type(item.drawable)](*item.drawable).vertices
     )
+    return float((vertices @ X_WS[2, :3]).min() + X_WS[2, 3])
 
 
 def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Item]:

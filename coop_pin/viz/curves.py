@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,16 +109,17 @@ def curve_rows(curves: Sequence[Curve], samples: Samples) -> Array:
     return np.column_stack((samples["time"], *(curve.values(samples) for curve in curves)))
 
 
-def thinned_rows(rows: Array) -> Array:
+def thinned_rows(rows: Array, always: Iterable[int] = ()) -> Array:
     """Return rows thinned for a plot: evenly, and with the extremes of every column in every interval.
 
     Args:
         rows: shape (n, columns).
+        always: indices of rows that are kept, for example those of the frames.
     """
     n, columns = rows.shape
     if n <= _MOST_SAMPLES:
         return rows
-    kept = set(range(0, n, math.ceil(2 * n / _MOST_SAMPLES))) | {n - 1}
+    kept = {*range(0, n, math.ceil(2 * n / _MOST_SAMPLES)), n - 1, *always}
     for interval in np.array_split(np.arange(n), max(_MOST_SAMPLES // (4 * columns), 1)):
         part = np.nan_to_num(rows[interval])
         kept.update(interval[part.argmin(axis=0)].tolist(), interval[part.argmax(axis=0)].tolist())

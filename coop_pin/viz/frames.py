@@ -84,20 +84,15 @@ def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
 
 
 def frame_samples(time: Array, frames_per_second: float, instants: Sequence[float] = ()) -> Array:
-    """Return the indices of the samples nearest to an even frame rate, with the first and the last.
+    """Return the indices of the samples that hold at an even frame rate and at instants, and of the last.
 
     Args:
         time: times of the samples, s, increasing, shape (n,).
         frames_per_second: 1/s.
-        instants: times of which the latest earlier sample is wanted too, s.
+        instants: s.
     """
-    wanted = np.arange(time[0], time[-1], 1.0 / frames_per_second)
-    after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
-    nearest = np.where(
-        wanted - time[after - 1] <= time[np.minimum(after, len(time) - 1)] - wanted, after - 1, after
-    )
-    exact = np.searchsorted(time, np.asarray(instants, dtype=float) + 1e-9, side="right") - 1
-    return np.unique(np.concatenate((nearest, np.maximum(exact, 0), [len(time) - 1])))
+    wanted = np.concatenate((np.arange(time[0], time[-1], 1.0 / frames_per_second), instants, time[-1:]))
+    return np.unique(np.maximum(np.searchsorted(time, wanted + 1e-9, side="right") - 1, 0))
 
 
 def warning_codes(

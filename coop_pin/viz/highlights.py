@@ -66,6 +66,21 @@ def telling_instant(result: RunResult) -> Instant:
     return Instant(f"{when} {said}; {_motion(result, worst)}.", t)
 
 
+def trust_text(result: RunResult) -> str:
+    """Return the verdict on a run as one line, with what was judged and the thresholds."""
+    if not result.trustworthy:
+        return result.verdict()
+    allowed, data = result.scenario.trust, result.data
+    limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
+    kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
+    numbers = (
+        f"grasps closed to {max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
+        f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
+        f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
+    )
+    return f"trustworthy: {', '.join((*numbers, *kept))}"
+
+
 def instants(result: RunResult) -> list[Instant]:
     """Return the instants that the page offers: start, events, worst squeeze, pull and shear, and end."""
     data, time = result.data, result.data["time"].values
@@ -92,16 +107,14 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
         if event.time <= result.end
     ]
     windows = [
-        {"kind": "window", "start": window.start, "end": window.end, "text": "judged"}
-        for window in (result.steady_window, result.after_event_window)
+        {"kind": "window", "start": window.start, "end": window.end, "text": text}
+        for window, text in (
+            (result.steady_window, "judged: steady"),
+            (result.after_event_window, "judged: after event"),
+        )
         if not window.is_empty
     ]
     return [*windows, *events]
-
-
-def breach_marks(result: RunResult) -> list[dict[str, Any]]:
-    """Return the breaches of trust, for the page: time (s) and text."""
-    return [{"time": breach.time, "text": str(breach)} for breach in result.breaches()]
 
 
 def _event_end(event: Event) -> float:

@@ -113,10 +113,6 @@ class Page(Guarded):
 class Stream(Guarded, WebSocketHandler):
     """WebSocket of the frames; a slow browser gets fewer of them and delays no other."""
 
-    def check_origin(self, origin: str) -> bool:
-        """Accept the page itself; ``prepare`` has refused all other origins."""
-        return bool(urlsplit(origin).netloc == self.request.host)
-
     async def open(self, *_: str, **__: str) -> None:
         """Send frames until the connection is closed."""
         asyncio.get_running_loop().create_task(self._send())

@@ -15,7 +15,7 @@ from coop_pin.results import RunResult, Snapshot
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.live_scene import InitialScene, LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer
-from coop_pin.viz.page import LEGEND, PUSH, WARNINGS, page_frame, page_html
+from coop_pin.viz.page import page_frame, page_html
 
 _PROXY_VARIABLES = (
     "JUPYTERHUB_SERVICE_PREFIX",
@@ -113,7 +113,6 @@ class LiveView:
             "live",
             self._title,
             "",
-            legend=(*LEGEND, PUSH, *WARNINGS.values()),
             scales=scene.scales,
             curves=[scene.curves],
             data={"runs": [scene.packed(self._latest)], "live": True, "still": still, "duration": 0.0},

@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any, TypeAlias
+from typing import Any
 
 from coop_pin.arrays import Array
 from coop_pin.figures import palette
 from coop_pin.viz.arrows import LINEAR_M, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
-from coop_pin.viz.frames import SATURATED, SINGULAR, WARNING_COLOURS, CellFrames
+from coop_pin.viz.frames import WARNING_COLOURS, CellFrames
 from coop_pin.viz.scene import Scene, base64_floats, packed_scene
 
 _PATH_POINTS = 240
@@ -27,41 +27,12 @@ _COLOURS = {
     "wanted": palette.DESIRED,
     "load": palette.LOAD,
     "external": palette.EXTERNAL,
+    "other": palette.EVENT,
+    "saturated": palette.SATURATED,
+    "singular": palette.SINGULAR,
+    "floor": palette.FLOOR,
+    "floor_lines": palette.FLOOR_LINES,
 }
-_HEAD = '<path d="M14 0l10 5.5-10 5.5z"/>'
-_ICONS = {
-    "box": '<rect y="1" width="22" height="9" rx="2"/>',
-    "ghost": '<rect y="1" width="22" height="9" rx="2" opacity=".45"/>',
-    "tint": f'<path d="M0 1h11v9H0z" fill="{_COLOURS["squeezed"]}"/>'
-    f'<path d="M11 1h11v9H11z" fill="{_COLOURS["torn"]}"/>',
-    "internal": f'<rect y="3" width="15" height="5"/>{_HEAD}',
-    "wanted": '<path d="M1 3.2h13V1l8.5 4.5L14 10V7.8H1z" fill="none" stroke="currentColor"/>',
-    "load": f'<path d="M0 5.5h15" stroke="currentColor" stroke-width="2.6" stroke-dasharray="4 2"/>{_HEAD}',
-    "external": f'<rect y="2" width="6" height="7"/><rect x="8" y="2" width="6" height="7"/>{_HEAD}',
-    "moments": '<path d="M0 5.5h8" stroke="currentColor" stroke-width="2.6"/>'
-    '<path d="M7 0l9 5.5-9 5.5zM15 0l9 5.5-9 5.5z"/>',
-}
-
-
-LegendLine: TypeAlias = tuple[str, str, str, str]
-"""Key of an icon, "#rrggbb", text, and the layer that the line switches; "" for none."""
-
-LEGEND = (
-    ("box", palette.ACTUAL, "path and grasp frames", "path"),
-    ("ghost", palette.DESIRED, "desired pose and path", "desired"),
-    ("tint", palette.ACTUAL, "payload: dark squeezed, orange torn", "tint"),
-    ("internal", palette.INTERNAL, "internal force on each arm", "internal"),
-    ("wanted", palette.DESIRED, "internal force wanted", "wanted"),
-    ("load", palette.LOAD, "load-carrying force", "load"),
-)
-PUSH = ("external", palette.EXTERNAL, "push on the payload", "external")
-OTHER = ("ghost", palette.EVENT, "second run (ghost, dashed)", "other")
-MOMENTS = ("moments", palette.INTERNAL, "moments about the centre of mass", "moments")
-WARNINGS = {
-    SATURATED: ("box", palette.SATURATED, "drive at its torque limit", ""),
-    SINGULAR: ("box", palette.SINGULAR, "arm near a singularity", ""),
-}
-"""Legend of the warning colours, by code."""
 
 
 def packed_run(
@@ -95,7 +66,6 @@ def page_html(
     summary: str,
     *,
     told: str = "",
-    legend: Sequence[LegendLine],
     scales: ArrowScales,
     curves: Sequence[Sequence[Curve]],
     data: Mapping[str, Any],
@@ -107,7 +77,6 @@ def page_html(
         title: heading.
         summary: sentence below the heading; may be empty.
         told: HTML above the tiles: verdict and sentence.
-        legend: lines of the legend, besides that of moments.
         scales: scales of the arrows.
         curves: curves of the plots, of one run or two.
         data: what the page needs besides plots, colours and scales.
@@ -118,10 +87,17 @@ def page_html(
         "colours": _COLOURS,
         "warning_colours": WARNING_COLOURS,
         "scales": {"forces": forces, "moments": moments, "linear": LINEAR_M, "longest": LONGEST_M},
-        **{"spans": [], "breaches": [], "instants": [], "start": 0.0, "live": False, "still": ""},
+        **{
+            "spans": [],
+            "breaches": [],
+            "instants": [],
+            "start": 0.0,
+            "live": False,
+            "still": "",
+            "pushes": True,
+        },
         **data,
     }
-    lines = (*legend, *(() if moments is None else (MOMENTS,)))
     return Template(_file("page.html")).substitute(
         kind=kind,
         style=_file("uplot/uPlot.min.css") + _file("page.css"),
@@ -133,10 +109,9 @@ def page_html(
         title=html.escape(title),
         summary=html.escape(summary),
         told=told,
-        legend="\n".join(_legend_line(*line) for line in lines),
+        **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
-        arrows=f"<li>compressed beyond {LINEAR_M * forces:g} N; the number tells</li>"
-        "<li>arrows: by the payload on the arm, at its grasp</li>",
+        shortened=f"{LINEAR_M * forces:g} N",
         data=json.dumps(page).replace("<", "\\u003c"),
     )
 
@@ -152,15 +127,6 @@ def page_frame(height: int, title: str, **source: str) -> str:
     ((attribute, value),) = source.items()
     style = f"width: 100%; height: {height}px; border: 0"
     return f'<iframe {attribute}="{html.escape(value)}" style="{style}" title="{title}"></iframe>'
-
-
-def _legend_line(icon: str, colour: str, text: str, layer: str) -> str:
-    drawing = f'<svg viewBox="0 0 24 11" fill="currentColor" style="color:{colour}">{_ICONS[icon]}</svg>'
-    content = drawing + html.escape(text)
-    if not layer:
-        return f"<li>{content}</li>"
-    pressed = "false" if layer == "moments" else "true"
-    return f'<li><button data-layer="{layer}" aria-pressed="{pressed}">{content}</button></li>'
 
 
 def _viewer_file(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,11 @@ from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import breach_marks, instants, spans, telling_instant
-from coop_pin.viz.page import LEGEND, OTHER, PUSH, WARNINGS, packed_run, page_frame, page_html
+from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
+from coop_pin.viz.page import packed_run, page_frame, page_html
 
 
-def replay_html(result: RunResult, other: RunResult | None = None) -> str:
+def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
     """Return a page that replays a run: the cell in 3-D with its forces, tiles and time plots, on one clock.
 
     It opens paused at the instant of the largest error of the internal force. It needs no network and no
@@ -28,10 +29,11 @@ def replay_html(result: RunResult, other: RunResult | None = None) -> str:
     Args:
         result: the run.
         other: a second run, shown as ghost arms and dashed curves on the same clock.
+        times: further instants of which the page has the recorded sample, s.
     """
     runs = [result] if other is None else [result, other]
     start, chips = telling_instant(result).time, instants(result)
-    wanted = [start, *(chip.time for chip in chips)]
+    wanted = [start, *(chip.time for chip in chips), *times]
     curves = [cell_curves(run_samples(run), list(run.scenario.cell.arms)) for run in runs]
     packed = [_packed(run, own, wanted) for run, own in zip(runs, curves, strict=True)]
     if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
@@ -41,23 +43,16 @@ def replay_html(result: RunResult, other: RunResult | None = None) -> str:
         "duration": max(run.end for run in runs),
         "start": start,
         "spans": spans(result),
-        "breaches": breach_marks(result),
+        "breaches": [{"time": breach.time, "text": str(breach)} for breach in result.breaches()],
         "instants": [chip._asdict() for chip in chips],
+        "pushes": bool(result.data["external_wrench"].values.any()),
     }
-    scenario, scales = result.scenario, recorded_scales(result.scenario.cell, result.data)
-    legend = (
-        *LEGEND,
-        *([PUSH] if result.data["external_wrench"].values.any() else ()),
-        *([OTHER] if other is not None else ()),
-        *WARNINGS.values(),
-    )
     return page_html(
         "replay",
         " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
-        scenario.summary,
+        result.scenario.summary,
         told=_told(runs),
-        legend=legend,
-        scales=scales,
+        scales=recorded_scales(result.scenario.cell, result.data),
         curves=curves,
         data=data,
     )
@@ -119,17 +114,19 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
         list(cell.arms),
         samples["desired_position"],
         frames.rows(moving),
-        thinned_rows(curve_rows(curves, samples)),
+        thinned_rows(curve_rows(curves, samples), kept.tolist()),
     )
 
 
 def _told(runs: list[RunResult]) -> str:
-    """Return verdict and sentence of runs, as HTML."""
+    """Return verdict and sentence of runs, as HTML; the sentence leads to its instant."""
     lines = []
     for run in runs:
-        name = f"{run.scenario.name}: " if len(runs) > 1 else ""
-        verdict = "trustworthy: it keeps the thresholds of its scenario" if run.trustworthy else run.verdict()
-        kind = "verdict" if run.trustworthy else "verdict broken"
-        told = ((kind, verdict), ("told", telling_instant(run).text))
-        lines += [f'<p class="{kind}">{html.escape(name + text)}</p>' for kind, text in told]
+        name = html.escape(f"{run.scenario.name}: ") if len(runs) > 1 else ""
+        kind, instant = "verdict" if run.trustworthy else "verdict broken", telling_instant(run)
+        lines += [
+            f'<p class="{kind}">{name}{html.escape(trust_text(run))}</p>',
+            f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
+            f"(click to go there)</small>{name}{html.escape(instant.text)}</button>",
+        ]
     return "\n".join(lines)

@@ -12,22 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
-from coop_pin.model.shapes import Box, Mesh, Shape
+from coop_pin.model.shapes import Mesh, Shape
 
 _AGGRESSION = 3
 """Of the decimation: with 7, its default, loose parts of a link vanish; with 3 bounds stay within 5 mm."""
-
-
-class Grid(NamedTuple):
-    """Square grid about the origin in the plane z = 0.
-
-    Attributes:
-        edge: m.
-        cells: number along an edge.
-    """
-
-    edge: float
-    cells: int
 
 
 class Axes(NamedTuple):
@@ -40,7 +28,7 @@ class Axes(NamedTuple):
     length: float
 
 
-Drawable: TypeAlias = Shape | Grid | Axes
+Drawable: TypeAlias = Shape | Axes
 
 
 class Item(NamedTuple):
@@ -48,7 +36,7 @@ class Item(NamedTuple):
 
     Attributes:
         node: path of the node.
-        drawable: shape, grid or axes.
+        drawable: shape or axes.
         colour: "#rrggbb".
         pose: of the drawable in its node, shape (4, 4).
         layer: name of the layer that shows and hides it.
@@ -84,11 +72,13 @@ class Scene(NamedTuple):
 
     Attributes:
         items: drawables on their nodes.
-        camera: initial camera.
+        camera: initial camera; the middle of the floor is below its target.
+        floor: height of the floor, m.
     """
 
     items: tuple[Item, ...]
     camera: Camera
+    floor: float
 
 
 def translation(position: ArrayLike) -> Array:
@@ -132,24 +122,10 @@ def packed_scene(scene: Scene) -> dict[str, Any]:
             meshes[id(shape)] = len(tables)
             # float32 holds integers up to 2^24
             tables.append({"vertices": base64_floats(shape.vertices), "faces": base64_floats(shape.faces)})
-        items.append(
-            {
-                **item._asdict(),
-                "drawable": _packed_drawable(shape, meshes),
-                "pose": item.pose.T.ravel().tolist(),
-            }
+        numbers = (
+            {"mesh": meshes[id(shape)]} if isinstance(shape, Mesh) else {"size": np.ravel(shape).tolist()}
         )
-    eye, target, field_of_view = scene.camera
-    camera = {"eye": eye.tolist(), "target": target.tolist(), "field_of_view": field_of_view}
-    return {"items": items, "meshes": tables, "camera": camera}
-
-
-def _packed_drawable(shape: Drawable, meshes: dict[int, int]) -> dict[str, Any]:
-    """Return kind and numbers of a drawable; of a mesh its place in the table of meshes."""
-    match shape:
-        case Mesh():
-            return {"kind": "mesh", "mesh": meshes[id(shape)]}
-        case Box(size):
-            return {"kind": "box", "size": size}
-        case numbers:
-            return {"kind": type(numbers).__name__.lower(), "size": numbers}
+        drawable = {"kind": type(shape).__name__.lower(), **numbers}
+        items.append({**item._asdict(), "drawable": drawable, "pose": item.pose.T.ravel().tolist()})
+    camera = {name: np.asarray(value).tolist() for name, value in scene.camera._asdict().items()}
+    return {"items": items, "meshes": tables, "camera": camera, "floor": scene.floor}

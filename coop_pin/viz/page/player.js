@@ -4,21 +4,24 @@
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
   const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, MOST_FRAMES = 20000;
   const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
+  const told = document.querySelectorAll(".told");
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
   const width = (run) => Object.values(run.blocks).reduce((sum, size) => sum + size, 0);
   const runs = page.runs.map((run) => {
     const rows = split(stage.floats(run.curves), run.columns);
     return {
-      frames: split(stage.floats(run.frames), width(run)), width: width(run) + run.columns,
+      frames: split(stage.floats(run.frames), width(run)), width: width(run) + run.columns, shown: 0,
       columns: Array.from({ length: run.columns }, (_, column) => rows.map((row) => row[column])),
     };
   });
-  let time = 0, playing = false, last = null, count = 0, changed = false, drawnAt = 0;
-  const end = () => (page.live ? runs[0].frames[runs[0].frames.length - 1][0] : page.duration);
+  let time = 0, playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
+  const clockRun = runs.reduce((a, b) => (b.frames.at(-1)[0] > a.frames.at(-1)[0] ? b : a));
+  const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
   // ---------------------------------------------------------------- tiles and clock
   const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
     const box = document.createElement("div");
+    box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;${runs[1] ? "<br>&nbsp;" : ""}`;
     element("tiles").append(box);
     return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.find(({ role }) => role === "desired") };
   });
@@ -31,33 +34,40 @@
       const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
       const { other } = actual[values.indexOf(worst)];
-      const second = other === null ? "" : `<s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
+      const second = other === null ? "" : `<br><s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
       box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
   }
 
-  function around(frames) {
-    const from = coopPinIndex(frames.length, (k) => frames[k][0], time), to = Math.min(from + 1, frames.length - 1);
-    const step = frames[to][0] - frames[from][0];
-    return [frames[from], frames[to], step > 0 ? Math.min((time - frames[from][0]) / step, 1) : 0];
+  // Arrows, tiles and captions are of the frame that holds at the time; poses move on to the next one.
+  const holding = ({ frames }) => coopPinIndex(frames.length, (k) => frames[k][0], time);
+  function around(run) {
+    const from = holding(run), [frame, next = frame] = run.frames.slice(from, from + 2), step = next[0] - frame[0];
+    run.shown = frame[0];
+    return [frame, next, step > 0 ? Math.min((time - frame[0]) / step, 1) : 0];
   }
   function show() {
-    stage.show(...around(runs[0].frames));
-    if (runs[1]) { stage.showOther(...around(runs[1].frames)); }
+    stage.show(...around(runs[0]));
+    if (runs[1]) { stage.showOther(...around(runs[1])); }
     plots.moveTo(time);
     showTiles();
     slider.max = end();
     slider.value = time;
-    clock.textContent = `t = ${time.toFixed(2)} s` + (page.live ? "" : ` / ${page.duration.toFixed(2)} s`);
+    const whole = end().toFixed(2);
+    clock.textContent = `t = ${time.toFixed(2).padStart(page.live ? 0 : whole.length)} s` + (page.live ? "" : ` / ${whole} s`);
     const texts = [...page.spans.filter(({ kind, start, end: over }) => kind === "event" && start <= time && time <= Math.max(over, start + 1)),
       ...page.breaches.filter((breach) => breach.time <= time && time <= breach.time + 1)].map(({ text }) => text);
+    told.forEach((sentence) => sentence.classList.toggle("past", Math.abs(sentence.dataset.time - time) > 0.02));
     notice.hidden = texts.length === 0;
     notice.textContent = texts.join("  ·  ");
   }
-  function seek(to) {
+  // A person stops at the nearest frame, so that cursor, arrows and numbers are of one recorded instant.
+  function seek(to, steps = 0) {
     setPlaying(false);
     goTo(to);
+    const times = clockRun.frames.map(([first]) => first), k = holding(clockRun), nearer = times[k + 1] - time < time - times[k];
+    goTo(Math.round(1e5 * (times[k + (steps || nearer)] ?? time)) / 1e5);
   }
   function goTo(to) {
     time = Math.min(Math.max(to, 0), end());
@@ -72,7 +82,8 @@
   function tick(present) {
     requestAnimationFrame(tick);
     if (page.live) {
-      if (changed && present - drawnAt > REDRAW_MS) { drawnAt = present; changed = false; plots.refresh(); trails(); }
+      if (arrived && playing) { arrived = false; goTo(end()); } // once a frame, however many have arrived
+      if (changed && present - drawnAt > REDRAW_MS) { changed = false; plots.refresh(); trails(); drawnAt = performance.now(); }
     } else if (playing) {
       if (last !== null) { goTo(time + (present - last) / 1000 * Number(speed.value)); }
       last = present;
@@ -86,11 +97,14 @@
 
   // ---------------------------------------------------------------- controls
   slider.addEventListener("input", () => seek(Number(slider.value)));
-  play.addEventListener("click", () => { setPlaying(!playing); if (page.live && playing) { goTo(end()); } });
+  play.addEventListener("click", () => {
+    if (playing) { seek(time); } else { setPlaying(true); }
+    if (page.live && playing) { goTo(end()); }
+  });
   document.addEventListener("keydown", (event) => {
-    const step = { ArrowRight: 1 / 30, ArrowLeft: -1 / 30 }[event.key];
+    const steps = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (event.key === " ") { event.preventDefault(); play.click(); }
-    if (step) { event.preventDefault(); seek(time + step); }
+    if (steps) { event.preventDefault(); seek(time, steps); }
   });
   for (const { text, time: at } of page.instants) {
     const chip = document.createElement("button");
@@ -98,14 +112,17 @@
     chip.addEventListener("click", () => seek(at));
     element("chips").append(chip);
   }
+  told.forEach((sentence) => sentence.addEventListener("click", () => seek(Number(sentence.dataset.time))));
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
+  const absent = { other: !runs[1], external: !page.pushes, moments: page.scales.moments === null };
+  document.querySelectorAll("[data-layer]").forEach((button) => { button.parentNode.hidden = absent[button.dataset.layer] ?? false; });
   document.querySelectorAll("[data-layer]").forEach((button) => button.addEventListener("click", () => {
     const on = button.getAttribute("aria-pressed") !== "true";
     button.setAttribute("aria-pressed", on);
     stage.setLayer(button.dataset.layer, on);
     show();
   }));
-  if (innerWidth < 700 || innerHeight < 600) { document.querySelector("#caption details").open = false; }
+  if (innerWidth < 700 || innerHeight < 600) { element("legend").open = false; }
 
   // ---------------------------------------------------------------- a run under way
   function receive(message) {
@@ -121,8 +138,7 @@
       columns.forEach((column, k) => column.push(row[row.length - columns.length + k]));
       count += 1;
     }
-    changed = true;
-    if (playing) { goTo(end()); }
+    arrived = changed = true;
   }
   function connect() {
     const address = new URL("frames", location.href);
@@ -138,7 +154,7 @@
   }
 
   window.coopPin = {
-    ...stage, plots, runs, seek, play: () => setPlaying(true), duration: page.duration, instants: page.instants,
+    ...stage, plots, runs, seek, goTo, play: () => setPlaying(true), duration: page.duration, instants: page.instants,
     get count() { return count; }, get time() { return time; }, get playing() { return playing; },
   };
   trails();

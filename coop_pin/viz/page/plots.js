@@ -21,7 +21,7 @@ function coopPinPlots(place, page, runs, seek) {
   function rangeOf(columns, from, to) {
     const all = [];
     const step = Math.max(Math.floor((to - from) * columns.length / MOST), 1);
-    let [low, high] = [Infinity, -Infinity];
+    let [low, high] = [0, 0]; // zero is always in sight
     for (const column of columns) {
       for (let k = from; k <= to; k += 1) {
         const value = column[k];
@@ -31,11 +31,10 @@ function coopPinPlots(place, page, runs, seek) {
         if (k % step === 0) { all.push(value); }
       }
     }
-    if (low > high) { [low, high] = [-1, 1]; }
     const least = Math.max(0.02 * (high - low), 1e-9 + 1e-6 * Math.abs(high));
     if (high - low < 2e-9) { low -= 1e-3; high += 1e-3; }
     const sorted = Float64Array.from(all).sort(), at = (share) => sorted[Math.round(share * (sorted.length - 1))];
-    const [lower, upper] = sorted.length < 200 ? [low, high] : [at(0.02), at(0.98)], width = Math.max(upper - lower, least);
+    const [lower, upper] = sorted.length < 200 ? [low, high] : [Math.min(at(0.02), 0), Math.max(at(0.98), 0)], width = Math.max(upper - lower, least);
     const knee = (end, usual) => (Math.abs(end - usual) > 1.2 * width ? usual + 0.2 * Math.sign(end - usual) * width : end);
     return { low, high, lower: knee(low, lower), upper: knee(high, upper) };
   }
@@ -75,17 +74,27 @@ function coopPinPlots(place, page, runs, seek) {
     }
     ctx.restore();
   }
-  function mark(u, curves) {
+  function mark(u, curves, named) {
     const { ctx, bbox } = u, size = 5 * devicePixelRatio;
+    const line = (level, colour) => {
+      const y = u.valToPos(level, "y", true);
+      ctx.strokeStyle = colour;
+      ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+    };
     ctx.save();
+    line(0, "#9aa5b1");
     ctx.setLineDash([2 * size, size]);
     for (const { limit, colour } of curves.filter(({ limit }) => limit)) {
       for (const level of [limit, -limit]) { // limits that the range of y has
-        if (level > u.scales.y.max || level < u.scales.y.min) { continue; }
-        const y = u.valToPos(level, "y", true);
-        ctx.strokeStyle = colour;
-        ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+        if (level <= u.scales.y.max && level >= u.scales.y.min) { line(level, colour); }
       }
+    }
+    ctx.font = FONT.replace("10px", `${10 * devicePixelRatio}px`);
+    ctx.fillStyle = "#34566e";
+    ctx.textAlign = "left";
+    for (const { start, end, text } of page.spans.filter(({ kind }) => named && kind === "window")) {
+      const left = Math.max(u.valToPos(start, "x", true), bbox.left) + size / 2, right = Math.min(u.valToPos(end, "x", true), bbox.left + bbox.width);
+      if (ctx.measureText(text).width < right - left) { ctx.fillText(text, left, bbox.top + 2 * size); }
     }
     ctx.fillStyle = "#b42318";
     for (const { time } of page.breaches) {
@@ -97,7 +106,7 @@ function coopPinPlots(place, page, runs, seek) {
     ctx.restore();
   }
 
-  function add(holder, curves, { bare = false, last = false, unit = "" } = {}) {
+  function add(holder, curves, { bare = false, first = false, last = false, unit = "" } = {}) {
     const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual")), others = runs.length > 1;
     const styled = (curve, of) => ({
       stroke: of ? "#6b7280" : curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
@@ -117,8 +126,9 @@ function coopPinPlots(place, page, runs, seek) {
       return [backward(forward(y.low, y) - margin, y), backward(forward(y.high, y) + margin, y)];
     };
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
+    const line = document.createElement("i"), cursor = (one) => { line.style.left = `${one.valToPos(now, "x")}px`; };
     const u = new uPlot({
-      width: 300, height: 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
+      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
@@ -126,9 +136,8 @@ function coopPinPlots(place, page, runs, seek) {
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
-      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves)] },
+      hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves, first), cursor] },
     }, tables(), holder);
-    const line = document.createElement("i");
     u.over.append(line);
     let pressed = 0;
     u.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
@@ -137,35 +146,46 @@ function coopPinPlots(place, page, runs, seek) {
     });
     new ResizeObserver(() => {
       const { clientWidth: width, clientHeight: height } = holder;
-      if (width && height) { u.setSize({ width, height }); moveTo(now); }
+      if (width && height && (width !== u.width || height !== u.height)) { u.setSize({ width, height }); moveTo(now); }
     }).observe(holder);
     plots.push({ u, line, tables, curves, unit });
     return u;
   }
 
   let now = 0;
-  const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], now)];
+  // The value of the sample whose frame is shown.
+  const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], run.shown)];
   function moveTo(time) {
     now = time;
     for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
-    for (const { present, curves } of titles) {
-      const said = curves.filter(({ role }) => role !== "measured" || curves.length < 6).slice(0, 4).map(({ column, label, colour, other, limit }) => {
-        const own = `<b style="color:${colour}">${coopPinNumber(value(runs[0], column))}</b>`;
-        const share = limit ? ` (${Math.abs(100 * value(runs[0], column) / limit).toFixed(0)} %)` : "";
-        return `${label.replace(/[<&]/g, "")} ${own}${share}${other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`}`;
-      });
-      present.innerHTML = said.join(" · ");
-    }
+    for (const { present, curves } of titles) { present.innerHTML = caption(curves); }
   }
 
-  const titles = page.plots.map(({ title, unit, curves }, k) => {
+  // Present values: of a few curves by their labels; of many one line for each arm, its drives in order, with their limits.
+  const shown = ({ column, colour }) => `<b style="color:${colour}">${coopPinNumber(value(runs[0], column))}</b>`;
+  const plain = (label) => label.replace(/[<&]/g, "");
+  function caption(curves) {
+    const actual = curves.filter(({ role }) => role === "actual");
+    if (!curves.some(({ plot }) => plot === "torque")) {
+      const second = ({ other }) => (other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`);
+      return (curves.length < 6 ? curves : actual).map((curve) => `${plain(curve.label)} ${shown(curve)}${second(curve)}`).join(" · ");
+    }
+    const armOf = ({ label }) => plain(label.slice(0, label.lastIndexOf(" "))), arms = [...new Set(actual.map(armOf))];
+    const drive = (curve) => shown(curve) + (curve.limit ? `/${coopPinTick(curve.limit)}` : "");
+    return arms.map((arm) => `${arm} ${actual.filter((curve) => armOf(curve) === arm).map(drive).join(" ")}`).join("<br>");
+  }
+
+  // Headings and captions first, so that every plot is drawn once, at its size.
+  const titles = page.plots.map(({ key, title, unit, curves }) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
     const share = Math.max(0, ...curves.map(({ column, limit }) => (limit ? runs[0].columns[column].reduce((most, value) => Math.max(most, Math.abs(value)), 0) / limit : 0)));
-    heading.textContent = `${title}, ${unit}${share ? ` (at most ${(100 * share).toFixed(0)} % of a limit)` : ""}`;
+    const limits = share ? ` / limit (at most ${(100 * share).toFixed(0)} % of one)` : ", no limits given";
+    heading.textContent = `${title}, ${unit}${key === "torque" ? limits : ""}`;
+    present.innerHTML = caption(curves);
     place.append(heading, present, holder);
-    add(holder, curves, { last: k === page.plots.length - 1, unit });
-    return { present, curves };
+    return { present, curves, holder, unit };
   });
+  titles.forEach(({ curves, holder, unit }, k) => add(holder, curves, { first: k === 0, last: k === titles.length - 1, unit }));
 
   function refresh() {
     for (const { u, tables } of plots) { u.setData(tables()); }

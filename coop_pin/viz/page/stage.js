@@ -41,15 +41,12 @@ function coopPinStage(pane, labels, page) {
     const geometry = () => shapes[kind](item.drawable, meshes);
     if (kind === "axes") {
       drawn = new three.AxesHelper(...size);
-    } else if (kind === "grid") {
-      drawn = new three.GridHelper(...size, item.colour, item.colour);
-      drawn.geometry.rotateX(Math.PI / 2);
     } else if (item.lit || ghost) {
       const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
       material.depthWrite = !ghost;
       drawn = new three.Mesh(geometry(), material);
       drawn.castShadow = drawn.receiveShadow = !ghost;
-      drawn.renderOrder = item.node === "floor" ? 1 : 0;
+      drawn.renderOrder = /^floor/.test(item.node) ? 1 : 0;
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
@@ -65,6 +62,13 @@ function coopPinStage(pane, labels, page) {
   }
   const [first, other] = page.runs, meshes = meshesOf(first.scene);
   first.scene.items.forEach((item) => draw(item, meshes, false));
+  // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
+  const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
+  const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
+  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true }, meshes, false);
+  const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
+  grid.position.set(x, y, first.scene.floor);
+  viewer.scene.add(grid);
   if (other) {
     const own = other.scene.meshes ? meshesOf(other.scene) : meshes;
     other.scene.items.filter(({ node: on }) => /^arms|^payload/.test(on)).forEach((item) => draw(item, own, true));
@@ -95,7 +99,7 @@ function coopPinStage(pane, labels, page) {
     // The wanted wrench is an outline: a grown arrow, drawn where a hidden thinner one has not marked the stencil.
     const mark = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
     const around = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
-    const solids = wanted ? [solid(0, shape, heads, 0.001, mark), solid(page.colours.wanted, shape, heads, 0.0042, around)]
+    const solids = wanted ? [solid(0, shape, heads, 0.001, mark), solid(page.colours.wanted, shape, heads, 0.006, around)]
       : [solid(page.colours[part], shape, heads, 0)];
     solids.forEach(({ shaft, tip }, k) => {
       object.add(shaft, tip);
@@ -103,10 +107,10 @@ function coopPinStage(pane, labels, page) {
     });
     viewer.scene.add(object);
     const text = document.createElement("span");
-    if (!wanted) { labels.append(text); }
+    labels.append(text);
     text.style.color = page.colours[part];
     const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
-    const arrow = { name, value: vector(), length: 0, tip: vector(), text, object };
+    const arrow = { name, part, value: vector(), length: 0, tip: vector(), text, object };
     arrow.set = (origin, x, y, z) => {
       arrow.value.set(x, y, z);
       const size = arrow.value.length(), ratio = size / per / scales.linear;
@@ -122,7 +126,7 @@ function coopPinStage(pane, labels, page) {
         tip.scale.setScalar(Math.max(Math.min(length / HEAD, 1), 1e-6));
       }
       arrow.tip.copy(along).multiplyScalar(length).add(origin);
-      text.textContent = `${size >= 99.5 ? size.toFixed(0) : size.toPrecision(2)} ${unit}`;
+      text.textContent = `${wanted ? "wanted " : ""}${coopPinNumber(size)} ${unit}`;
     };
     arrows[name] = arrow;
   }
@@ -131,16 +135,19 @@ function coopPinStage(pane, labels, page) {
     makeArrow(group, "payload", "external");
   }
 
+  // Numbers stand beyond the heads, and below each other where they would overlap.
   function placeLabels() {
     const { clientWidth: width, clientHeight: height } = pane, placed = [];
-    for (const { tip, text, object, length } of Object.values(arrows)) {
-      const seen = tip.clone().project(viewer.camera);
-      text.hidden = !object.visible || length < 0.03 || Math.abs(seen.z) > 1;
-      if (text.hidden || !text.parentNode) { continue; }
-      let [x, y] = [(1 + seen.x) * width / 2 + 8, (1 - seen.y) * height / 2 - 9];
-      while (placed.some(([a, b]) => Math.abs(a - x) < 58 && Math.abs(b - y) < 17)) { y += 17; }
-      placed.push([x, y]);
-      text.style.transform = `translate(${Math.min(x, width - 60)}px, ${y}px)`;
+    for (const { tip, text, object, length, part } of Object.values(arrows)) {
+      const [end, start] = [tip, object.position].map((point) => point.clone().project(viewer.camera));
+      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
+      if (text.hidden) { continue; }
+      const long = 8 + 7.2 * text.textContent.length;
+      let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
+      x = Math.max(0, Math.min(x, width - long));
+      while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y += 17; }
+      placed.push([x, y, long]);
+      text.style.transform = `translate(${x}px, ${y}px)`;
     }
   }
 
@@ -258,8 +265,6 @@ function coopPinStage(pane, labels, page) {
     camera.aspect = width / height;
     const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect, 1);
     camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as a square one
-    if (width > 700) { camera.setViewOffset(1, 1, -0.09, 0, 1, 1); } else { camera.clearViewOffset(); } // beside the legend
-    camera.aspect = width / height;
     viewer.renderer.setSize(width, height);
     viewer.set_dirty();
   };
