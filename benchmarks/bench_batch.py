@@ -20,7 +20,7 @@ import coop_pin as cp
 from coop_pin.batch import BatchSimulator
 from coop_pin.batch.llvm_machine import LlvmMachine, native_width
 from coop_pin.batch.preparation import prepare
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.sweeps import SweepPlan
 

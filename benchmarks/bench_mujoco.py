@@ -19,8 +19,8 @@ from common import interleaved, ratio, shortened
 from mujoco_cell import MujocoRun, Recorded
 
 import coop_pin as cp
-from coop_pin.engines import Engine
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
+from coop_pin.run_scenario import Engine
 
 OVERRIDES = {"cell.arms.left.friction.coulomb": 0.0, "cell.arms.right.friction.coulomb": 0.0}
 

@@ -15,9 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.control.terms import jacobian_inverse
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 UNIT = "constraintDynamics"

@@ -106,7 +106,7 @@ _PUBLIC = {
     "logspace": "coop_pin.sweeps",
     "open_view": "coop_pin.viz",
     "reachability": "coop_pin.analysis",
-    "run": "coop_pin.engines",
+    "run": "coop_pin.run_scenario",
     "sampled_stability": "coop_pin.analysis",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",

@@ -12,7 +12,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from pages import write_block
 
 from coop_pin import Scenario
@@ -24,8 +23,6 @@ HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "laws.md"
 IMAGES = HERE.parent / "docs" / "images"
-BIASED = ("bias 0.1 mm", "bias 1 mm", "base turned by 1 mrad")
-"""Trials whose first arm has errors in its kinematics."""
 
 
 def tuned_cells() -> list[str]:
@@ -62,16 +59,7 @@ def main() -> None:
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
     wanted = asked.trials or list(known)
     options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration, "workers": asked.workers}
-    # A run with a biased arm records a quantity that others lack, and no batch may hold both.
-    biased = [name for name in wanted if name in BIASED]
-    groups = {"biased": biased, "": [name for name in wanted if name not in BIASED]}
-    parts = [
-        compare(cells, controller_names(), group, out=asked.out / folder, engine="auto", **options)
-        for folder, group in groups.items()
-        if group
-    ]
-    found = Comparison.of_cells(pd.concat([part.table for part in parts]))
-    found = Comparison(found.data.sel(trial=[name for name in wanted if name in found.data["trial"]]))
+    found = compare(cells, controller_names(), wanted, out=asked.out, engine="auto", **options)
     found.write_csv(DATA)
     for cell in map(str, found.data["scenario"].values):
         save_figure(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")

@@ -39,7 +39,7 @@ from cells import SCENARIOS
 from linkages import bennett
 
 import coop_pin as cp
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
 
 SOUND = {"result", "refused", "not callable so"}
 LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30

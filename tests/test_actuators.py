@@ -9,9 +9,9 @@ from scipy.integrate import quad, solve_ivp
 
 import coop_pin as cp
 from coop_pin.analysis import static_torques
+from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import FieldError, ScenarioError
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.actuation import TorqueResponse
 from coop_pin.simulation.transmission import friction
 

@@ -15,8 +15,8 @@ import pytest
 from cells import SCENARIOS
 
 import coop_pin
+from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement, CellController
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import simulate
 
 PACKAGE = Path(coop_pin.__file__).parent
@@ -39,7 +39,7 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
-# - run_scenario builds controllers, and asks an ArmModel for the number of joints that gains must fit;
+# - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engines runs scenarios, by Pinocchio or by batch's compiled plant.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
@@ -60,10 +60,10 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
-    "run_scenario": ({"schema", "control", "description", "model"}, set()),
-    "engines": ({"batch", "description", "results", "run_scenario", "simulation"}, set()),
+    "build_controller": ({"schema", "control", "description", "model"}, set()),
+    "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
     "analysis": (
-        {"chain", "control", "run_scenario", "description", "model", "results", "simulation"},
+        {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (
@@ -73,7 +73,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "results",
-            "run_scenario",
+            "build_controller",
             "schema",
             "simulation",
         },
@@ -86,7 +86,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "chain",
-            "run_scenario",
+            "build_controller",
             "results",
             "simulation",
             "figures",
@@ -101,7 +101,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"batch", "engines", "schema", "description", "results", "progress_bar", "user_files"},
+        {"batch", "run_scenario", "schema", "description", "results", "progress_bar", "user_files"},
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
@@ -113,8 +113,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "results",
-            "engines",
             "run_scenario",
+            "build_controller",
             "simulation",
             "sweeps",
             "user_files",
@@ -129,13 +129,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
-            "engines",
+            "run_scenario",
             "figures",
             "progress_bar",
             "report",
             "results",
             "run_folder",
-            "run_scenario",
+            "build_controller",
             "simulation",
             "sweeps",
             "viz",

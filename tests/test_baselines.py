@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from test_model_based import force_error, stated, still
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.model import ArmModel
-from coop_pin.run_scenario import build_controller
 
 GAMMA, K_I = 4.0, 4.0
 CARRIED = {"actuators.gravity_compensation": {}}

@@ -18,9 +18,9 @@ from coop_pin.batch.law_code import require_agreement as agree
 from coop_pin.batch.law_code import trace_law
 from coop_pin.batch.run_constants import run_constants
 from coop_pin.batch.support import random_ticks
+from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import TracingError
-from coop_pin.run_scenario import build_controller
 from coop_pin.sweeps import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 

@@ -12,8 +12,8 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.model import ArmModel
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import shift_wrench
 

@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin import errors
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.cli import main
 from coop_pin.description.plant import PlantOptions
-from coop_pin.engines import plant_of
-from coop_pin.run_scenario import build_controller
+from coop_pin.run_scenario import plant_of
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.plant import Plant
 

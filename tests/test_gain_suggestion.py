@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.analysis import closure_problem, gain_proposal, reachability
+from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model import ArmModel
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 ONES = cp.PayloadSpace(

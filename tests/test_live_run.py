@@ -10,6 +10,7 @@ from cells import SCENARIOS, planar_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.errors import (
     CoopPinError,
     DivergedError,
@@ -19,7 +20,6 @@ from coop_pin.errors import (
     UserCodeError,
 )
 from coop_pin.reference import ConstantSqueeze
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.panel import gain_sliders

@@ -23,8 +23,8 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
-from coop_pin.run_scenario import build_controller
 from coop_pin.viz import LiveView, open_view
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer

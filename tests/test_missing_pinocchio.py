@@ -22,7 +22,7 @@ MODULES = [
     "chain",
     "analysis",
     "simulation",
-    "run_scenario",
+    "build_controller",
     "viz.replay",
     "chain.kkt_solver",
     "analysis.path_following",

@@ -6,11 +6,11 @@ from cells import SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.model import ArmModel
 from coop_pin.model_based import ArmDynamics
-from coop_pin.run_scenario import build_controller
 
 STEP = 0.02
 

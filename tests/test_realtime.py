@@ -7,7 +7,7 @@ import pytest
 from close import assert_close
 
 import coop_pin as cp
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
 from coop_pin.simulation import realtime
 from coop_pin.simulation.realtime import RealtimePacer
 

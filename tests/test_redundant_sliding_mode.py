@@ -6,10 +6,10 @@ from close import assert_close
 from linkages import bar, robot
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.control import RedundantSlidingModeController
 from coop_pin.description import Arm, Cell, Payload, Pose
-from coop_pin.run_scenario import build_controller
 
 STIFFNESS, DAMPING = 60.0, 4.0
 PULL = 0.1

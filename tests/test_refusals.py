@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin import errors, spatial
 from coop_pin.arrays import require_type
-from coop_pin.run_scenario import build_controller
+from coop_pin.build_controller import build_controller
 
 SHORT = {"duration": 0.05, "events": ()}
 CELLS = pytest.mark.parametrize("cell", SCENARIOS)

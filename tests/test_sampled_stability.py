@@ -14,13 +14,13 @@ from scipy.linalg import eigvalsh
 import coop_pin as cp
 from coop_pin.analysis import SampledStability, loop_stability, sampled_stability, step_stability
 from coop_pin.analysis.sampled_stability import REAL_STABILITY
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain, solve_ik
 from coop_pin.chain.integrators import INTEGRATORS, VectorSpace
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.errors import CoopPinError, DivergedError, ScenarioWarning
 from coop_pin.model import ArmModel
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}

@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin import errors
+from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand
 from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.report.report import scenario_facts
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.noise import generator

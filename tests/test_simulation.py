@@ -10,12 +10,12 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, UserCodeError
 from coop_pin.results.metrics import energy_balance
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.simulation.transmission import Transmission
 from coop_pin.spatial import internal_wrenches

@@ -13,9 +13,9 @@ from linkages import bennett
 
 from coop_pin import arrays, errors
 from coop_pin.arrays import free_memory
+from coop_pin.build_controller import build_controller
 from coop_pin.chain.trajectory import time_grid
 from coop_pin.description import Clock, Scenario
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation, simulate
 from coop_pin.simulation.timeline import Timeline
 

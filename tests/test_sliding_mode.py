@@ -7,10 +7,10 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement, ArmReference, Saturation, Sign, SlidingModeController, Tanh
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.errors import ArgumentError, FieldError, SingularJacobianError
-from coop_pin.run_scenario import build_controller
 from coop_pin.spatial import make_pose, pose_error, task_rows
 
 PERIOD = 0.0125

@@ -15,11 +15,11 @@ from coop_pin.analysis import (
     static_torques,
     statics_along,
 )
+from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.control.terms import right_inverse
 from coop_pin.errors import ArgumentError, FieldError, ScenarioWarning
 from coop_pin.model import ArmModel
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import pose_error, rotate_vector6
 

@@ -14,12 +14,12 @@ import xarray as xr
 
 from coop_pin.analysis.recorded_ticks import Tick, recorded_ticks
 from coop_pin.arrays import Array, Mask
+from coop_pin.build_controller import build_controller
 from coop_pin.control import PayloadSpaceController, ZeroedController
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.results import RunResult
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 _STEP = 1e-5

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, require_type
+from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Sensing
 

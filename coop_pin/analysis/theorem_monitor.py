@@ -16,12 +16,12 @@ import xarray as xr
 from coop_pin.analysis.payload_space_monitor import payload_space_monitor
 from coop_pin.analysis.proof_terms import ArmSample, ProofArm, ProofTerms, proof_terms
 from coop_pin.arrays import Array, require_type
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.description.controller import PayloadSpace, SlidingMode
 from coop_pin.description.events import PayloadChange
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation.transmission import Transmission
 
 _POSITIVE = 1e-6

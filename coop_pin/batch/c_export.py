@@ -30,11 +30,11 @@ from coop_pin.batch.law_code import (
 )
 from coop_pin.batch.run_constants import arm_constants
 from coop_pin.batch.tape import Number, Tape
+from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.results.atomic_write import write_atomically
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 _FLOPS = ("add", "sub", "mul", "div", "sqrt")

@@ -13,12 +13,12 @@ from coop_pin.batch.run_constants import run_constants, start
 from coop_pin.batch.signals import RunShape, errors, references, signal_layout
 from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
+from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 _NO_DIFFERENCE = {"name", "summary", "controller", "trust", "beyond_bound", "seed"}

@@ -9,12 +9,12 @@ import numpy as np
 from coop_pin.batch.law_code import Tick, require_agreement, trace_law
 from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
+from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import UserController
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import Simulation
 
 _TICKS = 3

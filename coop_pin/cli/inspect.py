@@ -149,7 +149,7 @@ class Check:
             steady_errors,
             step_stability,
         )
-        from coop_pin.run_scenario import build_controller
+        from coop_pin.build_controller import build_controller
         from coop_pin.simulation import Simulation
 
         scenario = load_scenario(self.scenario, self.fields)

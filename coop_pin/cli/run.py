@@ -60,10 +60,10 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
-        from coop_pin.engines import plant_of
+        from coop_pin.build_controller import build_controller
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
-        from coop_pin.run_scenario import build_controller
+        from coop_pin.run_scenario import plant_of
         from coop_pin.simulation import simulate
 
         scenario = load_scenario(self.scenario, self.fields)

@@ -101,7 +101,7 @@ class View:
 
     def _view_until_interrupted(self) -> None:
         """Serve a live view of the scenario's cell until Ctrl-C, which ends it normally."""
-        from coop_pin.engines import run
+        from coop_pin.run_scenario import run
         from coop_pin.viz import open_view
 
         scenario = load_scenario(self.what, self.fields)

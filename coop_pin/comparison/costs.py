@@ -13,6 +13,7 @@ import pandas as pd
 
 from coop_pin.arrays import as_count
 from coop_pin.batch import export_c
+from coop_pin.build_controller import build_controller
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control import (
@@ -25,7 +26,6 @@ from coop_pin.control import (
 from coop_pin.description.controller import NoForcePath, PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, TracingError
-from coop_pin.run_scenario import build_controller
 from coop_pin.simulation import simulate
 
 _TICKS = 100

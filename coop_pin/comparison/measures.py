@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.engines import run
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import rms
+from coop_pin.run_scenario import run
 
 _FROM = 0.4
 """Part of the run after which it is judged."""

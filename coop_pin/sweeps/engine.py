@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.engines import run
 from coop_pin.errors import (
     FieldError,
     MissingExtraError,
@@ -24,6 +23,7 @@ from coop_pin.errors import (
     SweepInterruptedError,
 )
 from coop_pin.progress_bar import ProgressBar
+from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
 from coop_pin.sweeps.engine_choice import with_engine
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline

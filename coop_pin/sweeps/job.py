@@ -16,10 +16,10 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.engines import run
 from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
+from coop_pin.run_scenario import run
 from coop_pin.schema.user_code import load_function
 from coop_pin.sweeps.run_key import Code, require_unchanged
 

@@ -14,9 +14,9 @@ import pandas as pd
 import xarray as xr
 
 from coop_pin.arrays import as_count, as_number, require_path, require_type
-from coop_pin.engines import run
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.results import RunResult
+from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
