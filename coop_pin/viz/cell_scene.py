@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
-from trimesh import Trimesh, creation
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, payload_shape
+from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
 from coop_pin.viz.arrows import LONGEST_M
 from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned, translation
@@ -24,12 +23,6 @@ _GHOST_SCALE = 0.97
 
 _PLATE_M, _PLATE_COLOUR = (0.22, 0.22), "#33383f"
 _FLUSH_M = 5e-4
-
-_SOLIDS: dict[type, Callable[..., Trimesh]] = {
-    Box: creation.box,
-    Cylinder: creation.cylinder,
-    Sphere: lambda radius: creation.icosphere(radius=radius),
-}
 
 _FIELD_OF_VIEW_DEG = 32.0
 _AZIMUTH_DEG = 22.0
@@ -90,12 +83,17 @@ def _camera(cell: Cell, points: Array, line: Array) -> Camera:
 def _lowest(item: Item, cell: Cell) -> float:
     """Return the height of the lowest point of a shape on the base of an arm, m."""
     X_WS = cell.arms[item.node.split("/")[1]].base.matrix @ item.pose
-    vertices = (
-        item.drawable.vertices
-        if isinstance(item.drawable, Mesh)
-        else _SOLIDS[type(item.drawable)](*item.drawable).vertices
-    )
-    return float((vertices @ X_WS[2, :3]).min() + X_WS[2, 3])
+    down, shape = X_WS[2, :3], item.drawable
+    match shape:
+        case Mesh(vertices, _):
+            reach = -float((vertices @ down).min())
+        case Cylinder(radius, length):
+            reach = float(abs(down[2]) * length / 2.0 + radius * np.hypot(down[0], down[1]))
+        case Box() | Sphere():
+            reach = float(np.abs(down) @ half_extents(shape))
+        case _:
+            reach = 0.0
+    return float(X_WS[2, 3]) - reach
 
 
 def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Item]:

@@ -41,6 +41,7 @@ _ARGUMENTS = (
     "--enable-unsafe-swiftshader",
     "--disable-gpu-rasterization",  # text and plots are drawn faster without SwiftShader
     "--disable-accelerated-2d-canvas",
+    "--disable-partial-raster",  # edges drawn anew in part had other shades, in one image of five
     "--disable-quic",
     "--disable-background-networking",
     "--disable-component-update",
