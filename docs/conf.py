@@ -1,6 +1,7 @@
 """Sphinx configuration of the site (``bash tools/docs.sh``). Its pages load nothing from other servers."""
 
 import hashlib
+import logging
 import shutil
 import sys
 from pathlib import Path
@@ -22,6 +23,9 @@ def package_digest() -> str:
             digest.update(str(file.relative_to(REPOSITORY)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:16]
 
+
+# A style of code blocks turns on the messages of libraries; the first of matplotlib tells of its fonts.
+logging.getLogger("matplotlib").setLevel(logging.WARNING)
 
 # Sphinx reads notebooks only below its own folder; the copies are not committed.
 shutil.rmtree(HERE / "notebooks", ignore_errors=True)
