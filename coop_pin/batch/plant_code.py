@@ -11,7 +11,7 @@ from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_
 from coop_pin.batch.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import traced
+from coop_pin.batch.traced_array import parts, traced
 from coop_pin.batch.tree import SharedFunctions, rebuilt
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.simulation.transmission import Friction
@@ -105,12 +105,8 @@ class PlantCode:
         """Return the motion under the held forces, and the friction of all joints."""
         cell = self._numbers.cell
         cell = cell._replace(payload=rebuilt(cell.payload, iter(kernel.read("payload"))))
-        rates, forces = self._split(v), self._split(kernel.read("force"))
+        rates, forces = parts(v, self._sizes), parts(kernel.read("force"), self._sizes)
         resistance = [own.force(rate) for own, rate in zip(self._numbers.friction, rates, strict=True)]
         tau = [force + own for force, own in zip(forces, resistance, strict=True)]
-        state = CellState(self._split(q), rates, tau, kernel.read("external"))
+        state = CellState(parts(q, self._sizes), rates, tau, kernel.read("external"))
         return cell_motion(self._functions, kernel.tape, cell, state), traced(np.concatenate(resistance))
-
-    def _split(self, values: Numbers) -> list[Numbers]:
-        parts = np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
-        return [traced(part) for part in parts]

@@ -11,7 +11,7 @@ from coop_pin.batch.kernel import Kernel, Layout
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.signals import RunShape
-from coop_pin.batch.traced_array import traced
+from coop_pin.batch.traced_array import parts, traced
 from coop_pin.batch.tree import leaves, rebuilt
 from coop_pin.control import ArmReference
 
@@ -101,9 +101,7 @@ class RunBlock:
 
     def split(self, values: Numbers) -> list[Numbers]:
         """Return the part of each arm."""
-        return [
-            traced(part) for part in np.split(np.asarray(values, dtype=object), np.cumsum(self._sizes)[:-1])
-        ]
+        return parts(values, self._sizes)
 
     def signal(self, kernel: Kernel, name: str) -> Any:
         """Return a signal at the kernel's tick."""

@@ -14,7 +14,7 @@ from coop_pin.batch import elementary
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
 from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.law_code import only_tracing_errors
-from coop_pin.batch.plant_code import write_step
+from coop_pin.batch.plant_code import OBSERVED, write_step
 from coop_pin.batch.run_actuation import RunActuation
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
@@ -129,7 +129,7 @@ class RunCode:
         kernel, constants = self._block.kernel("observe")
         v = kernel.read("v")
         motion, _ = self._motion(kernel, constants, kernel.read("q"), v)
-        for name in ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinetic", "potential"):
+        for name in OBSERVED:
             kernel.write(name, getattr(motion, name))
         bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in v]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]

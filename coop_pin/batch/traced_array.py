@@ -53,6 +53,11 @@ def plain(values: Any) -> NDArray[Any]:
     return np.asarray(values, dtype=object).view(np.ndarray)
 
 
+def parts(values: Any, sizes: Sequence[int]) -> list[Any]:
+    """Return consecutive parts of numbers, of the given sizes."""
+    return [traced(part) for part in np.split(np.asarray(values, dtype=object), np.cumsum(sizes)[:-1])]
+
+
 def inputs(tape: Tape, *shape: int) -> Any:
     """Return new inputs of a tape as a TracedArray, or as a scalar for the shape ()."""
     array = np.empty(shape, dtype=object)
