@@ -11,7 +11,7 @@ import pytest
 from cells import SCENARIOS, planar_scenario
 
 import coop_pin as cp
-from coop_pin.description.payload import read_mesh
+from coop_pin.description.mesh import read_mesh
 from coop_pin.description.urdf import xacro
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.reference import CsvMotion

@@ -15,7 +15,6 @@ from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
-from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.arm_model import ArmModel
@@ -140,9 +139,7 @@ def family(scenario: Scenario) -> Hashable:
 
 def _times(scenario: Scenario) -> Hashable:
     """Return ticks, and events and losses of torque by their times."""
-    times = [
-        (event.time, event.end if isinstance(event, WrenchPulse) else np.nan) for event in scenario.events
-    ]
+    times = [(event.time, event.end) for event in scenario.events]
     lost = [scenario.actuators_of(arm).torque_lost_at for arm in scenario.cell.arms]
     clock = scenario.clock
     return clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration, str(times), str(lost)

@@ -24,6 +24,11 @@ class PayloadChange(Description):
     time: NotNegative
     mass: Positive
 
+    @property
+    def end(self) -> float:
+        """Time of the change, s: it is over at once."""
+        return self.time
+
     def apply(self, payload: Payload) -> Payload:
         """Return the payload after the event."""
         return payload.with_mass(self.mass)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import io
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
@@ -14,16 +12,13 @@ import numpy as np
 from pydantic import ValidationInfo, create_model, field_validator, model_validator
 
 from coop_pin.arrays import Array, as_positive
+from coop_pin.description.mesh import closed_mesh
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import links_of
 from coop_pin.errors import FieldError, UrdfError
 from coop_pin.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.schema.pose import Pose
-from coop_pin.user_files import read_user_file
-
-_MAX_MESH_BYTES = 100_000_000
-"""Two million triangles of a binary STL."""
 
 _SMALLEST_M3, _LARGEST_M3 = 1e-18, 1e18
 """Of a mesh: a cube of a micrometre, and one of a thousand kilometres."""
@@ -197,7 +192,7 @@ class Payload(Description):
         if (mass is None) == (density is None):
             raise FieldError(f"give either mass or density; they are {mass} and {density}", "mass")
         file = Path(path).absolute()
-        mesh = _closed_mesh(file)
+        mesh = closed_mesh(file)
         with np.errstate(all="ignore"):
             mesh.apply_scale(scale)
             volume = float(mesh.volume)
@@ -272,40 +267,3 @@ def _drawn(visuals: Sequence[Any], centre: Array) -> dict[str, Any]:
             size = (2.0 * cylinder.radius, 2.0 * cylinder.radius, cylinder.length)
             return {"size": size, "shape": "cylinder", "shape_pose": Pose.from_matrix(X_PS)}
     return {}
-
-
-def read_mesh(path: Path) -> Any:
-    """Return the trimesh.Trimesh of a file, its parts joined into one.
-
-    Raises:
-        FieldError: the file cannot be read, or unpacks to more than 100 MB.
-    """
-    import trimesh  # a tenth of a second, only for payloads that are meshes
-
-    if not os.path.lexists(path):
-        raise FieldError(f"there is no mesh at {path}", "mesh_file")
-    try:
-        # As bytes: a mesh that names further files does not get them.
-        content = read_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
-        mesh = trimesh.load(io.BytesIO(content), file_type=path.suffix[1:].lower(), force="mesh")
-    except Exception as error:  # the readers of many formats have no common base of their errors
-        alone = "; one file must hold it all: save it as .glb" if path.suffix.lower() == ".gltf" else ""
-        raise FieldError(f"{path} cannot be read as a mesh: {error}{alone}", "mesh_file") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise FieldError(f"{path} holds no triangles", "mesh_file")
-    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices) or not np.isfinite(mesh.vertices).all():
-        raise FieldError(f"{path} is damaged: a triangle has a corner that is no finite point", "mesh_file")
-    return mesh
-
-
-def _closed_mesh(path: Path) -> Any:
-    mesh = read_mesh(path)
-    mesh.merge_vertices()
-    if not mesh.is_watertight:
-        raise FieldError(
-            f"{path} is open: it encloses no volume. Close its holes, or give mass and inertia yourself",
-            "mesh_file",
-        )
-    if mesh.volume < 0.0:
-        mesh.invert()  # the triangles look inwards
-    return mesh

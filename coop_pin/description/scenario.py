@@ -16,7 +16,7 @@ from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller, NoForcePath
 from coop_pin.description.controller_checks import SampledWrist, controller_problems
-from coop_pin.description.events import Event, WrenchPulse
+from coop_pin.description.events import Event
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
@@ -122,7 +122,7 @@ class Scenario(Description):
     @classmethod
     def _within_the_run(cls, events: tuple[Event, ...], earlier: ValidationInfo) -> tuple[Event, ...]:
         duration = earlier.data.get("duration", np.inf)
-        ends = [event.end if isinstance(event, WrenchPulse) else event.time for event in events]
+        ends = [event.end for event in events]
         wanted = f"the run ends at {duration:g} s: lengthen it or move the event"
         late = [
             FieldError(f"ends at t = {end:g} s; {wanted}", f"{index}.time")

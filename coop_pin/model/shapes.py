@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.description.payload import Payload, read_mesh
+from coop_pin.description.mesh import read_mesh
+from coop_pin.description.payload import Payload
 from coop_pin.errors import FieldError, UrdfWarning
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array, require_path, require_type
-from coop_pin.description.events import WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
@@ -91,8 +90,8 @@ class RunResult:
 
         Empty without events.
         """
-        ends = [event.end if isinstance(event, WrenchPulse) else event.time for event in self.scenario.events]
-        return Window(max(ends, default=self.end) + metrics.SETTLING_S, self.end)
+        last = max((event.end for event in self.scenario.events), default=self.end)
+        return Window(last + metrics.SETTLING_S, self.end)
 
     @property
     def _event_window(self) -> Window:

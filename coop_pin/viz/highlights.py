@@ -102,7 +102,7 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     """Return the events and the windows of the metrics, for the page: kind, start, end (s) and text."""
     scenario = result.scenario
     events = [
-        {"kind": "event", "start": event.time, "end": _event_end(event), "text": _event_text(scenario, event)}
+        {"kind": "event", "start": event.time, "end": event.end, "text": _event_text(scenario, event)}
         for event in scenario.events
         if event.time <= result.end
     ]
@@ -115,10 +115,6 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
         if not window.is_empty
     ]
     return [*windows, *events]
-
-
-def _event_end(event: Event) -> float:
-    return event.time if isinstance(event, PayloadChange) else event.end
 
 
 def _event_text(scenario: Scenario, event: Event) -> str:
@@ -138,8 +134,8 @@ def _when(scenario: Scenario, time: float) -> str:
     before = [event for event in scenario.events if event.time <= time]
     if not before:
         return text
-    event = max(before, key=_event_end)
-    name, since = "change of mass" if isinstance(event, PayloadChange) else "push", time - _event_end(event)
+    event = max(before, key=lambda event: event.end)
+    name, since = "change of mass" if isinstance(event, PayloadChange) else "push", time - event.end
     if since > _TOLD_WITHIN_S:
         return text
     if abs(since) < 0.5 / scenario.clock.rate_hz:

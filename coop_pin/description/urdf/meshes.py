@@ -12,7 +12,8 @@ from coop_pin.errors import FileReadError
 from coop_pin.user_files import head_of_user_file
 
 _PACKAGES = ("package://", "model://")
-_MAX_MESH_BYTES = 100_000_000
+MAX_MESH_BYTES = 100_000_000
+"""Two million triangles of a binary STL."""
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL: its header, which ends with the number of triangles, and each triangle."""
 
@@ -50,7 +51,7 @@ def meshes(robot: Element, package_dirs: Sequence[Path]) -> Iterator[tuple[Eleme
 def _mesh_problem(path: Path) -> str:
     """Return what is wrong with the size of a mesh file, or of the triangles that a binary STL claims."""
     try:
-        head, size = head_of_user_file(path, limit=_MAX_MESH_BYTES, kind="a mesh")
+        head, size = head_of_user_file(path, limit=MAX_MESH_BYTES, kind="a mesh")
     except FileReadError as error:
         return f"cannot be read: {error}"
     if not size:
