@@ -19,7 +19,7 @@ from coop_pin.errors import TracingError
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
-_HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_HALF_PI = (1.57079632673412561417e00, 6.077100506506192e-11)
 _LOG_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 _SINE = (
     1.58962301576546568060e-10,
@@ -37,6 +37,17 @@ _COSINE = (
     -1.38888888888730564116e-3,
     4.16666666666665929218e-2,
 )
+_HYPERBOLIC_COTANGENT = (
+    4.13813679705723846039e-08,
+    -1.65339022054652515390e-06,
+    6.61375632143793436117e-05,
+    -2.77777777770155933842e-03,
+    1.66666666666666019037e-01,
+    2.0,
+)
+"""Of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
+_LARGEST_TANH = 20.0
+"""Where 1 - tanh is less than the rounding of 1."""
 _EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
 _INVERSE_TANGENT = tuple(1.0 / (2 * n + 1) for n in range(10, -1, -1))
 """Series of atanh(s) / s in s^2, for s up to 0.172."""
@@ -152,12 +163,15 @@ def log(x: Number) -> Number:
 
 
 def tanh(x: Number) -> Number:
-    """Return (1 - e) / (1 + e) with e = exp(-2 abs(x)), and the sign of x; absolute error 1e-16."""
+    """Return (e - 1) / (e + 1) with e = exp(2 x) = 2^n (R + r) / (R - r), R = r coth(r / 2); error 4e-16."""
     if not isinstance(x, Traced):
         return math.tanh(x)
-    e = exp(-2.0 * abs(x))
-    magnitude = (1.0 - e) / (1.0 + e)
-    return select(less(x, 0.0), -magnitude, magnitude)
+    x = minimum(maximum(x, -_LARGEST_TANH), _LARGEST_TANH)
+    n = rounded(x * (2.0 / math.log(2.0)))
+    r = _reduced(2.0 * x, n, _LOG_2)
+    R = _polynomial(r * r, _HYPERBOLIC_COTANGENT)
+    above, below = apply("power_of_two", n) * (R + r), R - r
+    return (above - below) / (above + below)
 
 
 def atan2(y: Number, x: Number) -> Number:
@@ -218,22 +232,16 @@ def _reduced(x: Any, n: Number, parts: Sequence[float]) -> Number:
     return x
 
 
-def _is_odd(n: Number) -> tuple[Number, Number]:
-    """Return whether a whole number is odd, as a mask, and its half rounded down."""
-    half = rounded(n * 0.5 - 0.25)
-    return n - 2.0 * half, half
-
-
 def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
+    """Return sine and cosine of x = r + n pi / 2, by those of r and of m pi / 2, m = n - 4 round(n / 4)."""
     n = rounded(x * (2.0 / math.pi))
     r = _reduced(x, n, _HALF_PI)
     z = r * r
     sine: Number = r + r * z * _polynomial(z, _SINE)
     cosine: Number = 1.0 - 0.5 * z + z * z * _polynomial(z, _COSINE)
-    swapped, half = _is_odd(n)
-    _, next_half = _is_odd(n + 1.0)
-    sine, cosine = select(swapped, cosine, sine), select(swapped, sine, cosine)
-    return sine * (1.0 - 2.0 * _is_odd(half)[0]), cosine * (1.0 - 2.0 * _is_odd(next_half)[0])
+    m = n - 4.0 * rounded(0.25 * n)
+    cosine_m, sine_m = 1.0 - abs(m), m * (2.0 - abs(m))
+    return sine * cosine_m + cosine * sine_m, cosine * cosine_m - sine * sine_m
 
 
 def _exponent(x: Number) -> tuple[Number, Number]:

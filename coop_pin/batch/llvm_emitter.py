@@ -25,7 +25,9 @@ def llvm_text(program: Program, width: int) -> str:
         LOAD=LOAD,
         RECORD=RECORD,
         block=size * program.lanes.size,
-        recorded=size * program.recorded,
+        vector=size,
+        recorded=program.recorded,
+        after_record=size * program.recorded,
         loaded=size * program.loaded,
         cases="\n".join(f"    i64 {index}, label %do_{name}" for index, name in enumerate(names)),
         calls="\n".join(
@@ -142,10 +144,10 @@ class LlvmEmitter(Emitter):
 
 
 _RUN = """define void @run(i64 %groups, i64 %count, ptr %program, ptr %blocks, ptr %uniforms,
-  i64 %uniform_bytes, ptr %loads, i64 %load_rows, ptr %record, i64 %record_rows) {{
+  i64 %uniform_bytes, ptr %loads, i64 %load_rows, ptr %record, i64 %slot_bytes) {{
 entry:
   %load_bytes = mul i64 %load_rows, {loaded}
-  %record_bytes = mul i64 %record_rows, {recorded}
+  %row_bytes = mul i64 %slot_bytes, {recorded}
   br label %group
 group:
   %g = phi i64 [0, %entry], [%g1, %group_end]
@@ -153,7 +155,7 @@ group:
   %block = getelementptr i8, ptr %blocks, i64 %go
   %lo = mul i64 %g, %load_bytes
   %load = getelementptr i8, ptr %loads, i64 %lo
-  %ro = mul i64 %g, %record_bytes
+  %ro = mul i64 %g, {vector}
   %rec = getelementptr i8, ptr %record, i64 %ro
   br label %step
 step:
@@ -172,14 +174,23 @@ step:
 do_load:
   %from_o = mul i64 %row, {loaded}
   %from = getelementptr i8, ptr %load, i64 %from_o
-  %to = getelementptr i8, ptr %block, i64 {recorded}
+  %to = getelementptr i8, ptr %block, i64 {after_record}
   call void @llvm.memcpy.p0.p0.i64(ptr %to, ptr %from, i64 {loaded}, i1 false)
   br label %next
 do_record:
-  %into_o = mul i64 %row, {recorded}
+  %into_o = mul i64 %row, %row_bytes
   %into = getelementptr i8, ptr %rec, i64 %into_o
-  call void @llvm.memcpy.p0.p0.i64(ptr %into, ptr %block, i64 {recorded}, i1 false)
-  br label %next
+  br label %copy
+copy:
+  %s = phi i64 [0, %do_record], [%s1, %copy]
+  %so = mul i64 %s, {vector}
+  %sp = getelementptr i8, ptr %block, i64 %so
+  %to_o = mul i64 %s, %slot_bytes
+  %top = getelementptr i8, ptr %into, i64 %to_o
+  call void @llvm.memcpy.p0.p0.i64(ptr %top, ptr %sp, i64 {vector}, i1 false)
+  %s1 = add i64 %s, 1
+  %on = icmp ult i64 %s1, {recorded}
+  br i1 %on, label %copy, label %next
 {calls}
 next:
   %k1 = add i64 %k, 1

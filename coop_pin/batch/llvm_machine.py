@@ -58,7 +58,7 @@ class LlvmMachine(Machine):
         given = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
-        record = np.empty((groups, rows, program.recorded, width))
+        record = np.empty((rows, program.recorded, groups * width))
         self._run(
             groups,
             len(self._instructions),
@@ -69,10 +69,10 @@ class LlvmMachine(Machine):
             given.ctypes.data,
             len(loads),
             record.ctypes.data,
-            rows,
+            8 * groups * width,
         )
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
-        return np.moveaxis(record, 0, 2).reshape(rows, program.recorded, -1)[:, :, :lanes]
+        return record[:, :, :lanes]
 
     def bound(self, block: Array, uniforms: Array) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on one block.
@@ -128,8 +128,11 @@ def _engine(text: str) -> Any:
     key = hashlib.sha256("\n".join((text, processor, features, version)).encode()).digest()
     code = _kept(key)
     if code is None:
-        # The tape has folded and shared what LLVM's passes would: they cost time and gain 8 % at most.
-        code = machine.emit_object(llvm.parse_assembly(text))
+        # The tape has folded and shared what LLVM's passes would; this one finds choices by comparisons.
+        module, passes = llvm.parse_assembly(text), llvm.create_new_module_pass_manager()
+        passes.add_instruction_combine_pass()
+        passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
+        code = machine.emit_object(module)
         _keep(key, code)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))

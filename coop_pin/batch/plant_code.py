@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,39 +24,71 @@ OBSERVED = ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinet
 """Fields of CellMotion that an observation writes."""
 
 
-def write_step(
-    kernel: Kernel, motion: Callable[[Numbers, Numbers], tuple[CellMotion, Numbers, Number]]
-) -> None:
-    """Write one plant step of h by Runge-Kutta 4, with the work of the forces.
-
-    Args:
-        kernel: reads q, v, work, force and h; q, v and work are written.
-        motion: at (q, v), with the friction of all joints and the power of the push.
-    """
-    q, v, h, force = kernel.read("q"), kernel.read("v"), kernel.uniform("h"), kernel.read("force")
-    q_end, v_end, work = q, v, kernel.read("work")
-    q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
-    for node, weight in STAGES:
-        q_i, v_i = q + node * h * q_rate, v + node * h * v_rate
-        found, friction, external = motion(q_i, v_i)
-        q_rate, v_rate = v_i, traced(np.concatenate(found.accelerations))
-        power = traced([force @ v_i, friction @ v_i, external])
-        q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
-        work = work + weight * h * power
-    for name, values in (("q", q_end), ("v", v_end), ("work", work)):
-        kernel.write(name, values)
-
-
 class PlantNumbers(NamedTuple):
-    """Numbers that fold into the code of a plant.
+    """Numbers of a plant, most of which fold into its code.
 
     Attributes:
-        cell: its dynamics; the payload is an input.
+        cell: its dynamics.
         friction: of each arm.
+        external: wrench on the payload about P in world axes, shape (6,).
     """
 
     cell: CellModel
     friction: tuple[Friction, ...]
+    external: Numbers
+
+
+class PlantState(NamedTuple):
+    """State of a plant, and the forces that its drives hold.
+
+    Attributes:
+        q: joint positions of all arms, shape (N,).
+        v: joint rates of all arms, shape (N,).
+        force: of the drives, N m, shape (N,).
+    """
+
+    q: Numbers
+    v: Numbers
+    force: Numbers
+
+
+def plant_motion(
+    functions: SharedFunctions, plant: PlantNumbers, state: PlantState
+) -> tuple[CellMotion, Numbers]:
+    """Return the motion under the held forces and friction, and the friction of all joints."""
+    sizes = [len(arm.bodies) for arm in plant.cell.arms]
+    q, v, forces = (parts(values, sizes) for values in state)
+    friction = [own.force(rates) for own, rates in zip(plant.friction, v, strict=True)]
+    tau = [force + own for force, own in zip(forces, friction, strict=True)]
+    held = CellState(q, v, tau, plant.external)
+    return cell_motion(functions, state.v[0].tape, plant.cell, held), traced(np.concatenate(friction))
+
+
+def write_step(kernel: Kernel, functions: SharedFunctions, plant: PlantNumbers) -> None:
+    """Write one plant step of h by Runge-Kutta 4, with the work of the forces.
+
+    Args:
+        kernel: reads q, v, work, force and h; q, v and work are written.
+        functions: has the rates, which are called at each stage.
+        plant: its numbers as the kernel reads them.
+    """
+
+    def rates(plant: PlantNumbers, state: PlantState) -> tuple[Numbers, list[Number]]:
+        motion, friction = plant_motion(functions, plant, state)
+        powers = [state.force @ state.v, friction @ state.v, plant.external @ motion.V_WP]
+        return np.concatenate(motion.accelerations), powers
+
+    q, v, force, h = kernel.read("q"), kernel.read("v"), kernel.read("force"), kernel.uniform("h")
+    q_end, v_end, work = q, v, kernel.read("work")
+    q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
+    for node, weight in STAGES:
+        state = PlantState(q + node * h * q_rate, v + node * h * v_rate, force)
+        v_rate, powers = functions.call(kernel.tape, rates, plant, state)
+        q_rate = state.v
+        q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
+        work = work + weight * h * traced(powers)
+    for name, values in (("q", q_end), ("v", v_end), ("work", work)):
+        kernel.write(name, values)
 
 
 class PlantCode:
@@ -86,27 +117,19 @@ class PlantCode:
 
     def _observe(self) -> Kernel:
         kernel = Kernel("observe", self.lanes, self._uniforms)
-        motion, _ = self._motion(kernel, kernel.read("q"), kernel.read("v"))
+        state = PlantState(*map(kernel.read, PlantState._fields))
+        motion, _ = plant_motion(self._functions, self._plant(kernel), state)
         for name in OBSERVED:
             kernel.write(name, getattr(motion, name))
         return kernel
 
     def _step(self) -> Kernel:
         kernel = Kernel("step", self.lanes, self._uniforms)
-
-        def motion(q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers, Number]:
-            motion, resistance = self._motion(kernel, q, v)
-            return motion, resistance, kernel.read("external") @ motion.V_WP
-
-        write_step(kernel, motion)
+        write_step(kernel, self._functions, self._plant(kernel))
         return kernel
 
-    def _motion(self, kernel: Kernel, q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers]:
-        """Return the motion under the held forces, and the friction of all joints."""
+    def _plant(self, kernel: Kernel) -> PlantNumbers:
+        """Return the numbers of the plant with its present payload and push."""
         cell = self._numbers.cell
         cell = cell._replace(payload=rebuilt(cell.payload, iter(kernel.read("payload"))))
-        rates, forces = parts(v, self._sizes), parts(kernel.read("force"), self._sizes)
-        resistance = [own.force(rate) for own, rate in zip(self._numbers.friction, rates, strict=True)]
-        tau = [force + own for force, own in zip(forces, resistance, strict=True)]
-        state = CellState(parts(q, self._sizes), rates, tau, kernel.read("external"))
-        return cell_motion(self._functions, kernel.tape, cell, state), traced(np.concatenate(resistance))
+        return self._numbers._replace(cell=cell, external=kernel.read("external"))

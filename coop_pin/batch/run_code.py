@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from coop_pin.batch import elementary
-from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, payload_energy
+from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
 from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.law_code import only_tracing_errors
-from coop_pin.batch.plant_code import OBSERVED, write_step
+from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
 from coop_pin.batch.run_actuation import RunActuation
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
@@ -44,16 +44,15 @@ class RunCode:
         made = [getattr(self, f"_{name}")() for name in KERNELS]
         return made + [self._event(index) for index in range(len(self._block.constants.instants))]
 
-    def _motion(
-        self, kernel: Kernel, constants: RunConstants, q: Numbers, v: Numbers
-    ) -> tuple[CellMotion, list[Numbers]]:
-        """Return the motion under the held torques, and the friction of each arm."""
-        split = self._block.split
-        friction = [arm.friction.force(own) for arm, own in zip(constants.arms, split(v), strict=True)]
-        tau = [force + own for force, own in zip(split(kernel.read("force")), friction, strict=True)]
+    def _plant(self, kernel: Kernel, constants: RunConstants) -> PlantNumbers:
+        """Return the numbers of the plant with the present push."""
         external = kernel.read("external") if self._shape.pushes else np.zeros(6)
-        state = CellState(split(q), split(v), tau, external)
-        return cell_motion(self._functions, kernel.tape, constants.cell, state), friction
+        return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
+
+    def _motion(self, kernel: Kernel, constants: RunConstants) -> CellMotion:
+        """Return the motion under the held torques."""
+        state = PlantState(*map(kernel.read, PlantState._fields))
+        return plant_motion(self._functions, self._plant(kernel, constants), state)[0]
 
     # ------------------------------------------------------------ kernels
 
@@ -127,11 +126,10 @@ class RunCode:
     def _observe(self) -> Kernel:
         """Return the kernel of what is recorded of the state and the forces on it."""
         kernel, constants = self._block.kernel("observe")
-        v = kernel.read("v")
-        motion, _ = self._motion(kernel, constants, kernel.read("q"), v)
+        motion = self._motion(kernel, constants)
         for name in OBSERVED:
             kernel.write(name, getattr(motion, name))
-        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in v]
+        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
         self._guard(kernel, bounds)
         return kernel
@@ -139,13 +137,7 @@ class RunCode:
     def _step(self) -> Kernel:
         """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
-
-        def motion(q: Numbers, v: Numbers) -> tuple[CellMotion, Numbers, Number]:
-            motion, friction = self._motion(kernel, constants, q, v)
-            external = kernel.read("external") @ motion.V_WP if self._shape.pushes else 0.0
-            return motion, np.concatenate(friction), external
-
-        write_step(kernel, motion)
+        write_step(kernel, self._functions, self._plant(kernel, constants))
         return kernel
 
     def _sense(self) -> Kernel:
@@ -157,7 +149,7 @@ class RunCode:
         )
         if self._shape.delay is None and wrists is None:
             return kernel
-        motion, _ = self._motion(kernel, constants, kernel.read("q"), kernel.read("v"))
+        motion = self._motion(kernel, constants)
         wrenches = motion.wrenches
         if wrists is not None:
             wrenches = self._sensing.read_wrists(kernel, constants, drives, wrenches, motion.R_WP)
@@ -172,7 +164,7 @@ class RunCode:
         if self._shape.pushes:
             kernel.write("external", instant.push)
         if self._shape.changes_payload:
-            motion, _ = self._motion(kernel, constants, kernel.read("q"), kernel.read("v"))
+            motion = self._motion(kernel, constants)
             after = constants.cell._replace(payload=instant.payload)
             gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)
             kernel.write("payload_energy", kernel.read("payload_energy") + gained)

@@ -174,7 +174,8 @@ def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
         cell = CellModel.from_chain(chain)
     except TracingError as error:
         raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
-    return PlantNumbers(cell, tuple(friction(arm, name) for name, arm in chain.cell.arms.items()))
+    resistance = tuple(friction(arm, name) for name, arm in chain.cell.arms.items())
+    return PlantNumbers(cell, resistance, np.zeros(6))
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
