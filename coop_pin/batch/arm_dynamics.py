@@ -11,12 +11,13 @@ from coop_pin.batch.serial_arm import (
     RigidInertia,
     SerialArm,
     cross,
-    force_cross,
+    force_moved,
     frames,
     join,
-    motion_cross,
+    links,
 )
 from coop_pin.batch.tape import Number
+from coop_pin.batch.traced_array import plain
 
 
 class ArmInput(NamedTuple):
@@ -98,37 +99,25 @@ class ArmModel(NamedTuple):
 
 
 def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
-    """Return the dynamics of an arm by recursive Newton-Euler and composite rigid bodies, in the world."""
+    """Return the dynamics of an arm by recursive Newton-Euler and composite rigid bodies, in body axes."""
     first, *others = model.arm.bodies
     bodies = [first._replace(R=state.first[0], p=state.first[1]), *others]
     bodies[-1] = bodies[-1]._replace(inertia=state.last)
-    seen = frames(SerialArm(tuple(bodies), model.arm.is_revolute, *state.held), state.q)
-    n, S, rows = len(state.q), seen.S, [int(row) for row in model.rows]
-    V: Numbers = np.zeros(6).astype(object)
-    A = join(-model.gravity, np.zeros(3))
-    inertias, forces = [], []
-    for k, body in enumerate(bodies):
-        Sv = S[:, k] * state.v[k]
-        V = V + Sv
-        A = A + motion_cross(V, Sv)
-        inertias.append(body.inertia.moved(seen.R[k], seen.p[k]))
-        forces.append(inertias[k].times(A) + force_cross(V, inertias[k].times(V)))
-    M, h = np.empty((n, n), dtype=object), np.empty(n, dtype=object)
-    for k in reversed(range(n)):
-        if k + 1 < n:
-            inertias[k], forces[k] = inertias[k].plus(inertias[k + 1]), forces[k] + forces[k + 1]
-        U, h[k] = inertias[k].times(S[:, k]), S[:, k] @ forces[k]
-        for j in range(k + 1):
-            M[k, j] = M[j, k] = S[:, j] @ U
+    arm = SerialArm(tuple(bodies), model.arm.is_revolute, *state.held)
+    seen, rows = frames(arm, state.q), [int(row) for row in model.rows]
+    h, a, alpha = newton_euler(arm, model.gravity, state.q, state.v)
+    M, whole = mass_matrix(arm, state.q)
+    V = seen.S @ state.v
+    A = _spatial(V, seen.p, seen.R @ a, seen.R @ alpha)
     L, D_inverse = factor(M)
-    Y = np.stack([solve_lower(L, row) for row in S[rows]], axis=1)
+    Y = np.stack([solve_lower(L, row) for row in seen.S[rows]], axis=1)
     u, Z = solve_lower(L, state.tau - h), D_inverse[:, None] * Y
     return ArmTerms(
         R_WP=seen.R_WP,
         p_WP=seen.p_WP,
         V=V,
         A=A,
-        S=S,
+        S=seen.S,
         L=L,
         D_inverse=D_inverse,
         Y=Y,
@@ -136,19 +125,95 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
         G=_symmetric_product(Y, Z),
         b=A[rows] + Z.T @ u,
         kinetic=0.5 * (state.v @ (M @ state.v)),
-        potential=-1.0 * (model.gravity @ inertias[0].moment),
+        potential=-1.0 * (model.gravity @ whole.moved(*links(arm, state.q)[0]).moment),
     )
+
+
+def newton_euler(
+    arm: SerialArm, gravity: Numbers, q: Numbers, v: Numbers
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Return the torques h(q, v) of no acceleration, and what the last body then does.
+
+    Body by body, in its axes about its origin, with the acceleration Omega r + a of its point r::
+
+        Omega = alpha^x + w w^T - w . w 1,  f = m a + Omega h,  n = I alpha + w x I w + h x a
+
+    Args:
+        arm: its bodies.
+        gravity: m/s^2, shape (3,).
+        q: joint positions, shape (n,).
+        v: joint rates, shape (n,).
+
+    Returns:
+        h, shape (n,), and of the last body's origin a, less gravity, and alpha, shape (3,) both.
+    """
+    placed, forces = links(arm, q), []
+    w, alpha, a, Omega = (
+        np.zeros(3).astype(object),
+        np.zeros(3).astype(object),
+        -plain(gravity),
+        np.zeros((3, 3)),
+    )
+    for body, (R, p), is_revolute, rate in zip(arm.bodies, placed, arm.is_revolute, v, strict=True):
+        a, w, alpha = R.T @ (a + Omega @ p), R.T @ w, R.T @ alpha
+        Sv = np.array([0.0, 0.0, rate], dtype=object)
+        if is_revolute:
+            w, alpha = w + Sv, alpha + cross(w, Sv)
+        else:
+            a = a + 2.0 * cross(w, Sv)
+        Omega = _affine(w, alpha)
+        mass, moment, second = body.inertia.mass, plain(body.inertia.moment), plain(body.inertia.second)
+        n = second @ alpha + cross(w, second @ w) + cross(moment, a)
+        forces.append(join(mass * a + Omega @ moment, n))
+    h, force = np.empty(len(q), dtype=object), np.zeros(6).astype(object)
+    for k in reversed(range(len(q))):
+        force = force + forces[k]
+        h[k] = force[_axis(arm, k)]
+        force = force_moved(*placed[k], force)
+    return h, a, alpha
+
+
+def mass_matrix(arm: SerialArm, q: Numbers) -> tuple[Numbers, RigidInertia]:
+    """Return M(q), shape (n, n), and the inertia of the arm as one body about the origin of its first."""
+    n, placed = len(q), links(arm, q)
+    M, inertia = np.empty((n, n), dtype=object), arm.bodies[-1].inertia
+    for k in reversed(range(n)):
+        if k + 1 < n:
+            inertia = arm.bodies[k].inertia.plus(inertia.moved(*placed[k + 1]))
+        force = inertia.times(np.eye(6).astype(object)[_axis(arm, k)])
+        for j in reversed(range(k + 1)):
+            M[k, j] = M[j, k] = force[_axis(arm, j)]
+            force = force_moved(*placed[j], force)
+    return M, inertia
 
 
 def gravity_torque(arm: SerialArm, gravity: Numbers, q: Numbers) -> Numbers:
     """Return g(q), which holds an arm without payload at rest, N m, shape (n,)."""
-    seen, torque, force = frames(arm, q), np.empty(len(q), dtype=object), np.zeros(6).astype(object)
-    for k in reversed(range(len(q))):
-        mass, moment, _ = arm.bodies[k].inertia
-        h = mass * seen.p[k] + seen.R[k] @ moment
-        force = force - join(mass * gravity, cross(h, gravity))
-        torque[k] = seen.S[:, k] @ force
-    return torque
+    return newton_euler(arm, gravity, q, np.zeros(len(q)))[0]
+
+
+def _axis(arm: SerialArm, k: int) -> int:
+    """Return the row of six-vectors in body axes along which, or about which, a joint moves."""
+    return 5 if arm.is_revolute[k] else 2
+
+
+def _affine(w: Numbers, alpha: Numbers) -> Numbers:
+    """Return Omega = alpha^x + w w^T - w . w 1, shape (3, 3)."""
+    (x, y, z), (a, b, c) = w, alpha
+    return np.array(
+        [
+            [-(y * y + z * z), x * y - c, x * z + b],
+            [x * y + c, -(x * x + z * z), y * z - a],
+            [x * z - b, y * z + a, -(x * x + y * y)],
+        ],
+        dtype=object,
+    )
+
+
+def _spatial(V: Numbers, p: Numbers, a: Numbers, alpha: Numbers) -> Numbers:
+    """Return the spatial acceleration about the world's origin of a body whose point p has acceleration a."""
+    v, w = V[:3], V[3:]
+    return join(a - cross(alpha, p) - cross(w, v + cross(w, p)), alpha)
 
 
 def factor(M: Numbers) -> tuple[Numbers, Numbers]:

@@ -52,6 +52,12 @@ def motion_cross(V: Numbers, U: Numbers) -> Numbers:
     return join(cross(V[3:], U[:3]) + cross(V[:3], U[3:]), cross(V[3:], U[3:]))
 
 
+def force_moved(R: Numbers, p: Numbers, F: Numbers) -> Numbers:
+    """Return a force [f, n] of a frame that stands at (R, p), in the axes and about the origin there."""
+    f = R @ F[:3]
+    return join(f, cross(p, f) + R @ F[3:])
+
+
 def force_cross(V: Numbers, F: Numbers) -> Numbers:
     """Return V x* F = [w x f, v x f + w x n], the rate of a force F that moves with V."""
     return join(cross(V[3:], F[:3]), cross(V[:3], F[:3]) + cross(V[3:], F[3:]))
@@ -183,39 +189,42 @@ class Frames(NamedTuple):
     """Joints and payload frame of an arm in the world.
 
     Attributes:
-        R: orientation of each body, shape (3, 3) each.
-        p: position of each joint, shape (3,) each.
+        R: orientation of the last body, shape (3, 3).
+        p: its position, shape (3,).
         S: motion subspaces, shape (6, n).
         R_WP: orientation of P, shape (3, 3).
         p_WP: position of P, shape (3,).
     """
 
-    R: list[Numbers]
-    p: list[Numbers]
+    R: Numbers
+    p: Numbers
     S: Numbers
     R_WP: Numbers
     p_WP: Numbers
 
 
+def links(arm: SerialArm, q: Numbers) -> list[tuple[Numbers, Numbers]]:
+    """Return orientation and position of each body in the one before, at joint positions, shape (n,)."""
+    found, cosine, sine = [], np.cos(traced(q)), np.sin(traced(q))
+    for k, (body, is_revolute) in enumerate(zip(arm.bodies, arm.is_revolute, strict=True)):
+        R, p, (c, s) = plain(body.R), plain(body.p), (cosine[k], sine[k])
+        x, y, z = R.T
+        if is_revolute:
+            found.append((np.stack([c * x + s * y, c * y - s * x, z], axis=1), p))
+        else:
+            found.append((R, p + q[k] * z))
+    return found
+
+
 def frames(arm: SerialArm, q: Numbers) -> Frames:
     """Return the frames of an arm at joint positions, shape (n,)."""
     R, p = np.eye(3).astype(object), np.zeros(3).astype(object)
-    rotations, positions, S = [], [], np.empty((6, len(q)), dtype=object)
-    cosine, sine = np.cos(traced(q)), np.sin(traced(q))
-    for k, (body, is_revolute) in enumerate(zip(arm.bodies, arm.is_revolute, strict=True)):
-        p = p + R @ body.p
-        R = R @ body.R
+    S = np.empty((6, len(q)), dtype=object)
+    for k, (R_k, p_k) in enumerate(links(arm, q)):
+        p, R = p + R @ p_k, R @ R_k
         z = R[:, 2]
-        if is_revolute:
-            c, s = cosine[k], sine[k]
-            R = np.stack([c * R[:, 0] + s * R[:, 1], c * R[:, 1] - s * R[:, 0], z], axis=1)
-            S[:, k] = join(cross(p, z), z)
-        else:
-            p = p + q[k] * z
-            S[:, k] = join(z, np.zeros(3))
-        rotations.append(R)
-        positions.append(p)
-    return Frames(rotations, positions, S, R @ arm.R_JP, p + R @ arm.p_JP)
+        S[:, k] = join(cross(p, z), z) if arm.is_revolute[k] else join(z, np.zeros(3))
+    return Frames(R, p, S, R @ arm.R_JP, p + R @ arm.p_JP)
 
 
 def payload_jacobian(S: Numbers, p_WP: Numbers) -> Numbers:

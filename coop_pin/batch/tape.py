@@ -158,6 +158,8 @@ class Tape:
                 return self.number(x) - self.number(self.operations[y].operands[0])
             case "sub", (x, int(y)) if self.operations[y].name == "neg":
                 return self.number(x) + self.number(self.operations[y].operands[0])
+            case "mul", ((int(y), float(c)) | (float(c), int(y))) if self.operations[y].name == "neg":
+                return self.number(self.operations[y].operands[0]) * -c
             case "sub" | "less", (int(a), int(b)) if a == b:
                 return 0.0
             case ("less", (float(math.inf), _)):
