@@ -187,11 +187,6 @@ def mass_matrix(arm: SerialArm, q: Numbers) -> tuple[Numbers, RigidInertia]:
     return M, inertia
 
 
-def gravity_torque(arm: SerialArm, gravity: Numbers, q: Numbers) -> Numbers:
-    """Return g(q), which holds an arm without payload at rest, N m, shape (n,)."""
-    return newton_euler(arm, gravity, q, np.zeros(len(q)))[0]
-
-
 def _axis(arm: SerialArm, k: int) -> int:
     """Return the row of six-vectors in body axes along which, or about which, a joint moves."""
     return 5 if arm.is_revolute[k] else 2

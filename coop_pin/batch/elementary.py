@@ -36,6 +36,7 @@ _COSINE = (
     2.48015872888517045348e-5,
     -1.38888888888730564116e-3,
     4.16666666666665929218e-2,
+    -0.5,
 )
 _HYPERBOLIC_COTANGENT = (
     4.13813679705723846039e-08,
@@ -46,8 +47,8 @@ _HYPERBOLIC_COTANGENT = (
     2.0,
 )
 """Of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
-_LARGEST_TANH = 20.0
-"""Where 1 - tanh is less than the rounding of 1."""
+_LARGEST_TANH = 40.0
+"""Twice an argument from which 1 - tanh is less than the rounding of 1."""
 _EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
 _INVERSE_TANGENT = tuple(1.0 / (2 * n + 1) for n in range(10, -1, -1))
 """Series of atanh(s) / s in s^2, for s up to 0.172."""
@@ -166,9 +167,9 @@ def tanh(x: Number) -> Number:
     """Return (e - 1) / (e + 1) with e = exp(2 x) = 2^n (R + r) / (R - r), R = r coth(r / 2); error 4e-16."""
     if not isinstance(x, Traced):
         return math.tanh(x)
-    x = minimum(maximum(x, -_LARGEST_TANH), _LARGEST_TANH)
-    n = rounded(x * (2.0 / math.log(2.0)))
-    r = _reduced(2.0 * x, n, _LOG_2)
+    x = minimum(maximum(2.0 * x, -_LARGEST_TANH), _LARGEST_TANH)
+    n = rounded(x * (1.0 / math.log(2.0)))
+    r = x - n * math.log(2.0)
     R = _polynomial(r * r, _HYPERBOLIC_COTANGENT)
     above, below = apply("power_of_two", n) * (R + r), R - r
     return (above - below) / (above + below)
@@ -238,7 +239,7 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
     r = _reduced(x, n, _HALF_PI)
     z = r * r
     sine: Number = r + r * z * _polynomial(z, _SINE)
-    cosine: Number = 1.0 - 0.5 * z + z * z * _polynomial(z, _COSINE)
+    cosine: Number = 1.0 + z * _polynomial(z, _COSINE)
     m = n - 4.0 * rounded(0.25 * n)
     cosine_m, sine_m = 1.0 - abs(m), m * (2.0 - abs(m))
     return sine * cosine_m + cosine * sine_m, cosine * cosine_m - sine * sine_m

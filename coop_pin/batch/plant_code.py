@@ -51,82 +51,84 @@ class PlantState(NamedTuple):
     v: Numbers
     force: Numbers
 
+    @classmethod
+    def of(cls, kernel: Kernel) -> PlantState:
+        """Return the state in a kernel's slots."""
+        return cls(*map(kernel.read, cls._fields))
+
 
 def plant_motion(
     functions: SharedFunctions, plant: PlantNumbers, state: PlantState
-) -> tuple[CellMotion, Numbers]:
-    """Return the motion under the held forces and friction, and the friction of all joints."""
+) -> tuple[CellMotion, list[Number]]:
+    """Return the motion under the held forces and friction, and its rates.
+
+    The rates are the accelerations of all joints and the powers of CHANNELS.
+    """
     sizes = [len(arm.bodies) for arm in plant.cell.arms]
     q, v, forces = (parts(values, sizes) for values in state)
     friction = [own.force(rates) for own, rates in zip(plant.friction, v, strict=True)]
     tau = [force + own for force, own in zip(forces, friction, strict=True)]
     held = CellState(q, v, tau, plant.external)
-    return cell_motion(functions, state.v[0].tape, plant.cell, held), traced(np.concatenate(friction))
+    motion = cell_motion(functions, state.v[0].tape, plant.cell, held)
+    powers = [state.force @ state.v, traced(np.concatenate(friction)) @ state.v, plant.external @ motion.V_WP]
+    return motion, [*np.concatenate(motion.accelerations), *powers]
 
 
 def write_step(kernel: Kernel, functions: SharedFunctions, plant: PlantNumbers) -> None:
-    """Write one plant step of h by Runge-Kutta 4, with the work of the forces.
+    """Write q, v and work after one plant step of h by Runge-Kutta 4.
 
     Args:
-        kernel: reads q, v, work, force and h; q, v and work are written.
-        functions: has the rates, which are called at each stage.
+        kernel: reads q, v, force, work, h and the rates at the start of the step.
+        functions: has the rates of the other stages.
         plant: its numbers as the kernel reads them.
     """
 
-    def rates(plant: PlantNumbers, state: PlantState) -> tuple[Numbers, list[Number]]:
-        motion, friction = plant_motion(functions, plant, state)
-        powers = [state.force @ state.v, friction @ state.v, plant.external @ motion.V_WP]
-        return np.concatenate(motion.accelerations), powers
+    def rates_at(plant: PlantNumbers, state: PlantState) -> list[Number]:
+        return plant_motion(functions, plant, state)[1]
 
-    q, v, force, h = kernel.read("q"), kernel.read("v"), kernel.read("force"), kernel.uniform("h")
-    q_end, v_end, work = q, v, kernel.read("work")
-    q_rate, v_rate = np.zeros(len(q)), np.zeros(len(v))
+    q, v, force = state = PlantState.of(kernel)
+    h, rates, work, N = kernel.uniform("h"), kernel.read("rates"), kernel.read("work"), len(q)
+    q_end, v_end = q, v
     for node, weight in STAGES:
-        state = PlantState(q + node * h * q_rate, v + node * h * v_rate, force)
-        v_rate, powers = functions.call(kernel.tape, rates, plant, state)
-        q_rate = state.v
-        q_end, v_end = q_end + weight * h * q_rate, v_end + weight * h * v_rate
-        work = work + weight * h * traced(powers)
+        if node > 0.0:
+            state = PlantState(q + node * h * state.v, v + node * h * rates[:N], force)
+            rates = traced(functions.call(kernel.tape, rates_at, plant, state))
+        q_end, v_end = q_end + weight * h * state.v, v_end + weight * h * rates[:N]
+        work = work + weight * h * rates[N:]
     for name, values in (("q", q_end), ("v", v_end), ("work", work)):
         kernel.write(name, values)
 
 
 class PlantCode:
-    """Kernels "observe" and "step" of a cell, and the slots that they read and write.
+    """Kernels of a cell, and the slots that they read and write.
 
     Attributes:
         lanes: the slots.
-        program: observes first, and then makes steps, each by a row of the uniforms that has its length.
+        program: observes first, and then makes steps, each of two instructions, by a row of the uniforms
+            that has its length.
     """
 
     def __init__(self, numbers: PlantNumbers) -> None:
-        self._numbers, self._functions = numbers, SharedFunctions()
-        self._sizes = [len(arm.bodies) for arm in numbers.cell.arms]
-        m, N = len(self._sizes), sum(self._sizes)
+        self._numbers, functions = numbers, SharedFunctions()
+        m, N = len(numbers.cell.arms), sum(len(arm.bodies) for arm in numbers.cell.arms)
         self.lanes, self._uniforms = Layout(), Layout()
         for name, *sizes in (
             *(("q", N), ("v", N), ("work", len(CHANNELS)), ("force", N), ("external", 6), ("payload", 13)),
             *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3), ("wrenches", m, 6)),
-            *(("closure_errors", m, 2), ("kinetic",), ("potential",)),
+            *(("closure_errors", m, 2), ("kinetic",), ("potential",), ("rates", N + len(CHANNELS))),
         ):
             self.lanes.add(str(name), *sizes)
         self._uniforms.add("h")
-        steps = [Instruction(1, row) for row in range(STEPS_AT_ONCE)]
-        kernels = [self._observe(), self._step()]
-        self.program = Program(kernels, self.lanes, 0, 0, [Instruction(0, 0), *steps])
-
-    def _observe(self) -> Kernel:
-        kernel = Kernel("observe", self.lanes, self._uniforms)
-        state = PlantState(*map(kernel.read, PlantState._fields))
-        motion, _ = plant_motion(self._functions, self._plant(kernel), state)
+        steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
+        observe, rates, step = (
+            Kernel(name, self.lanes, self._uniforms) for name in ("observe", "rates", "step")
+        )
+        motion, _ = plant_motion(functions, self._plant(observe), PlantState.of(observe))
         for name in OBSERVED:
-            kernel.write(name, getattr(motion, name))
-        return kernel
-
-    def _step(self) -> Kernel:
-        kernel = Kernel("step", self.lanes, self._uniforms)
-        write_step(kernel, self._functions, self._plant(kernel))
-        return kernel
+            observe.write(name, getattr(motion, name))
+        rates.write("rates", plant_motion(functions, self._plant(rates), PlantState.of(rates))[1])
+        write_step(step, functions, self._plant(step))
+        self.program = Program([observe, rates, step], self.lanes, 0, 0, [Instruction(0, 0), *steps])
 
     def _plant(self, kernel: Kernel) -> PlantNumbers:
         """Return the numbers of the plant with its present payload and push."""

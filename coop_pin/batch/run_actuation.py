@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.batch.arm_dynamics import gravity_torque
+from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
@@ -34,8 +34,8 @@ class RunActuation:
                 arrived[index] = np.where(missed[index], last[index], commanded[index])
             asked = arrived[index]
             if arm.carried is not None:
-                weight = traced(gravity_torque(body, constants.cell.gravity, q[index]))
-                asked = asked + arm.carried * arm.to_joints.T.dot(weight)
+                weight, *_ = newton_euler(body, constants.cell.gravity, q[index], np.zeros(len(q[index])))
+                asked = asked + arm.carried * arm.to_joints.T.dot(traced(weight))
             requested.append(asked)
         torques = [
             np.minimum(np.maximum(asked, -arm.limit), arm.limit)

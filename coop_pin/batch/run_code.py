@@ -26,7 +26,7 @@ from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
 from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 
-KERNELS = ("start", "law", "observe", "step", "sense", "drive", "release")
+KERNELS = ("start", "law", "observe", "rates", "step", "sense", "drive", "release")
 """Kernels of every program, in order."""
 
 
@@ -49,10 +49,9 @@ class RunCode:
         external = kernel.read("external") if self._shape.pushes else np.zeros(6)
         return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
 
-    def _motion(self, kernel: Kernel, constants: RunConstants) -> CellMotion:
-        """Return the motion under the held torques."""
-        state = PlantState(*map(kernel.read, PlantState._fields))
-        return plant_motion(self._functions, self._plant(kernel, constants), state)[0]
+    def _motion(self, kernel: Kernel, constants: RunConstants) -> tuple[CellMotion, list[Number]]:
+        """Return the motion under the held torques and its rates."""
+        return plant_motion(self._functions, self._plant(kernel, constants), PlantState.of(kernel))
 
     # ------------------------------------------------------------ kernels
 
@@ -124,14 +123,21 @@ class RunCode:
         return kernel
 
     def _observe(self) -> Kernel:
-        """Return the kernel of what is recorded of the state and the forces on it."""
+        """Return the kernel of what is recorded of the state and the forces on it, and of the rates."""
         kernel, constants = self._block.kernel("observe")
-        motion = self._motion(kernel, constants)
+        motion, rates = self._motion(kernel, constants)
+        kernel.write("rates", rates)
         for name in OBSERVED:
             kernel.write(name, getattr(motion, name))
         bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
         self._guard(kernel, bounds)
+        return kernel
+
+    def _rates(self) -> Kernel:
+        """Return the kernel of the rates after another step of a tick."""
+        kernel, constants = self._block.kernel("rates")
+        kernel.write("rates", self._motion(kernel, constants)[1])
         return kernel
 
     def _step(self) -> Kernel:
@@ -149,7 +155,7 @@ class RunCode:
         )
         if self._shape.delay is None and wrists is None:
             return kernel
-        motion = self._motion(kernel, constants)
+        motion, _ = self._motion(kernel, constants)
         wrenches = motion.wrenches
         if wrists is not None:
             wrenches = self._sensing.read_wrists(kernel, constants, drives, wrenches, motion.R_WP)
@@ -164,7 +170,7 @@ class RunCode:
         if self._shape.pushes:
             kernel.write("external", instant.push)
         if self._shape.changes_payload:
-            motion = self._motion(kernel, constants)
+            motion, _ = self._motion(kernel, constants)
             after = constants.cell._replace(payload=instant.payload)
             gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)
             kernel.write("payload_energy", kernel.read("payload_energy") + gained)

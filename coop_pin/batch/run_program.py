@@ -110,6 +110,8 @@ class Schedule:
                 row = self._steps[length]
             else:
                 row = self._steps[length] = self._row(h=length)
+            if varies or index > 0:  # else the observation has left them
+                self._call("rates", row)
             self._call("step", row)
         if varies:
             self._call("release", self._row(s=timeline.time(tick + 1) - time, gives=gives))

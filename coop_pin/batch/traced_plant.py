@@ -152,7 +152,7 @@ class TracedPlant(Plant):
         self._is_observed = False
         count, self._lengths[: len(self._waiting), 0] = len(self._waiting), self._waiting
         self._waiting.clear()
-        self._call(1, count)
+        self._call(1, 2 * count)
         self._v, q = self._at["v"].copy(), self._at["q"].copy()
         self._q = q if self._is_vector else self._configuration(q)
 
