@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from faulty import law
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -20,6 +21,7 @@ from coop_pin.comparison import (
     tick_costs,
     tune_controllers,
 )
+from coop_pin.comparison.benchmark import engine_of
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
@@ -231,6 +233,11 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
     assert found.table.loc[(scenarios[0].name, "stiff"), "failure"].str.startswith("DivergedError: ").all()
     assert "stiff failed in calm, tilted (2 of 2 runs): DivergedError" in found.summary()
     assert (found.table.loc[(scenarios[0].name, "mine"), "failure"] == "").all()
+
+
+def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
+    """The engine is chosen by building it; the run reports the error."""
+    assert engine_of(scenarios[0], law("none", marker=3), together=True) == "single"
 
 
 STRANGE = """
