@@ -386,8 +386,8 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
 
 def _is_users(file: Path) -> bool:
     """Return whether a file is of neither this package, the standard library nor an installed package."""
-    folders = Path(__file__).parent, sysconfig.get_path("stdlib")
-    return not ({"site-packages", "dist-packages"} & {*file.parts} or any(map(file.is_relative_to, folders)))
+    is_known = any(map(file.is_relative_to, (str(Path(__file__).parent), sysconfig.get_path("stdlib"))))
+    return not (is_known or {"site-packages", "dist-packages"} & {*file.parts})
 
 
 class UserCodeError(CoopPinError, RuntimeError):

@@ -186,10 +186,14 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     assert "http" not in page
     figure = comparison_figure(table, "planar")
     front, ranks, tracking, force = figure.axes[:4]
-    assert len(front.lines) == len(CONTROLLERS)
-    assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
+    assert front.lines[0].get_xdata().size == len(CONTROLLERS)
+    assert {text.get_text() for text in front.texts} == set(table.labels("planar"))
+    order = table.ranks().index.tolist()
+    assert [text.get_text() for text in ranks.get_yticklabels()] == order
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
-    values = table.data.tracking_rms_mm.sel(scenario="planar").transpose("trial", "controller").values
+    values = (
+        table.data.tracking_rms_mm.sel(scenario="planar", controller=order).transpose(..., "trial").values
+    )
     shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
     assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
