@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from faulty import law
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -20,6 +21,7 @@ from coop_pin.comparison import (
     tick_costs,
     tune_controllers,
 )
+from coop_pin.comparison.benchmark import engine_of
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
@@ -184,10 +186,14 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     assert "http" not in page
     figure = comparison_figure(table, "planar")
     front, ranks, tracking, force = figure.axes[:4]
-    assert len(front.lines) == len(CONTROLLERS)
-    assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
+    assert front.lines[0].get_xdata().size == len(CONTROLLERS)
+    assert {text.get_text() for text in front.texts} == set(table.labels("planar"))
+    order = table.ranks().index.tolist()
+    assert [text.get_text() for text in ranks.get_yticklabels()] == order
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
-    values = table.data.tracking_rms_mm.sel(scenario="planar").transpose("trial", "controller").values
+    values = (
+        table.data.tracking_rms_mm.sel(scenario="planar", controller=order).transpose(..., "trial").values
+    )
     shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
     assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
@@ -231,6 +237,11 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
     assert found.table.loc[(scenarios[0].name, "stiff"), "failure"].str.startswith("DivergedError: ").all()
     assert "stiff failed in calm, tilted (2 of 2 runs): DivergedError" in found.summary()
     assert (found.table.loc[(scenarios[0].name, "mine"), "failure"] == "").all()
+
+
+def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
+    """The engine is chosen by building it; the run reports the error."""
+    assert engine_of(scenarios[0], law("none", marker=3), together=True) == "single"
 
 
 STRANGE = """
