@@ -109,7 +109,7 @@ def test_overflow_in_the_dynamics_is_refused(chains, cell):
     fast, still = np.full(nv, 1e300), np.zeros(nv)
     arm = cp.ArmModel.from_cell(scenario.cell, "left")
     with pytest.raises(errors.CoopPinError):
-        chain.observe(q, fast, still)
+        chain.observe(q[None], fast[None], still[None], np.zeros((1, 6)))
     with pytest.raises(errors.CoopPinError):
         chain.mechanism.forward_dynamics(q, fast, still)
     with pytest.raises(errors.OutOfRangeError):

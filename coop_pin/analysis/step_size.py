@@ -82,9 +82,8 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
         fewest = next((n for n, bound in errors.items() if bound <= error), None)
         if fewest is not None:
             return StepSize(scenario.override({"clock.steps_per_tick": fewest}), error, errors)
-    best = min(errors, key=errors.__getitem__)
     raise OutOfRangeError(
-        "error", error, f"at least {errors[best]:.3g} m, the error of {best} steps in a tick"
+        "error", error, f"at least {min(errors.values()):.3g} m with up to {MOST_STEPS} steps in a tick"
     )
 
 
