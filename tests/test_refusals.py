@@ -45,6 +45,7 @@ def test_the_wrong_type_error_has_name_and_types():
         (lambda: cp.run("adept-paper", {**SHORT, 3: 4}), "a path of changes"),
         (lambda: cp.reachability("adept-paper"), "scenario"),
         (lambda: cp.sampled_stability("adept-paper"), "scenario"),
+        (lambda: cp.fewest_steps("adept-paper"), "scenario"),
         (lambda: cp.open_view(3), "source"),
         (lambda: cp.RunResult.load(3), "path"),
         (lambda: cp.SweepResult.load(3), "folder"),
