@@ -17,10 +17,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin import batch as batch_package
 from coop_pin.batch import elementary, simulate_batch, support
+from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
 from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.numpy_emitter import evaluate
+from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.batch.tape import Tape
 from coop_pin.batch.traced_array import inputs, traced
@@ -166,6 +168,35 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
         wrenches = found[model.nv : -2].reshape(-1, 6)[:, rows]
         assert np.abs(wrenches - F[:, rows]).max() < 1e-10 * np.abs(F).max()
         assert_allclose(found[-2:], energy, rtol=0, atol=1e-10)
+
+
+def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
+    """Joints about and along axes of the body and others; no cell of the catalogue has a sliding joint."""
+    axis, model, rng, n = np.array([0.48, 0.6, 0.64]), pin.Model(), np.random.default_rng(8), 5
+    kinds = (
+        *(pin.JointModelPY(), pin.JointModelRX(), pin.JointModelPrismaticUnaligned(axis)),
+        *(pin.JointModelRevoluteUnaligned(axis), pin.JointModelRZ()),
+    )
+    for parent, kind in enumerate(kinds):
+        joint = model.addJoint(parent, kind, pin.SE3.Random(), f"joint_{parent}")
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    arm = SerialArm.from_model(model, range(1, n + 1), pin.SE3.Random(), model.inertias[n])
+    first, last, gravity = arm.bodies[0], arm.bodies[-1].inertia, model.gravity.linear
+    tape, data = Tape(), model.createData()
+    q, v, tau = (inputs(tape, n) for _ in range(3))
+    state = ArmInput(q, v, tau, (first.R, first.p), last, (arm.R_JP, arm.p_JP))
+    terms = arm_terms(ArmModel(arm, gravity, "012345"), state)
+    outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, terms.potential]
+    for q, v, tau in rng.normal(size=(3, 3, n)):
+        a = pin.aba(model, data, q, v, tau)
+        pin.forwardKinematics(model, data, q, v, a)
+        A, V = (
+            data.oMi[n].act(data.a[n]).vector - [*gravity, 0.0, 0.0, 0.0],
+            data.oMi[n].act(data.v[n]).vector,
+        )
+        energies = pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)
+        found = evaluate(tape, outputs, [*q, *v, *tau])
+        assert_allclose(found, [*a, *A, *V, *energies], rtol=1e-11, atol=1e-11)
 
 
 # ---------------------------------------------------------------- whole runs

@@ -134,7 +134,7 @@ def newton_euler(
 ) -> tuple[Numbers, Numbers, Numbers]:
     """Return the torques h(q, v) of no acceleration, and what the last body then does.
 
-    Body by body, in its axes about its origin, with the acceleration Omega r + a of its point r::
+    Of each body, in its axes about its origin, the point r has the acceleration a + Omega r::
 
         Omega = alpha^x + w w^T - w . w 1,  f = m a + Omega h,  n = I alpha + w x I w + h x a
 
@@ -148,12 +148,8 @@ def newton_euler(
         h, shape (n,), and of the last body's origin a, less gravity, and alpha, shape (3,) both.
     """
     placed, forces = links(arm, q), []
-    w, alpha, a, Omega = (
-        np.zeros(3).astype(object),
-        np.zeros(3).astype(object),
-        -plain(gravity),
-        np.zeros((3, 3)),
-    )
+    w = alpha = np.zeros(3).astype(object)
+    a, Omega = -plain(gravity), np.zeros((3, 3))
     for body, (R, p), is_revolute, rate in zip(arm.bodies, placed, arm.is_revolute, v, strict=True):
         a, w, alpha = R.T @ (a + Omega @ p), R.T @ w, R.T @ alpha
         Sv = np.array([0.0, 0.0, rate], dtype=object)
@@ -163,8 +159,8 @@ def newton_euler(
             a = a + 2.0 * cross(w, Sv)
         Omega = _affine(w, alpha)
         mass, moment, second = body.inertia.mass, plain(body.inertia.moment), plain(body.inertia.second)
-        n = second @ alpha + cross(w, second @ w) + cross(moment, a)
-        forces.append(join(mass * a + Omega @ moment, n))
+        f, n = mass * a + Omega @ moment, second @ alpha + cross(w, second @ w) + cross(moment, a)
+        forces.append(join(f, n))
     h, force = np.empty(len(q), dtype=object), np.zeros(6).astype(object)
     for k in reversed(range(len(q))):
         force = force + forces[k]

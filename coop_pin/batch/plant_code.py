@@ -68,8 +68,7 @@ def plant_motion(
     q, v, forces = (parts(values, sizes) for values in state)
     friction = [own.force(rates) for own, rates in zip(plant.friction, v, strict=True)]
     tau = [force + own for force, own in zip(forces, friction, strict=True)]
-    held = CellState(q, v, tau, plant.external)
-    motion = cell_motion(functions, state.v[0].tape, plant.cell, held)
+    motion = cell_motion(functions, state.v[0].tape, plant.cell, CellState(q, v, tau, plant.external))
     powers = [state.force @ state.v, traced(np.concatenate(friction)) @ state.v, plant.external @ motion.V_WP]
     return motion, [*np.concatenate(motion.accelerations), *powers]
 

@@ -73,15 +73,9 @@ class RunBlock:
         lanes.add("signals", int(signals.is_loaded.sum()))
         self.loaded = lanes.size - self.recorded
         others: tuple[tuple[Any, ...], ...] = (
-            *(
-                ("force", N),
-                ("holding", N),
-                ("last", N),
-                ("response", 4, N),
-                ("estimates", 2, N),
-                ("rates", N + 3),
-            ),
-            *(("constants", int(differs.sum())), ("payload", 13), ("late", shape.delay or 0, m, k_0)),
+            *(("force", N), ("holding", N), ("last", N), ("response", 4, N), ("estimates", 2, N)),
+            *(("rates", N + 3), ("constants", int(differs.sum())), ("payload", 13)),
+            *(("late", shape.delay or 0, m, k_0),),
             *((f"late_{index}", delay, 6) for index, delay in enumerate(shape.wrist_delays or ())),
         )
         for field in others:

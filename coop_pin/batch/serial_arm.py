@@ -1,8 +1,8 @@
 """Kinematics and inertias of one serial arm as scalar code, with the numbers of its Pinocchio model.
 
-All spatial vectors are linear first, in world axes, about the origin of the world (Featherstone 2008, with
-the parts swapped): a joint's motion subspace is S = [p x z, z] for a revolute joint about z through p, and
-[z, 0] for a prismatic one.
+All spatial vectors are linear first, and unless said otherwise in world axes about the origin of the world
+(Featherstone 2008, with the parts swapped): a joint's motion subspace is S = [p x z, z] for a revolute joint
+about z through p, and [z, 0] for a prismatic one.
 """
 
 from __future__ import annotations
@@ -205,14 +205,13 @@ class Frames(NamedTuple):
 
 def links(arm: SerialArm, q: Numbers) -> list[tuple[Numbers, Numbers]]:
     """Return orientation and position of each body in the one before, at joint positions, shape (n,)."""
-    found, cosine, sine = [], np.cos(traced(q)), np.sin(traced(q))
-    for k, (body, is_revolute) in enumerate(zip(arm.bodies, arm.is_revolute, strict=True)):
-        R, p, (c, s) = plain(body.R), plain(body.p), (cosine[k], sine[k])
-        x, y, z = R.T
+    found, turns = [], zip(q, np.cos(traced(q)), np.sin(traced(q)), strict=True)
+    for body, is_revolute, (q_k, c, s) in zip(arm.bodies, arm.is_revolute, turns, strict=True):
+        R, p = plain(body.R), plain(body.p)
         if is_revolute:
-            found.append((np.stack([c * x + s * y, c * y - s * x, z], axis=1), p))
+            found.append((R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=object), p))
         else:
-            found.append((R, p + q[k] * z))
+            found.append((R, p + q_k * R[:, 2]))
     return found
 
 
