@@ -31,7 +31,7 @@ from coop_pin.batch.serial_arm import (
     join,
     motion_cross,
 )
-from coop_pin.batch.tape import Number, Tape
+from coop_pin.batch.tape import Number, Tape, Traced
 from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
 
@@ -90,15 +90,8 @@ class CellModel(NamedTuple):
         Args:
             q: joint positions of each arm, traced, shape (n,) each.
         """
-        rows = set()
-        for arm, own in zip(self.arms, q, strict=True):
-            S = frames(arm, own).S
-            rows |= {row for row in range(6) if not all(_is_zero(x) for x in S[row])}
-        return sorted(rows)
-
-
-def _is_zero(number: Number) -> bool:
-    return isinstance(number, float | int) and number == 0.0
+        S = np.hstack([frames(arm, own).S for arm, own in zip(self.arms, q, strict=True)])
+        return [row for row in range(6) if any(isinstance(x, Traced) or x != 0.0 for x in S[row])]
 
 
 class CellMotion(NamedTuple):

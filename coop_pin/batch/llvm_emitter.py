@@ -14,6 +14,9 @@ from coop_pin.batch.tape import Function, Number, Operand, Tape
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
+CACHE_LINE = 64
+"""Bytes. The record begins with a line; whole lines of it are written past the caches, which are smaller."""
+
 
 def llvm_text(program: Program, width: int) -> str:
     """Return LLVM's text of a program for a number of lanes; it is run by the function ``run``."""
@@ -26,6 +29,8 @@ def llvm_text(program: Program, width: int) -> str:
         RECORD=RECORD,
         block=size * program.lanes.size,
         vector=size,
+        type=f"<{width} x double>",
+        past_caches=", !nontemporal !0" if size == CACHE_LINE else "",
         recorded=program.recorded,
         after_record=size * program.recorded,
         loaded=size * program.loaded,
@@ -187,7 +192,8 @@ copy:
   %sp = getelementptr i8, ptr %block, i64 %so
   %to_o = mul i64 %s, %slot_bytes
   %top = getelementptr i8, ptr %into, i64 %to_o
-  call void @llvm.memcpy.p0.p0.i64(ptr %top, ptr %sp, i64 {vector}, i1 false)
+  %value = load {type}, ptr %sp, align 8
+  store {type} %value, ptr %top, align {vector}{past_caches}
   %s1 = add i64 %s, 1
   %on = icmp ult i64 %s1, {recorded}
   br i1 %on, label %copy, label %next
@@ -203,4 +209,5 @@ group_end:
 done:
   ret void
 }}
+!0 = !{{i32 1}}
 """

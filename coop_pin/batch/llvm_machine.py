@@ -17,7 +17,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.kernel import RECORD, Machine, Program
-from coop_pin.batch.llvm_emitter import llvm_text
+from coop_pin.batch.llvm_emitter import CACHE_LINE, llvm_text
 from coop_pin.errors import MissingExtraError
 from coop_pin.results.atomic_write import write_atomically
 
@@ -48,6 +48,7 @@ class LlvmMachine(Machine):
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
         self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
+        self._memory = np.empty(0)
 
     def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
         """Run the program; see Machine."""
@@ -58,7 +59,13 @@ class LlvmMachine(Machine):
         given = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
-        record = np.empty((rows, program.recorded, groups * width))
+        size = rows * program.recorded * groups * width
+        if (
+            self._memory.size < size + CACHE_LINE
+        ):  # it is kept: to get and clear memory takes the time of the runs
+            self._memory = np.empty(size + CACHE_LINE)
+        start = -self._memory.ctypes.data % CACHE_LINE // 8
+        record = self._memory[start : start + size].reshape(rows, program.recorded, groups * width)
         self._run(
             groups,
             len(self._instructions),

@@ -95,16 +95,15 @@ class BatchSimulator:
             require_type(f"scenarios[{index}]", scenario, Scenario)
         prepared = prepare(scenarios, None if self._first is None else self._first.plants[0])
         code = self._code(prepared)
-        program, records = code.program, []
-        count, remedy = len(scenarios), "give fewer at a time, or raise clock.record_every"
+        program, count = code.program, len(scenarios)
         needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
-        require_memory(f"samples of {count} runs", needed, remedy)
+        require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
-        for first in range(0, count, LARGEST_BLOCK):
-            part = slice(first, first + LARGEST_BLOCK)
-            records.append(self._machine.run(block[:, part], code.uniforms, loads[:, :, part]))
+        parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
+        records = (self._machine.run(block[:, part], code.uniforms, loads[:, :, part]) for part in parts)
+        record = next(records) if len(parts) == 1 else np.concatenate([own.copy() for own in records], axis=2)
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, np.concatenate(records, axis=2), is_valid)
+        return BatchResult(prepared, program.lanes, record, is_valid)
 
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""
