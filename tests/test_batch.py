@@ -265,6 +265,17 @@ def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_othe
     assert simulator._program is not code
 
 
+def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):
+    """The record of each block is in the same memory."""
+    scenarios, simulator = runs("adept-paper", 0.05, 4), BatchSimulator()
+    together, kept = simulator.run(scenarios).samples, simulator.run(scenarios[:1]).samples
+    monkeypatch.setattr("coop_pin.batch.simulate.LARGEST_BLOCK", 3)
+    in_blocks = simulator.run(scenarios).samples
+    for name, values in together.items():
+        assert_array_equal(in_blocks[name], values, err_msg=name)
+        assert_array_equal(kept[name][0], values[0], err_msg=name)
+
+
 def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
     """One more of them diverges: it is not valid, and the others do not notice."""
     base = cp.Scenario.load("adept-anchored").replace(duration=0.1, events=())
