@@ -11,7 +11,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pinocchio as pin
 import pytest
-from batches import require_same_bits, require_same_samples
+from batches import lanes_last, require_same_bits, require_same_samples
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
@@ -28,6 +28,7 @@ from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
+from coop_pin.results.metrics import STEADY_METRICS
 
 CATALOGUE = scenario_names()
 QUICK = ("adept-paper", "five-joint-pair")
@@ -208,6 +209,33 @@ def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
     assert len(numbers) > 5
     for key, value in numbers.items():
         assert found.metrics()[key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+    assert [repr(run) for run in batch.metrics()] == [repr(batch.result(n).metrics()) for n in range(3)]
+    exact, bounds = batch.samples["jacobian_condition"], batch._values.conditions(np.inf)
+    assert (bounds >= exact * (1.0 - 1e-9)).all()
+    assert (bounds <= 6.0 * exact).all()
+    assert_array_equal(batch._values.conditions(1.0), exact)
+
+
+def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
+    """With steady windows before and after an event, own trust thresholds, and a run that diverges."""
+    event = {"kind": "payload-change", "time": 5.0, "mass": 2.0}
+    changes = {"duration": 10.0, "events": [event], "clock.record_every": 7, "beyond_bound": True}
+    base = cp.Scenario.load("adept-paper", changes)
+    largest = float(simulate_batch([base]).samples["jacobian_condition"].max())
+    scenarios = [
+        base,
+        *(base.override({"trust.jacobian_condition": f * largest}) for f in (1.0 - 1e-6, 1.0 + 1e-6)),
+        base.override({"controller.gains.damping_gain": 1e5}),
+        base.override({"controller.gains.pose_gain": 6.0, "trust.energy_floor": 1e-3}),
+    ]
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.tolist() == [True, True, True, False, True]
+    found = batch.metrics()
+    for index in np.flatnonzero(batch.is_valid):
+        assert repr(found[index]) == repr(batch.result(index).metrics())
+    assert [run["trustworthy"] for run in found] == [1.0, 0.0, 1.0, 0.0, 1.0]
+    assert np.isfinite([found[4][f"after_event_{name}"] for name in STEADY_METRICS]).all()
+    assert found[4]["position_rms_m"] != found[0]["position_rms_m"]
 
 
 @pytest.mark.slow
@@ -312,7 +340,7 @@ def small_program():
 def run_small_program():
     block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
     record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))
-    assert_allclose(record[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
+    assert_allclose(lanes_last(record, 3)[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
 
 
 def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
@@ -321,7 +349,8 @@ def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
         NumpyMachine(small_program()),
         *(LlvmMachine(small_program(), width) for width in (1, 2, 4, 8)),
     ]
-    records = [machine.run(block.copy(), np.array([[0.1]]), np.zeros((1, 0, 11))) for machine in machines]
+    given = np.array([[0.1]]), np.zeros((1, 0, 11))
+    records = [lanes_last(machine.run(block.copy(), *given), 11) for machine in machines]
     for record in records:
         assert_array_equal(record, records[0])
 

@@ -139,7 +139,8 @@ class Machine(ABC):
             loads: shape (rows, loaded, lanes).
 
         Returns:
-            The record, shape (rows, recorded, lanes).
+            The record, shape (groups, rows, recorded, width), the lanes in groups of some width; those beyond
+            the last one mean nothing.
         """
 
 
@@ -168,4 +169,4 @@ class NumpyMachine(Machine):
                     values = evaluate(kernel.tape, kernel.outputs, given)
                     for (slot, _), value in zip(kernel.writes, values, strict=True):
                         block[slot] = value
-        return record
+        return record[None]

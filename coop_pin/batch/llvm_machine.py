@@ -72,7 +72,7 @@ class LlvmMachine(Machine):
             rows,
         )
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
-        return np.moveaxis(record, 0, 2).reshape(rows, program.recorded, -1)[:, :, :lanes]
+        return record
 
     def bound(self, block: Array, uniforms: Array) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on one block.

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import itertools
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -26,7 +27,7 @@ def leaves(tree: Any) -> list[Any]:
     if is_number(tree):
         return [tree]
     if isinstance(tree, np.ndarray) and tree.dtype != bool:
-        return list(tree.astype(object).ravel())
+        return list(tree.ravel().tolist())
     return [leaf for _, part in _parts(tree) for leaf in leaves(part)]
 
 
@@ -42,7 +43,7 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
     if not parts:
         return tree
-    if _is_plain(tree):
+    if _is_plain(type(tree)):
         made_of = copy.copy(tree)
         vars(made_of).update(parts)
         return made_of
@@ -63,7 +64,7 @@ def structure(tree: Any) -> Hashable:
         return float
     if isinstance(tree, np.ndarray) and tree.dtype != bool:
         return tree.shape
-    parts = _parts(tree)
+    parts = list(_parts(tree))
     if isinstance(tree, tuple | list | Mapping) or parts:
         return (type(tree), *((name, structure(part)) for name, part in parts))
     return tree.tobytes() if isinstance(tree, np.ndarray) else tree
@@ -71,27 +72,39 @@ def structure(tree: Any) -> Hashable:
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a number, traced or not, but no truth value."""
-    return isinstance(value, Traced | float | int | np.floating) and not isinstance(value, bool)
+    return isinstance(value, _NUMBERS) and not isinstance(value, bool)
 
 
-def _parts(tree: Any) -> list[tuple[str, Any]]:
+_NUMBERS = (float, Traced, int, np.floating)
+
+
+def _parts(tree: Any) -> Iterable[tuple[str, Any]]:
     """Return the parts of a tree by name; none for a value without numbers."""
-    if isinstance(tree, Description):
-        return [(name, getattr(tree, name)) for name in type(tree).model_fields]
-    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
-        return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
-    if isinstance(tree, Mapping):
-        return [(str(name), part) for name, part in tree.items()]
-    if isinstance(tree, tuple | list):
-        names = getattr(tree, "_fields", map(str, range(len(tree))))
-        return list(zip(names, tree, strict=True))
-    return list(vars(tree).items()) if _is_plain(tree) else []
+    kind: Any = type(tree)
+    return _reader(kind)(tree)
 
 
-def _is_plain(tree: Any) -> bool:
-    """Return whether a value is an object with attributes, such as a controller."""
-    is_other = isinstance(tree, Description | Mapping | tuple | list | np.ndarray | type | ModuleType)
-    return not (is_other or dataclasses.is_dataclass(tree) or callable(tree)) and hasattr(tree, "__dict__")
+@functools.cache  # the checks of classes cost more than the rest
+def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]]:
+    """Return what gives the parts of the trees of a class."""
+    names = [field.name for field in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
+    if names or issubclass(kind, Description):
+        names = names or list(kind.model_fields)
+        return lambda tree: [(name, getattr(tree, name)) for name in names]
+    if issubclass(kind, Mapping):
+        return lambda tree: [(str(name), part) for name, part in tree.items()]
+    if hasattr(kind, "_fields"):
+        return lambda tree: zip(kind._fields, tree, strict=True)
+    if issubclass(kind, tuple | list):
+        return lambda tree: [(str(index), part) for index, part in enumerate(tree)]
+    return (lambda tree: vars(tree).items()) if _is_plain(kind) else lambda _: ()
+
+
+def _is_plain(kind: type[Any]) -> bool:
+    """Return whether values of a class are objects with attributes, such as a controller."""
+    is_other = issubclass(kind, Description | Mapping | tuple | list | np.ndarray | type | ModuleType)
+    is_callable = any("__call__" in vars(base) for base in kind.__mro__)
+    return not (is_other or is_callable or dataclasses.is_dataclass(kind)) and kind.__dictoffset__ != 0
 
 
 class SharedFunctions:

@@ -1,4 +1,4 @@
-"""Job of a sweep, one run as sent to a worker, and its record: text and numbers, never a model."""
+"""Job of a sweep, one run as sent to a worker, and its record: values, text and numbers, never a model."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Job(NamedTuple):
 
     Attributes:
         key: what ``run_key`` returned.
-        scenario: the resolved scenario as JSON.
+        scenario: the resolved scenario. Jobs that are sent together send what they share once.
         changes: what was changed in its base, for the record.
         metrics: the user's metrics, "module:function".
         time_limit_s: wall time after which the run is aborted, s.
@@ -120,7 +120,7 @@ class Job(NamedTuple):
     """
 
     key: str
-    scenario: str
+    scenario: Scenario
     changes: Mapping[str, Any] = {}
     metrics: tuple[str, ...] = ()
     time_limit_s: float = 600.0
@@ -158,9 +158,20 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        return run(Scenario.model_validate_json(job.scenario), progress=deadline(job.time_limit_s))
+        return run(fresh(job.scenario), progress=deadline(job.time_limit_s))
 
     return outcome_of(job, compute)
+
+
+def fresh(scenario: Scenario) -> Scenario:
+    """Return the scenario as JSON has it: options are lists and tables, which the user's code may change."""
+    return Scenario.model_validate_json(scenario.model_dump_json())
+
+
+def has_options(scenario: Scenario) -> bool:
+    """Return whether the user's code gets options from a scenario."""
+    parts = scenario.controller, scenario.motion, scenario.squeeze
+    return any(getattr(part, "options", None) for part in parts)
 
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
