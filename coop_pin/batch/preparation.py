@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Sequence, Set
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +22,9 @@ from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import quantities
 from coop_pin.simulation import Simulation
 
-_OTHERS = frozenset({"controller", "beyond_bound", "seed"})
+_OTHERS = {"controller", "beyond_bound", "seed"}
 """Fields of a scenario that reach its controller and signals only."""
-_PLANT = frozenset(Scenario.model_fields) - _OTHERS - {"name", "summary", "trust"}
+_PLANT = set(Scenario.model_fields) - _OTHERS - {"name", "summary", "trust"}
 """Fields that make its plant."""
 _NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
 """Of JSON without blanks."""
@@ -65,8 +65,7 @@ class Plant:
         self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
         self.layout = signal_layout(len(self._joints), sum(self._joints))
         recorder, self.table = self.run.recorder, quantities(scenario)
-        names = [joints for _, joints in recorder.joints]
-        self.labels = without_time(scenario, names, recorder.limit_table())
+        self.labels = without_time(scenario, [own for _, own in recorder.joints], recorder.limit_table())
 
     def controller(self, scenario: Scenario) -> CellController:
         """Return the controller of a run of this plant."""
@@ -141,7 +140,7 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
 
 def families(scenarios: Sequence[Scenario]) -> list[Hashable]:
     """Return what each scenario must share with others of its batch, as far as its fields show it."""
-    found, last, plant = list[Hashable](), None, None
+    found, last = list[Hashable](), None
     for scenario in scenarios:
         if last is None or not _same_plant(scenario, last):
             last, plant = scenario, (_kinds(scenario, _PLANT), RunShape.of(scenario), _times(scenario))
@@ -149,9 +148,9 @@ def families(scenarios: Sequence[Scenario]) -> list[Hashable]:
     return found
 
 
-def _kinds(scenario: Scenario, fields: Set[str]) -> str:
+def _kinds(scenario: Scenario, fields: set[str]) -> str:
     """Return the JSON of some fields with every number replaced by 0."""
-    return _NUMBERS.sub("0", scenario.model_dump_json(include=set(fields)))
+    return _NUMBERS.sub("0", scenario.model_dump_json(include=fields))
 
 
 def _times(scenario: Scenario) -> Hashable:

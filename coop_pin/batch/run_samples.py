@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,92 +14,98 @@ from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.results.quantities import QUANTITIES, Samples
+from coop_pin.results.quantities import Samples
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.spatial import internal_wrenches
 
 _Sources = dict[str, Callable[[], NDArray[Any]]]
+"""What gives quantities, by name."""
+_MARGIN, _LARGEST_BOUND = 1e-6, 1e3
+"""Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
 
 
-_MARGIN = 1e-9
-"""Of bounds of condition numbers, for rounding."""
-
-
-class RunSamples(dict[str, NDArray[Any]]):
-    """Quantities of all runs of a batch by name, made when first asked for, shape (runs, samples, ...)."""
+class RunSamples(Mapping[str, NDArray[Any]]):
+    """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
     def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
-        """Name nothing yet.
+        """Make nothing yet.
 
         Args:
             prepared: the batch.
             layout: of the records' slots.
             records: of blocks of its runs, as a Machine returns them.
         """
-        super().__init__()
         self._prepared, self._layout, self._records = prepared, layout, records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
         self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
-        self._sources = self._state() | self._drives() | self._measured()
-        self._sources |= {
-            quantity.name: partial(quantity.source, self) for quantity in QUANTITIES if quantity.source
+        tables = {id(plant): plant.table for plant in prepared.plants}.values()
+        recorded, self._made = self._state() | self._joints(), dict[str, NDArray[Any]]()
+        self._sources: _Sources = {
+            each.name: recorded.get(each.name) or partial(cast(Any, each.source), self)
+            for table in tables
+            for each in table
         }
-        self._sources["internal_wrench"] = self._internal_wrenches
 
-    def __missing__(self, name: str) -> NDArray[Any]:
-        with np.errstate(all="ignore"):  # of runs that are not valid
-            values = self[name] = self._sources[name]()
-        return values
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(self._sources)
 
-    def recorded(self) -> Samples:
-        """Return the quantities of some of the runs that are not computed from others."""
-        tables = {id(plant): plant.table for plant in self._prepared.plants}.values()
-        return {each.name: self[each.name] for table in tables for each in table if each.source is None}
+    def __len__(self) -> int:
+        """Return the number of quantities."""
+        return len(self._sources)
 
-    def conditions(self, allowed: float) -> Array:
-        """Return the condition number of each arm's payload Jacobian, shape (runs, samples, m).
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a quantity."""
+        if name not in self._made:
+            with np.errstate(all="ignore"):  # of runs that are not valid
+                self._made[name] = self._sources[name]()
+        return self._made[name]
 
-        Those of runs that keep below what is allowed are upper bounds, which cost little.
+    def extremes(self, allowed: float) -> Samples:
+        """Return the extremes in time of what metrics and trust need no more of, as one or two samples.
+
+        Args:
+            allowed: condition number; of runs that keep below it, upper bounds are given, which cost little.
         """
-        found = self._field("condition_bounds")
-        is_beyond = ~(found <= allowed * (1.0 - _MARGIN)).all(axis=(1, 2))
+        errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
+        is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
         if is_beyond.any():
-            found[is_beyond] = self["jacobian_condition"][is_beyond]
-        return found
-
-    def _internal_wrenches(self) -> Array:
-        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
-        return np.stack(
-            [internal_wrenches(F, own) for F, own in zip(self["interaction_wrench"], shares, strict=True)]
-        )
+            jacobians = self._field("jacobians")[is_beyond]
+            bounds[is_beyond] = _conditions(jacobians, self._rows.size, self._places).max(axis=1)
+        positions, torque = self["joint_position"], self._field("torque")
+        return {
+            "joint_position": np.stack((positions.min(axis=1), positions.max(axis=1)), axis=1),
+            "torque": np.stack((torque.min(axis=1), torque.max(axis=1)), axis=1)[:, :, None],
+            "jacobian_condition": bounds[:, None],
+            "closure_distance": errors[:, None, :, 0],
+            "closure_angle": errors[:, None, :, 1],
+        }
 
     def _field(self, name: str) -> Array:
         slots, count = self._layout.slots(name), len(self._prepared.scenarios)
         mine = slice(slots.min(), slots.max() + 1)
-        blocks = [np.moveaxis(record[:, :, mine], 3, 1) for record in self._records]
-        parts = [block.reshape(-1, len(self._kept), *slots.shape) for block in blocks]
+        parts = [
+            np.moveaxis(record[:, :, mine], 3, 1).reshape(-1, len(self._kept), *slots.shape)
+            for record in self._records
+        ]
         return (parts[0] if len(parts) == 1 else np.concatenate(parts))[:count]
 
     def _signal(self, name: str) -> Array:
         slots, given = self._plant.layout.slots(name), self._prepared.signals
-        places = {id(signals): place for place, signals in enumerate(given)}
-        shape = (len(given), len(self._kept), *slots.shape)
-        if len(places) == 1:
-            return np.broadcast_to(given[0][self._kept][:, slots], shape)
-        return np.stack([signals[self._kept][:, slots] for signals in given])
+        known = {id(signals): signals[self._kept][:, slots] for signals in given}
+        return np.stack([known[id(signals)] for signals in given])
 
-    def _split(self, name: str) -> list[Array]:
-        return np.split(
-            self._field(name), np.cumsum([len(place.drive) for place in self._places])[:-1], axis=2
-        )
+    def _by_arm(self, name: str) -> list[tuple[Array, ArmPlace]]:
+        ends = np.cumsum([len(place.drive) for place in self._places])
+        return list(zip(np.split(self._field(name), ends[:-1], axis=2), self._places, strict=True))
 
-    def _table(self, name: str) -> Array:
-        return _per_joint(self._split(name))
+    def _per_joint(self, name: str) -> Array:
+        return _padded([own for own, _ in self._by_arm(name)])
 
-    def _at_drives(self, parts: Sequence[Array]) -> Array:
-        return _per_joint([own @ place.drive.T for own, place in zip(parts, self._places, strict=True)])
+    def _at_drives(self, name: str) -> Array:
+        return _padded([own @ place.drive.T for own, place in self._by_arm(name)])
 
     def _six(self, rows: Array) -> Array:
         """Return rows of wrenches in their places, NaN elsewhere."""
@@ -108,22 +114,16 @@ class RunSamples(dict[str, NDArray[Any]]):
         return full
 
     def _pose(self) -> Array:
-        R, p = self._field("R_WP"), self._field("p_WP")
-        pose = np.zeros((*p.shape[:2], 4, 4))
-        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, p, 1.0
+        positions = self._field("p_WP")
+        pose = np.zeros((*positions.shape[:2], 4, 4))
+        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = self._field("R_WP"), positions, 1.0
         return pose
-
-    def _determined(self) -> Array:
-        run = self._plant.run
-        return np.where(determinate_rows(run.plant.chain, run.plant.q), self._field("wrenches"), np.nan)
-
-    def _configuration(self) -> Array:
-        parts = zip(self._split("q"), self._places, strict=True)
-        return np.concatenate([place.angles.configuration(own) for own, place in parts], axis=2)
 
     def _state(self) -> _Sources:
         """Return what gives the quantities of payload and cell."""
-        field, signal = self._field, self._signal
+        field, signal, plant = self._field, self._signal, self._plant.run.plant
+        determined = determinate_rows(plant.chain, plant.q)
+        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: signal("time"),
             "velocity": lambda: field("v"),
@@ -133,49 +133,46 @@ class RunSamples(dict[str, NDArray[Any]]):
             "desired_twist": lambda: signal("twist"),
             "desired_squeeze": lambda: signal("squeeze"),
             "tip_position": lambda: field("tips"),
-            "interaction_wrench": self._determined,
+            "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
+            "internal_wrench": lambda: np.stack(
+                list(map(internal_wrenches, self["interaction_wrench"], shares))
+            ),
             "external_wrench": lambda: field("external"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
+            **{
+                f"work_{name}": partial(lambda channel: field("work")[..., channel], channel)
+                for channel, name in enumerate(CHANNELS)
+            },
             "work_payload_change": lambda: field("payload_energy"),
-            **{f"work_{name}": partial(self._work, place) for place, name in enumerate(CHANNELS)},
         }
 
-    def _work(self, channel: int) -> Array:
-        return self._field("work")[..., channel]
-
-    def _drives(self) -> _Sources:
-        """Return what gives the quantities of joints and drives."""
-        return {
-            "configuration": self._configuration,
-            "torque": lambda: self._table("torque"),
-            "commanded_torque": lambda: self._table("commanded"),
-            "saturated": lambda: np.nan_to_num(self._table("saturated")) > 0.0,
-            "drive_velocity": lambda: self._at_drives(self._split("v")),
-            "joint_position": lambda: self._table("q"),
-            "joint_velocity": lambda: self._table("v"),
-            "jacobian_condition": lambda: _conditions(
-                self._field("jacobians"), self._rows.size, self._places
-            ),
-        }
-
-    def _measured(self) -> _Sources:
-        """Return what gives the quantities that only some runs have."""
+    def _joints(self) -> _Sources:
+        """Return what gives the quantities of joints, drives and sensors."""
+        field, signal, per_joint, places = self._field, self._signal, self._per_joint, self._places
         rows, has_wrist = self._rows.indices, np.array(self._plant.shape.has_wrist)[:, None]
         return {
-            "requested_torque": lambda: self._table("requested"),
-            "drive_position": lambda: self._at_drives(self._split("q")),
-            "measured_drive_position": lambda: self._table("seen_q"),
-            "measured_drive_velocity": lambda: self._table("seen_v"),
-            "seen_pose": lambda: self._field("seen_poses"),
-            "measured_wrench": lambda: np.where(
-                has_wrist, self._six(self._field("readings")[..., rows]), np.nan
+            "configuration": lambda: np.concatenate(
+                [place.angles.configuration(q) for q, place in self._by_arm("q")], axis=2
             ),
-            "measured_wrench_age": lambda: self._signal("wrist_age"),
-            "measured_internal_wrench": lambda: self._six(self._field("measured")),
-            "measured_internal_wrench_age": lambda: self._signal("age"),
+            "torque": lambda: per_joint("torque"),
+            "commanded_torque": lambda: per_joint("commanded"),
+            "saturated": lambda: per_joint("saturated") > 0.0,
+            "drive_velocity": lambda: self._at_drives("v"),
+            "joint_position": lambda: per_joint("q"),
+            "joint_velocity": lambda: per_joint("v"),
+            "jacobian_condition": lambda: _conditions(field("jacobians"), self._rows.size, places),
+            "requested_torque": lambda: per_joint("requested"),
+            "drive_position": lambda: self._at_drives("q"),
+            "measured_drive_position": lambda: per_joint("seen_q"),
+            "measured_drive_velocity": lambda: per_joint("seen_v"),
+            "seen_pose": lambda: field("seen_poses"),
+            "measured_wrench": lambda: np.where(has_wrist, self._six(field("readings")[..., rows]), np.nan),
+            "measured_wrench_age": lambda: signal("wrist_age"),
+            "measured_internal_wrench": lambda: self._six(field("measured")),
+            "measured_internal_wrench_age": lambda: signal("age"),
         }
 
 
@@ -191,7 +188,7 @@ def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Arra
     return conditions
 
 
-def _per_joint(parts: Sequence[Array]) -> Array:
+def _padded(parts: Sequence[Array]) -> Array:
     """Return values of the joints or drives of each arm, NaN beyond its own, shape (runs, samples, m, k)."""
     table = np.full((*parts[0].shape[:2], len(parts), max(part.shape[2] for part in parts)), np.nan)
     for index, part in enumerate(parts):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
-from coop_pin.results.quantities import Samples
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
 
@@ -37,6 +36,7 @@ class BatchResult:
         scenarios: that were run.
         is_valid: which runs kept to the guards of a single run (finite and closed motion, regular Jacobians);
             the samples of the others mean nothing, shape (runs,).
+        samples: quantities as a single run has them, with a leading axis of runs.
     """
 
     def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], is_valid: Mask) -> None:
@@ -49,27 +49,20 @@ class BatchResult:
             is_valid: see above.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self._values = prepared.plants, RunSamples(prepared, layout, records)
-
-    @cached_property
-    def samples(self) -> Samples:
-        """Samples as a single run has them, with a leading axis of runs."""
-        return self._values.recorded()
+        self._plants, self.samples = prepared.plants, RunSamples(prepared, layout, records)
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
         plant = self._plants[index]
-        mine = {each.name: self._values[each.name][index].copy() for each in plant.table}
+        mine = {each.name: self.samples[each.name][index].copy() for each in plant.table}
         return RunResult(self.scenarios[index], mine | plant.labels)
 
     def metrics(self) -> list[dict[str, float]]:
         """Return the metrics of every run, as those of its result, without making the results."""
         first, labels = self.scenarios[0], [plant.labels for plant in self._plants]
         lower, upper = (np.stack([own[f"position_{side}"] for own in labels]) for side in ("lower", "upper"))
-        time = self._values["time"][0]
-        known = {"time": time, "arm": labels[0]["arm"]}
-        known["jacobian_condition"] = self._values.conditions(first.trust.jacobian_condition)
-        data = ChainMap(known, self._values)
+        time, extremes = self.samples["time"][0], self.samples.extremes(first.trust.jacobian_condition)
+        data = ChainMap({"time": time, "arm": labels[0]["arm"], **extremes}, cast(Any, self.samples))
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
             found = all_metrics(data, Windows.of(first, float(time[-1])))

@@ -11,7 +11,7 @@ import functools
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -72,24 +72,20 @@ def structure(tree: Any) -> Hashable:
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a number, traced or not, but no truth value."""
-    return isinstance(value, _NUMBERS) and not isinstance(value, bool)
-
-
-_NUMBERS = (float, Traced, int, np.floating)
+    return isinstance(value, (float, Traced, int, np.floating)) and not isinstance(value, bool)
 
 
 def _parts(tree: Any) -> Iterable[tuple[str, Any]]:
     """Return the parts of a tree by name; none for a value without numbers."""
-    kind: Any = type(tree)
-    return _reader(kind)(tree)
+    return _reader(cast(Any, type(tree)))(tree)
 
 
 @functools.cache  # the checks of classes cost more than the rest
 def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]]:
     """Return what gives the parts of the trees of a class."""
-    names = [field.name for field in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
-    if names or issubclass(kind, Description):
-        names = names or list(kind.model_fields)
+    fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+    names = kind.model_fields if issubclass(kind, Description) else [field.name for field in fields]
+    if names:
         return lambda tree: [(name, getattr(tree, name)) for name in names]
     if issubclass(kind, Mapping):
         return lambda tree: [(str(name), part) for name, part in tree.items()]

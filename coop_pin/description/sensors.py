@@ -171,7 +171,7 @@ class Sensors(Description):
     @property
     def joints_are_ideal(self) -> bool:
         """Whether positions and velocities of the drives are measured as they are."""
-        return self.encoder == _IDEAL.encoder and self.velocity == _IDEAL.velocity
+        return self.encoder == Encoder() and self.velocity == IdealVelocity()
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with the times of the wrist sensor.
@@ -204,9 +204,6 @@ class Sensors(Description):
                 )
                 problems.append(FieldError(detail, f"wrist.lost.{index}"))
         return problems
-
-
-_IDEAL = Sensors()
 
 
 def late_delay(delay: int, clock: Clock, duration: float) -> str:

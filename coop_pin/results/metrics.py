@@ -79,7 +79,7 @@ def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
     """Return all metrics by name but ``trustworthy``; see RunResult.metrics."""
     after, (distance, angle) = windows.after_event, closure_error_max(data)
     return {
-        "settling_time_s": settling_time(data, windows.settling),
+        "settling_time_s": settling_time(data, Window(0.0, windows.event.start)),
         "resettling_time_s": resettling_time(data, windows),
         "event_peak_position_error_m": event_peak_position_error(data, windows),
         **steady_metrics(data, windows.steady),
@@ -120,14 +120,17 @@ def settling_time(data: Arrays, window: Window) -> Array:
 
 def resettling_time(data: Arrays, windows: Windows) -> Array:
     """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
-    leaves = np.any(samples_of(data, windows.event) & ~in_band(data), axis=-1) & windows.has_events
-    return np.where(leaves, settling_time(data, windows.event), np.nan)
+    if not windows.has_events:
+        return np.array(np.nan)
+    is_left = np.any(samples_of(data, windows.event) & ~in_band(data), axis=-1)
+    return np.where(is_left, settling_time(data, windows.event), np.nan)
 
 
 def event_peak_position_error(data: Arrays, windows: Windows) -> Array:
     """Return the largest position error from the first event on, m; NaN without an event."""
-    distances = error_norms(data)[0][..., samples_of(data, windows.event)]
-    return np.where(windows.has_events, distances.max(axis=-1, initial=0.0), np.nan)
+    if not windows.has_events:
+        return np.array(np.nan)
+    return error_norms(data)[0][..., samples_of(data, windows.event)].max(axis=-1, initial=0.0)
 
 
 def steady_metrics(data: Arrays, window: Window) -> dict[str, Array]:

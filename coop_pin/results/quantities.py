@@ -49,7 +49,7 @@ class Quantity(NamedTuple):
     dims: str
     unit: str
     text: str
-    source: Callable[[Samples], Array] | None = None
+    source: Callable[[Any], Array] | None = None
     fill: float | bool = np.nan
     stored: bool = True
     group: str = ""

@@ -82,7 +82,7 @@ class RunResult:
     @property
     def first_event(self) -> float:
         """Time of the first event, or the end of the run, s."""
-        return self.windows.settling.end
+        return self.windows.event.start
 
     @property
     def steady_window(self) -> Window:
@@ -104,8 +104,8 @@ class RunResult:
         if metric in STEADY_METRICS:
             return self.steady_window
         if metric == "settling_time_s":
-            return self.windows.settling
-        return self.windows.event if metric in _EVENT else self.windows.whole
+            return Window(0.0, self.first_event)
+        return self.windows.event if metric in _EVENT else Window(0.0, self.end)
 
     # ------------------------------------------------------------ trust
 
@@ -139,7 +139,7 @@ class RunResult:
 
     def settling_time(self) -> float:
         """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
-        return float(metrics.settling_time(self.arrays, self.windows.settling))
+        return float(metrics.settling_time(self.arrays, Window(0.0, self.first_event)))
 
     def resettling_time(self) -> float:
         """Return the settling time after the first event, s; NaN without one, or if the band is not left."""

@@ -98,7 +98,7 @@ class TrustMonitor:
         self._allowed, self._joints = thresholds, joints
         self._lower, self._upper = lower[..., None, :, :], upper[..., None, :, :]
         self._gross: Array | float = 0.0
-        self._cut_start = np.full(self._lower.shape, np.nan)
+        self._cut_start = np.full(lower.shape, np.nan)
         self._last: Array | None = None
         self._start_energy: Array  # of the first sample
 
@@ -150,13 +150,16 @@ class TrustMonitor:
 
     def _torque_cuts(self, samples: Mapping[str, NDArray[Any]]) -> Array:
         """Return how long each torque has been at its limit without a break, s."""
-        saturated, time = samples["saturated"].astype(bool), samples["time"]
-        places = np.arange(1, len(time) + 1)[:, None, None]
-        after_free = np.maximum.accumulate(np.where(saturated, 0, places), axis=-3)
-        earlier = np.fmin(self._cut_start, time[0])  # of a cut that the first sample is in
+        saturated, time = np.moveaxis(samples["saturated"].astype(bool), -3, 0), samples["time"]
+        is_cut, lengths = saturated.any(axis=0), np.zeros(saturated.shape)
+        saturated, places = saturated[:, is_cut], np.arange(1, len(time) + 1)[:, None]
+        after_free = np.maximum.accumulate(np.where(saturated, 0, places), axis=0)
+        earlier = np.fmin(self._cut_start[is_cut], time[0])  # of a cut that the first sample is in
         starts = np.where(after_free, np.append(time, np.nan)[after_free], earlier)
-        self._cut_start = np.where(saturated, starts, np.nan)[..., -1:, :, :]
-        return np.where(saturated, time[:, None, None] - starts, 0.0)
+        self._cut_start = np.full(is_cut.shape, np.nan)
+        self._cut_start[is_cut] = np.where(saturated[-1], starts[-1], np.nan)
+        lengths[:, is_cut] = np.where(saturated, time[:, None] - starts, 0.0)
+        return np.moveaxis(lengths, 0, -3)
 
     def _energy(self, samples: Mapping[str, NDArray[Any]]) -> _Series:
         works = np.stack([samples[name] for name in (*WORK, "potential_energy")], axis=-1)

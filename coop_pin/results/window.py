@@ -72,16 +72,12 @@ class Windows(NamedTuple):
     """Windows of the metrics of a run.
 
     Attributes:
-        whole: the run.
-        settling: to the first event.
         steady: of means and rms values, from 4 s to the first event.
         event: from the first event on.
         after_event: from 4 s after the last event ended; empty without events.
         has_events: whether there are events; they end at the end of the run otherwise.
     """
 
-    whole: Window
-    settling: Window
     steady: Window
     event: Window
     after_event: Window
@@ -94,4 +90,4 @@ class Windows(NamedTuple):
         first = min((event.time for event in events), default=end)
         last = max((event.end for event in events), default=end)
         steady, after = Window(SETTLING_S, min(first, end)), Window(last + SETTLING_S, end)
-        return cls(Window(0.0, end), Window(0.0, first), steady, Window(first, end), after, bool(events))
+        return cls(steady, Window(first, end), after, bool(events))

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Sequence
 
 from coop_pin.batch import BatchSimulator, families
 from coop_pin.errors import TracingError
-from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, fresh, has_options, outcome_of, run_job
+from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate
 from coop_pin.sweeps.run_key import require_unchanged
 
 _simulators: dict[Hashable, BatchSimulator | None] = {}
@@ -36,7 +36,7 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         KeyboardInterrupt: Ctrl-C.
     """
     groups, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome | None]()
-    jobs = [job._replace(scenario=fresh(job.scenario)) if has_options(job.scenario) else job for job in jobs]
+    jobs = [job._replace(scenario=separate(job.scenario)) for job in jobs]
     for place, kind in enumerate(families([job.scenario for job in jobs])):
         require_unchanged(jobs[place].code)
         groups[kind].append(place)

@@ -158,20 +158,16 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        return run(fresh(job.scenario), progress=deadline(job.time_limit_s))
+        return run(separate(job.scenario), progress=deadline(job.time_limit_s))
 
     return outcome_of(job, compute)
 
 
-def fresh(scenario: Scenario) -> Scenario:
-    """Return the scenario as JSON has it: options are lists and tables, which the user's code may change."""
-    return Scenario.model_validate_json(scenario.model_dump_json())
-
-
-def has_options(scenario: Scenario) -> bool:
-    """Return whether the user's code gets options from a scenario."""
+def separate(scenario: Scenario) -> Scenario:
+    """Return a scenario with options of its own, lists and tables that the user's code may change."""
     parts = scenario.controller, scenario.motion, scenario.squeeze
-    return any(getattr(part, "options", None) for part in parts)
+    is_plain = not any(getattr(part, "options", None) for part in parts)
+    return scenario if is_plain else Scenario.model_validate_json(scenario.model_dump_json())
 
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
