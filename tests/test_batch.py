@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin import batch as batch_package
-from coop_pin.batch import elementary, simulate_batch, support
+from coop_pin.batch import elementary, preparation, simulate_batch, support
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
 from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
@@ -248,6 +248,23 @@ def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
     record = require_same_bits(scenarios)
     assert np.isfinite(record).all()
     assert np.ptp(record[-1], axis=1).max() > 0.0
+
+
+def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
+    base, masses = cp.Scenario.load("adept-paper").replace(duration=0.05, events=()), (1.0, 2.0)
+    changes = [{"controller.gains.pose_gain": g, "cell.payload.mass": m} for g in (5.0, 6.0) for m in masses]
+    scenarios = [base.override(change) for change in changes]
+    first = preparation.prepare(scenarios)
+    again = preparation.prepare(scenarios, first.plants)
+    assert {*again.plants} == {*first.plants}
+    assert len({*first.plants}) == len(masses)
+    for run, scenario in enumerate(scenarios):
+        alone = preparation.prepare([scenario])
+        for found in (first, again):
+            assert_array_equal(found.values[run], alone.values[0])
+            assert_array_equal(found.signals[run], alone.signals[0])
+            assert_array_equal(found.plants[run].start.last, alone.plants[0].start.last)
+    assert (np.ptp(first.values, axis=0) > 0.0).sum() > 1
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -103,24 +103,23 @@ class Prepared(NamedTuple):
     kind: Hashable
 
 
-def prepare(scenarios: Sequence[Scenario], known: Plant | None = None) -> Prepared:
+def prepare(scenarios: Sequence[Scenario], known: Iterable[Plant] = ()) -> Prepared:
     """Return plants, numbers and signals of all runs; those of equal plants are shared.
 
     Args:
         scenarios: to run.
-        known: a plant that some of them may have.
+        known: plants that some of them may have.
 
     Raises:
         TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
-    plants, values, kinds, signals = list[Plant](), [], [], list[Array]()
+    plants, values, kinds, signals, distinct = list[Plant](), [], [], list[Array](), list(known)
     for scenario in scenarios:
-        if known is None or not _same_plant(scenario, known.scenario):
+        plant = next((each for each in distinct if _same_plant(scenario, each.scenario)), None)
+        if plant is None:
             plant = Plant(scenario)
-            known = plant if known is None else known
-        else:
-            plant = known
-            plant.scenario = scenario  # the next one shares more of its objects
+            distinct.append(plant)
+        plant.scenario = scenario  # the next one shares more of its objects
         controller = plant.controller(scenario)
         plants.append(plant)
         values.append([*plant.values, *leaves(controller)])

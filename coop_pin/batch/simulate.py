@@ -11,7 +11,7 @@ import numpy as np
 from coop_pin.arrays import Array, Mask, require_memory, require_type
 from coop_pin.batch.kernel import RECORD, Layout, Machine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
-from coop_pin.batch.preparation import Prepared, prepare
+from coop_pin.batch.preparation import Plant, Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
 from coop_pin.batch.run_samples import RunSamples
 from coop_pin.batch.support import require_traceable
@@ -27,6 +27,8 @@ LARGEST_BLOCK = 64
 
 _COPIES = 3
 """Of the samples: as recorded, by names, and those of single results."""
+_KEPT = 8
+"""Plants of a batch that are kept for the next one."""
 
 
 class BatchResult:
@@ -85,6 +87,7 @@ class BatchSimulator:
         """
         self._new_machine = machine
         self._first: Prepared | None = None
+        self._plants = list[Plant]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
         """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
@@ -92,8 +95,9 @@ class BatchSimulator:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        prepared = prepare(scenarios, None if self._first is None else self._first.plants[0])
+        prepared = prepare(scenarios, self._plants)
         code = self._code(prepared)
+        self._plants = list(dict.fromkeys(prepared.plants))[-_KEPT:]
         program, records = code.program, []
         count, remedy = len(scenarios), "give fewer at a time, or raise clock.record_every"
         needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
