@@ -1,17 +1,21 @@
 """Comparison with MuJoCo on the paper's experiment: cost, closure error, internal-force error.
 
     python benchmarks/bench_mujoco.py [--rounds 15] [--duration 20] [--solref 2 3 4] [--pages FILE ...]
+    python benchmarks/bench_mujoco.py --equal-error [1e-6 1e-8 1e-9] [--rounds 15] [--duration 20]
 
 Both run the same controller object on the same kinematics at 80 Hz, with the same events. Coulomb friction is
 zero in both: MuJoCo models it as a constraint, coop_pin as a smooth function of speed. Errors are relative
 to coop_pin at 64 steps in a tick. Printed, never asserted; --pages docs/verification.md benchmarks/README.md
-writes the table of plants on these pages.
+writes the table of plants on these pages. --equal-error prints the cost of the coarsest steps with which each
+plant keeps the error of payload position and closure below a limit, m, MuJoCo with its best time constant.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +26,10 @@ import coop_pin as cp
 from coop_pin.build_controller import build_controller
 from coop_pin.run_scenario import Engine
 
+LADDER = (1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)
+"""Plant steps in a tick, of which the fewest with a small enough error are taken."""
+SOLREF = (1.2, 1.5, 2.0, 2.5, 3.0)
+"""Time constants of MuJoCo's weld in plant steps, of which the one with the smallest error is taken."""
 OVERRIDES = {"cell.arms.left.friction.coulomb": 0.0, "cell.arms.right.friction.coulomb": 0.0}
 
 
@@ -82,6 +90,71 @@ def coop_pin_run(scenario: cp.Scenario, steps: int, engine: Engine = "pinocchio"
     return cp.run(scenario, {"clock.steps_per_tick": steps}, engine=engine)
 
 
+def mujoco_run(scenario: cp.Scenario, steps: int, solref: float) -> Recorded:
+    scenario = scenario.override({"clock.steps_per_tick": steps})
+    return MujocoRun(scenario, build_controller(scenario), solref).run()
+
+
+def coarsest(
+    runs: Mapping[str, Callable[[int], Recorded]], reference: Recorded, limits: Sequence[float]
+) -> dict[float, tuple[str, int, list[float]]]:
+    """Return the fewest steps in a tick that keep the error of position and closure within each limit, m.
+
+    Args:
+        runs: variants of a plant by name, as functions of the number of steps in a tick.
+        reference: what their errors are relative to.
+        limits: those that no number of the ladder keeps are left out.
+
+    Returns:
+        by limit: the best variant with the fewest steps, their number and its errors.
+    """
+    found: dict[float, tuple[str, int, list[float]]] = {}
+    for steps in LADDER:
+        measured = {name: errors(run(steps), reference) for name, run in runs.items()}
+        best = min(measured, key=lambda name: distance(measured[name]))
+        for limit in limits:
+            if distance(measured[best]) <= limit:
+                found.setdefault(limit, (best, steps, measured[best]))
+        if len(found) == len(limits):
+            break
+    return found
+
+
+def distance(measured: Sequence[float]) -> float:
+    """Return the largest error of gap and position, m."""
+    return max(measured[0], measured[2])
+
+
+def compare_at_equal_error(scenario: cp.Scenario, limits: Sequence[float], rounds: int) -> None:
+    """Print cost relative to MuJoCo of the coarsest steps of each plant within each limit."""
+    ours = {"coop_pin": "pinocchio", "coop_pin traced": "traced"}
+    plants = {
+        name: {name: lambda steps, e=engine: recorded(coop_pin_run(scenario, steps, e))}
+        for name, engine in ours.items()
+    } | {"MuJoCo": {f"MuJoCo, {s:g} dt": lambda steps, s=s: mujoco_run(scenario, steps, s) for s in SOLREF}}
+    reference = recorded(coop_pin_run(scenario, 64))
+    chosen = {plant: coarsest(runs, reference, limits) for plant, runs in plants.items()}
+    seconds = interleaved(
+        {
+            (name, steps): lambda run=plants[plant][name], n=steps: run(n)
+            for plant, found in chosen.items()
+            for name, steps, _ in found.values()
+        },
+        rounds,
+        1,
+    )
+    print(f"{scenario.duration:g} s of adept-paper, whole runs at equal error of position and closure")
+    print(f"{'':20s} limit m   step ms     gap m    pose m    int. N   cost (MuJoCo = 1)")
+    for limit, (plant, found) in itertools.product(limits, chosen.items()):
+        if limit not in found:
+            print(f"{plant:20s}{limit:8.0e}   not with {LADDER[-1]} steps in a tick")
+            continue
+        name, steps, (gap, _, position, _, force, _) = found[limit]
+        unit = chosen["MuJoCo"].get(limit)
+        cost = ratio(seconds[name, steps], seconds[unit[:2]]) if unit else "   -"
+        print(f"{name:20s}{limit:8.0e}{12.5 / steps:10.4g}{gap:10.1e}{position:10.1e}{force:10.1e}{cost}")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run, compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -95,8 +168,12 @@ def main(arguments: list[str] | None = None) -> None:
         help="time constants of the weld in plant steps",
     )
     parser.add_argument("--pages", type=Path, nargs="+", default=[], help="files with a table of plants")
+    parser.add_argument("--equal-error", type=float, nargs="*", metavar="M", help="compare at these, m")
     options = parser.parse_args(arguments)
     scenario = shortened(cp.Scenario.load("adept-paper", OVERRIDES), options.duration)
+    if options.equal_error is not None:
+        compare_at_equal_error(scenario, options.equal_error or (1e-6, 1e-8, 1e-9), options.rounds)
+        return
     runs = {
         f"coop_pin{title}, {12.5 / steps:g} ms": lambda n=steps, e=engine: recorded(
             coop_pin_run(scenario, n, e)

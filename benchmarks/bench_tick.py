@@ -60,6 +60,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         run.timeline.period / scenario.clock.steps_per_tick,
     )
     angles = q[chain.model.arms[0].q_slice]
+    seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force, plant.external)]
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),
@@ -78,7 +79,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  rate (one of its four)": lambda: plant._rate(t, q, v),
         "    friction": lambda: plant.transmission.friction(v),
         RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze),
-        "  CellChain.observe": lambda: plant.observe(),
+        "100 ticks of Plant.observe": lambda: plant.observe(*seen),
         "closure error": lambda: chain.closure_errors(plant.q),
     }
 

@@ -1,9 +1,9 @@
 """Planar cell on MuJoCo, with the numbers, controller, clock and events of a scenario of coop_pin.
 
 Tuned for closed chains: RK4, payload merged into the first arm's tree, one weld, solimp 0.9999, solref a few
-steps. Torques act through motors on fixed tendons whose coefficients are the rows of the drive matrix T;
-viscous friction is the damping of these tendons, so both act in drive coordinates. Coulomb friction is zero
-(MuJoCo models it as a constraint).
+steps (without refsafe, which would keep it at two or more). Torques act through motors on fixed tendons whose
+coefficients are the rows of the drive matrix T; viscous friction is the damping of these tendons, so both act
+in drive coordinates. Coulomb friction is zero (MuJoCo models it as a constraint).
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def mjcf(scenario: cp.Scenario, step: float, solref_steps: float) -> str:
     (tendons_1, motors_1), (tendons_2, motors_2) = drives_xml(first, left), drives_xml(second, right)
     return f"""<mujoco>
         <option integrator="RK4" timestep="{step!r}" gravity="{numbers(cell.gravity)}" tolerance="1e-15">
-        <flag contact="disable" limit="disable" frictionloss="disable" clampctrl="disable"/></option>
+        <flag contact="disable" limit="disable" frictionloss="disable" clampctrl="disable" refsafe="disable"/>
+        </option>
         <worldbody>{arm_xml(first, left, bar)}{arm_xml(second, right, tip)}</worldbody>
         <tendon>{tendons_1}{tendons_2}</tendon><actuator>{motors_1}{motors_2}</actuator>
         <equality>

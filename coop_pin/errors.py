@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import copy
 import difflib
+import sysconfig
+import traceback
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, Self
 
 
@@ -361,14 +364,44 @@ class TracingError(ArgumentError, TypeError):
     """Runs that traced code cannot give, for example as a law branches on a value; the message says why."""
 
 
+def place_of(error: BaseException) -> tuple[str, int, str]:
+    """Return file, line and function of the innermost frame of the user's code in an exception's traceback.
+
+    Without such a frame they are those of the innermost one. A file of the user's is named relative to the
+    current folder if it is below it; of any other the name alone is returned: tables hold no paths of a host.
+
+    Args:
+        error: as caught; an exception that was never raised has the place ("", 0, "").
+    """
+    frames = list(traceback.walk_tb(error.__traceback__))[::-1]
+    if not frames:
+        return "", 0, ""
+    # By the file of the module: compiled code states one of its own for each frame, a notebook has none.
+    users = (entry for entry in frames if _is_users(Path(entry[0].f_globals.get("__file__") or "")))
+    frame, line = next(users, frames[0])
+    file, here = Path(frame.f_code.co_filename).resolve(), Path.cwd()
+    is_below = _is_users(file) and file.is_relative_to(here)
+    return file.relative_to(here).as_posix() if is_below else file.name, line, frame.f_code.co_name
+
+
+def _is_users(file: Path) -> bool:
+    """Return whether a file is of neither this package, the standard library nor an installed package."""
+    is_known = any(map(file.is_relative_to, (str(Path(__file__).parent), sysconfig.get_path("stdlib"))))
+    return not (is_known or {"site-packages", "dist-packages"} & {*file.parts})
+
+
 class UserCodeError(CoopPinError, RuntimeError):
-    """An exception (``cause``, and __cause__) in the user's controller, motion or squeeze at ``time`` s."""
+    """An exception (``cause``, and __cause__) in the user's controller, motion or squeeze at ``time`` s.
+
+    ``file`` and ``line`` are those of ``place_of``.
+    """
 
     def __init__(self, time: float, error: Exception) -> None:
         self.time, self.cause = time, f"{type(error).__name__}: {error}"
+        self.file, self.line, function = place_of(error)
         super().__init__(
-            f"at t = {time:.6g} s a controller, motion or squeeze raised {self.cause};"
-            " the result up to then is kept"
+            f"at t = {time:.6g} s a controller, motion or squeeze failed at {self.file}:{self.line} in"
+            f" {function}: {self.cause}; the result up to then is kept"
         )
 
 

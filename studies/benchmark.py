@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pages import write_block
+from pages import markdown, write_block
 
 from coop_pin import Scenario
 from coop_pin.comparison import BENCHMARK, Comparison, compare, controller_names, standard_trials
@@ -32,7 +32,7 @@ def tuned_cells() -> list[str]:
 
 
 def text(found: Comparison, duration: float | None) -> str:
-    """Return what was run, and which cells are still to be tuned, as Markdown."""
+    """Return what was run, which cells are still to be tuned, and the ranks over all of it, as Markdown."""
     sizes = found.data.sizes
     runs, finished, trusted = (int(found.table[name].sum()) for name in ("runs", "finished", "trustworthy"))
     length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
@@ -41,7 +41,32 @@ def text(found: Comparison, duration: float | None) -> str:
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
         f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
+        "\n\nMean rank of each controller over all cells and trials, 1 is the best, with its 95 % interval by"
+        f" resampling of the trials:\n\n{ranks(found)}"
     )
+
+
+def ranks(found: Comparison) -> str:
+    """Return mean ranks by tracking and by both internal forces, and the share of trustworthy runs."""
+    force = found.data["axial_rms_N"] ** 2 + found.data["shear_rms_N"] ** 2
+    by_force = Comparison(found.data.assign(axial_rms_N=force)).ranks("axial_rms_N")
+    by_tracking = found.ranks("tracking_rms_mm")
+    runs = found.table.groupby("controller")[["runs", "trustworthy"]].sum()
+    rows = [
+        (
+            f"`{name}`",
+            interval(row),
+            interval(by_force.loc[name]),
+            "{trustworthy} of {runs}".format(**runs.loc[name]),
+        )
+        for name, row in by_tracking.iterrows()
+    ]
+    return markdown(("controller", "by tracking", "by internal force", "trustworthy runs"), rows)
+
+
+def interval(row: Any) -> str:
+    """Return a mean rank and its interval."""
+    return f"{row['rank']:.1f} ({row['low']:.1f} to {row['high']:.1f})"
 
 
 def main() -> None:

@@ -349,6 +349,7 @@ class Calls:
             "open_view": {"source": self.scenario, "frames_per_second": 30.0, "port": 0},
             "reachability": {"scenario": self.scenario, "poses": 5},
             "suggest": {"scenario": self.scenario, "poses": 5},
+            "fewest_steps": {"scenario": self.scenario, "error": 1e-3},
             "run": {"scenario": self.scenario, "overrides": {}, "progress": None, "view": None,
                 "realtime_rate": None},
             "sampled_stability": {"scenario": self.scenario},

@@ -113,7 +113,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "model",
             "results",
-            "run_scenario",
             "build_controller",
             "simulation",
             "sweeps",

@@ -63,6 +63,29 @@ def test_the_mujoco_benchmark_prints_its_table_and_writes_it_into_pages(benchmar
     assert page.read_text().endswith("|\n\nafter\n")
 
 
+def test_at_equal_error_the_mujoco_benchmark_takes_the_coarsest_steps_within_it(
+    benchmark_module, capsys, monkeypatch
+):
+    pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
+    bench = benchmark_module("bench_mujoco")
+    monkeypatch.setattr(bench, "LADDER", (1, 2, 3))
+    bench.main(["--equal-error", "1e-6", "1e-30", "--rounds", "1", "--duration", "0.05"])
+    lines = [re.split(r" {2,}", line) for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [name.split(",")[0] for name, *_ in lines] == 2 * ["coop_pin", "coop_pin traced", "MuJoCo"]
+    for _, limit, step, gap, position, *_ in lines[:3]:
+        assert max(float(gap), float(position)) <= float(limit) == 1e-6
+        assert 12.5 / float(step) == pytest.approx(round(12.5 / float(step)), rel=1e-3)
+    assert all(text.startswith("not with") for _, limit, text in lines[3:])
+    errors = {"a": {1: 3e-6, 2: 9e-7, 3: 2e-8}, "b": {1: 2e-6, 2: 3e-7, 3: 4e-8}}
+    still = bench.Recorded(*np.zeros((5, 4, 3)))
+    runs = {
+        name: lambda steps, gaps=gaps: still._replace(gap_m=np.full(3, gaps[steps]))
+        for name, gaps in errors.items()
+    }
+    found = bench.coarsest(runs, still, (1e-6, 1e-7, 1e-8))
+    assert {limit: chosen for limit, (*chosen, _) in found.items()} == {1e-6: ["b", 2], 1e-7: ["a", 3]}
+
+
 def test_the_pages_have_the_same_table_of_plants():
     verification, readme = (table_of_plants(BENCHMARKS.parent / name) for name in PAGES)
     assert verification == readme

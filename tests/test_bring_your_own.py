@@ -613,9 +613,10 @@ def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buff
         assert_allclose(kept, before, rtol=0, atol=0)
         with pytest.raises(ShapeError):
             call(arguments[0][1:], *arguments[1:])
-    seen = chain.observe(q, v, tau)
+    push = np.zeros((1, 6))
+    seen = chain.observe(q[None], v[None], tau[None], push)
     before = [np.array(part) for part in seen]
-    chain.observe(q + 1e-3, v, tau)
+    chain.observe(q[None] + 1e-3, v[None], tau[None], push)
     for part, kept in zip(seen, before, strict=True):
         assert_allclose(part, kept, rtol=0, atol=0)
 

@@ -322,22 +322,25 @@ def test_answers_do_not_change_when_the_plant_is_asked_again(name):
 def test_an_observation_is_what_each_question_answers(name, payload):
     plant, q_closed = built(name, payload)
     push = push_of(plant)
-    for q, v, torques in off_states(plant, q_closed, 0.02):
-        tau = gathered(plant, torques) + plant.payload_jacobian(q).T @ push
-        seen = plant.observe(q, v, tau, push)
-        assert_allclose(seen.payload_pose, plant.payload_pose(q), rtol=0, atol=1e-14)
-        assert_allclose(seen.payload_twist, plant.payload_twist(q, v), rtol=0, atol=1e-13)
-        assert_allclose(seen.tip_positions, plant.tip_positions(q), rtol=0, atol=1e-14)
-        assert_allclose(seen.closure_errors, plant.closure_errors(q), rtol=0, atol=1e-14)
+    states = [
+        (q, v, gathered(plant, torques) + plant.payload_jacobian(q).T @ push, push)
+        for q, v, torques in off_states(plant, q_closed, 0.02)
+    ]
+    seen = plant.observe(*map(np.array, zip(*states, strict=True)))
+    for index, (q, v, tau, _) in enumerate(states):
+        assert_allclose(seen.payload_pose[index], plant.payload_pose(q), rtol=0, atol=1e-14)
+        assert_allclose(seen.payload_twist[index], plant.payload_twist(q, v), rtol=0, atol=1e-13)
+        assert_allclose(seen.tip_positions[index], plant.tip_positions(q), rtol=0, atol=1e-14)
+        wrenches, energy = plant.interaction_wrenches(q, v, tau, push), plant.mechanism.energy(q, v)
+        assert_allclose(seen.interaction_wrenches[index], wrenches, rtol=1e-12, atol=1e-10)
+        assert_allclose(seen.kinetic_energy[index], energy.kinetic, rtol=1e-12)
+        assert_allclose(seen.potential_energy[index], energy.potential, rtol=1e-12, atol=1e-12)
         held = [
             gap
-            for key, gap in zip(plant.cell.arms, seen.closure_errors, strict=True)
+            for key, gap in zip(plant.cell.arms, plant.closure_errors(q), strict=True)
             if key not in plant.model.closed_by_tree
         ]
         assert_allclose(held, plant.mechanism.closure_errors(q), rtol=0, atol=1e-14)
-        assert_allclose(
-            seen.interaction_wrenches, plant.interaction_wrenches(q, v, tau, push), rtol=1e-12, atol=1e-10
-        )
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])

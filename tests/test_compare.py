@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from faulty import law
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -20,8 +21,9 @@ from coop_pin.comparison import (
     tick_costs,
     tune_controllers,
 )
+from coop_pin.comparison.benchmark import engine_of
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
-from coop_pin.comparison.measures import measures, tuning_cost
+from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
@@ -154,7 +156,7 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scen
         scenarios, names[:1], out=tmp_path, generations=0, duration=0.02, workers=0, quiet=True
     )
     assert [row["scenario"] for row in rows] == ["planar", "spatial"]
-    assert all(row["runs"] == 6 and row["duration_s"] == 0.02 for row in rows)
+    assert all(row["runs"] == 12 and row["duration_s"] == 0.02 for row in rows)
     gains = tmp_path / "gains.csv"
     chosen = controllers_for(scenarios[1], names, gains=gains)
     assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
@@ -184,10 +186,14 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     assert "http" not in page
     figure = comparison_figure(table, "planar")
     front, ranks, tracking, force = figure.axes[:4]
-    assert len(front.lines) == len(CONTROLLERS)
-    assert {text.get_text() for text in ranks.get_yticklabels()} == set(CONTROLLERS)
+    assert front.lines[0].get_xdata().size == len(CONTROLLERS)
+    assert {text.get_text() for text in front.texts} == set(table.labels("planar"))
+    order = table.ranks().index.tolist()
+    assert [text.get_text() for text in ranks.get_yticklabels()] == order
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
-    values = table.data.tracking_rms_mm.sel(scenario="planar").transpose("trial", "controller").values
+    values = (
+        table.data.tracking_rms_mm.sel(scenario="planar", controller=order).transpose(..., "trial").values
+    )
     shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
     assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
@@ -231,6 +237,11 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
     assert found.table.loc[(scenarios[0].name, "stiff"), "failure"].str.startswith("DivergedError: ").all()
     assert "stiff failed in calm, tilted (2 of 2 runs): DivergedError" in found.summary()
     assert (found.table.loc[(scenarios[0].name, "mine"), "failure"] == "").all()
+
+
+def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
+    """The engine is chosen by building it; the run reports the error."""
+    assert engine_of(scenarios[0], law("none", marker=3), together=True) == "single"
 
 
 STRANGE = """
@@ -285,12 +296,16 @@ def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
             assert all(ranges[field][0] <= value <= ranges[field][1] for field, value in gains.items())
 
 
-def test_the_cost_of_a_search_counts_the_run_with_and_without_noise(scenarios):
-    scenario = benchmark_scenario(scenarios[0], SHORT)
-    noisy = cp.run(scenario, standard_trials(scenario)["noise"].changes)
-    both = [measures(result) for result in (noisy, cp.run(scenario))]
-    wanted = sum(m["tracking_rms_mm"] + np.hypot(m["axial_rms_N"], m["shear_rms_N"]) for m in both)
-    assert_allclose(tuning_cost(noisy)["cost"], wanted, rtol=1e-12)
+def test_the_cost_of_gains_is_the_mean_of_the_runs_with_noise_and_without_it(scenarios, tmp_path):
+    quick = {"generations": 0, "duration": 0.05, "workers": 0, "quiet": True}
+    (row,) = tune_controllers(scenarios[0], ["payload-pd"], out=tmp_path, **quick)
+    scenario = benchmark_scenario(scenarios[0], 0.05)
+    law = controllers_for(scenario, ["payload-pd"], gains=tmp_path / "gains.csv")["payload-pd"]
+    noise = standard_trials(scenario)["noise"].changes | {"seed": row["seed"]}
+    both = [measures(cp.run(scenario, {"controller": law} | changes)) for changes in (noise, {})]
+    wanted = sum(m["tracking_rms_mm"] + np.hypot(m["axial_rms_N"], m["shear_rms_N"]) for m in both) / 2
+    assert_allclose(float(row["cost"]), wanted, rtol=1e-4)  # gains are written with six digits
+    assert row["runs"] == 12
 
 
 def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from cells import planar_scenario, spatial_scenario
+from figure_texts import meeting_texts, shown_numbers
 from matplotlib.axes import Axes
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -232,20 +233,7 @@ def test_no_text_meets_another_or_the_edge(figure_of, name: str, scale: float, r
     for panel in figure.axes:
         texts += [panel._left_title, panel.xaxis.label, panel.yaxis.label]
         texts += [text for axis in (panel.xaxis, panel.yaxis) for text in shown_numbers(axis)]
-    texts = [text for text in texts if text.get_text()]
-    boxes = [text.get_window_extent() for text in texts]
-    edges = np.array([(*box.min, *box.max) for box in boxes])
-    assert (edges[:, :2] >= 0.0).all()
-    assert (edges[:, 2:] <= figure.bbox.max + 1e-9).all()
-    meet = (edges[:, None, :2] < edges[None, :, 2:] - 1.0).all(axis=2)
-    meet &= meet.T & ~np.eye(len(edges), dtype=bool)
-    assert [(texts[i].get_text(), texts[j].get_text()) for i, j in np.argwhere(meet)] == []
-
-
-def shown_numbers(axis: mpl.axis.Axis) -> list[mpl.text.Text]:
-    low, high = sorted(axis.get_view_interval())
-    ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
-    return [tick.label1 for tick in ticks if tick.label1.get_visible()]
+    assert meeting_texts(figure, texts) == []
 
 
 def test_drawing_changes_no_setting_of_matplotlib(spatial: RunResult, tmp_path: Path) -> None:

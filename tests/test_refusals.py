@@ -45,6 +45,7 @@ def test_the_wrong_type_error_has_name_and_types():
         (lambda: cp.run("adept-paper", {**SHORT, 3: 4}), "a path of changes"),
         (lambda: cp.reachability("adept-paper"), "scenario"),
         (lambda: cp.sampled_stability("adept-paper"), "scenario"),
+        (lambda: cp.fewest_steps("adept-paper"), "scenario"),
         (lambda: cp.open_view(3), "source"),
         (lambda: cp.RunResult.load(3), "path"),
         (lambda: cp.SweepResult.load(3), "folder"),
@@ -108,7 +109,7 @@ def test_overflow_in_the_dynamics_is_refused(chains, cell):
     fast, still = np.full(nv, 1e300), np.zeros(nv)
     arm = cp.ArmModel.from_cell(scenario.cell, "left")
     with pytest.raises(errors.CoopPinError):
-        chain.observe(q, fast, still)
+        chain.observe(q[None], fast[None], still[None], np.zeros((1, 6)))
     with pytest.raises(errors.CoopPinError):
         chain.mechanism.forward_dynamics(q, fast, still)
     with pytest.raises(errors.OutOfRangeError):

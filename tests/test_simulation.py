@@ -14,8 +14,10 @@ from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
-from coop_pin.errors import OpenClosureError, UserCodeError
+from coop_pin.errors import OpenClosureError, OutOfRangeError, UserCodeError
 from coop_pin.results.metrics import energy_balance
+from coop_pin.simulation import Simulation
+from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.simulation.transmission import Transmission
 from coop_pin.spatial import internal_wrenches
@@ -93,6 +95,45 @@ def test_two_runs_give_the_same_bits(cell):
     first, second = cp.run(scenario).data, cp.run(scenario).data
     for name in first:
         np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=name)
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "traced"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine, monkeypatch):
+    """With a mass drop, a push, and of three ticks the last kept."""
+    if engine == "traced":
+        pytest.importorskip("llvmlite", reason="llvmlite is not installed (extra 'fast')")
+    scenario, together, at_once = SCENARIOS[cell](), [], Recorder.observe
+    push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
+    events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))
+    scenario = scenario.replace(events=events, duration=0.4, clock=scenario.clock.replace(record_every=3))
+
+    def counted(recorder):
+        together.append(recorder.count - recorder._observed)
+        at_once(recorder)
+
+    every = cp.run(scenario, view=lambda _: None, realtime_rate=np.inf, engine=engine).data
+    monkeypatch.setattr(Recorder, "observe", counted)
+    monkeypatch.setattr("coop_pin.simulation.recorder._BLOCK", 5)
+    blocks = cp.run(scenario, engine=engine).data
+    assert max(together) == 5
+    assert min(count for count in together if count) < 5  # before the mass drop
+    for name in every:
+        np.testing.assert_array_equal(blocks[name].values, every[name].values, err_msg=name)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_last_tick_whose_wrenches_overflow_is_refused_and_the_rest_is_kept(cell):
+    """By a push that doubles cannot hold."""
+    scenario = SCENARIOS[cell]().replace(duration=0.1, events=())
+    end = scenario.clock.ticks(0.1) * scenario.clock.period
+    run = Simulation(scenario, build_controller(scenario))
+    while run.time < end - 1e-9:
+        run.tick()
+    run.plant.push(np.full(6, 1.7e308))
+    with pytest.raises(OutOfRangeError):
+        run.tick()
+    assert run.result().end == pytest.approx(end - scenario.clock.period)
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "semi-implicit-euler"])

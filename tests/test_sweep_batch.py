@@ -117,6 +117,9 @@ def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its
     (run,), engines = swept(wanted, tmp_path)
     assert engines == ["single"]
     assert run.kind == {"raise": "UserCodeError"}.get(mode, mode)
+    (single,), _ = swept(wanted.replace(engine="single"), tmp_path / "single")
+    assert run.message == single.message
+    assert ("faulty.py:" in run.message) == (mode == "raise")
 
 
 @pytest.mark.parametrize("engine", ["single", "batch"])

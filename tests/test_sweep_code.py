@@ -8,7 +8,7 @@ import pytest
 from faulty import PUSH
 
 import coop_pin as cp
-from coop_pin.errors import CodeChangedError
+from coop_pin.errors import CodeChangedError, UserCodeError
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep
 from coop_pin.sweeps import run_key as keys
 from coop_pin.sweeps.job import Job, run_job
@@ -262,3 +262,62 @@ def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen
         env=environment,
     )
     assert done.stdout == "ok\n"
+
+
+# ---------------------------------------------------------------- where it failed
+
+FAILING = """
+import json
+import numpy as np
+import coop_pin as cp
+
+class Law(cp.CellController):
+    def __init__(self, scenario, at):
+        self.at = at
+        if at == "constructor":
+            raise KeyError("constructor")  # constructor
+
+    def init(self, measurements, references):
+        return None
+
+    def step(self, measurements, references, state):
+        if self.at == "library":
+            np.linalg.inv(np.zeros((2, 2)))  # library
+        if self.at == "compiled":
+            np.random.default_rng(0).integers(0)  # compiled
+        if self.at == "standard":
+            [json.loads(text) for text in ["{"]]  # standard
+        return cp.CellCommand([np.zeros(3) for _ in measurements], state)
+
+def metric(result):
+    return {"never": 1 / 0}  # metric
+"""
+KINDS = {
+    "library": ("step", "UserCodeError"),
+    "compiled": ("step", "UserCodeError"),
+    "standard": ("<listcomp>", "UserCodeError"),
+    "constructor": ("__init__", "KeyError"),
+    "metric": ("metric", "ZeroDivisionError"),
+}
+
+
+def test_failures_name_file_and_line_of_the_users_code_in_any_process(place, monkeypatch):
+    """Under the current folder the file is relative to it; otherwise there is no path in a table."""
+    write(place, {"own_laws/__init__.py": "", "own_laws/failing.py": FAILING})
+    monkeypatch.chdir(place)
+    named = {at: user("own_laws.failing:Law")["controller"] | {"options": {"at": at}} for at in KINDS}
+    cases = {"law": {at: {"controller": controller} for at, controller in named.items()}}
+    plan = SweepPlan(base="adept-paper", changes=SHORT, cases=cases, metrics=("own_laws.failing:metric",))
+    found = sweep(plan, out=place / "here", quiet=True, workers=0).table
+    lines = [next(n for n, line in enumerate(FAILING.splitlines(), 1) if f"# {at}" in line) for at in KINDS]
+    for message, line, (at, (function, kind)) in zip(found["message"], lines, KINDS.items(), strict=True):
+        assert f" at own_laws/failing.py:{line} in {function}: " in f" {message}", at
+        assert found.loc[found["law"] == at, "failure"].item() == kind
+    there = sweep(plan, out=place / "there", quiet=True, workers=1).table
+    assert there["message"].tolist() == found["message"].tolist()
+
+    monkeypatch.chdir(place / "here")
+    with pytest.raises(UserCodeError) as caught:
+        cp.run("adept-paper", SHORT | cases["law"]["library"])
+    assert (caught.value.file, caught.value.line) == ("failing.py", lines[0])
+    assert str(place) not in str(caught.value)

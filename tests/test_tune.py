@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -137,7 +138,8 @@ class Table:
     """The part of a SweepResult that an objective reads."""
 
     def __init__(self, **values):
-        self.metric_names, self.plan = list(values), range(len(next(iter(values.values()))))
+        self.metric_names = list(values)
+        self.plan = SimpleNamespace(shape=np.shape(next(iter(values.values()))))
         self._values = {name: xr.DataArray(value) for name, value in values.items()}
 
     def values(self, name):
@@ -149,6 +151,26 @@ def test_an_objective_tells_feasible_from_infeasible_from_failed_runs():
     metric, excess = Objective("small", (Bound("bounded", 1, 2.0),)).read(runs)
     assert_array_equal(metric, [5.0, 1.0, 0.5, np.nan, 0.1])
     assert_array_equal(excess, [0.0, 0.0, 0.5, np.inf, 1.5])
+
+
+def test_an_objective_is_the_mean_over_cases_and_feasible_in_all_of_them():
+    runs = Table(small=[[5.0, 1.0, 0.5], [1.0, 1.0, np.nan]], bounded=[[1.0, 3.0, 1.0], [2.0, 1.0, 1.0]])
+    metric, excess = Objective("small", (Bound("bounded", 1, 2.0),)).read(runs)
+    assert_array_equal(metric, [3.0, 1.0, np.nan])
+    assert_array_equal(excess, [0.0, 0.5, np.inf])
+
+
+def test_a_search_over_cases_finds_what_is_best_on_average(tmp_path):
+    cases = {"light": {}, "heavy": {"cell.payload.mass": 4.0}}
+    found = cp.tune(SHORT, RANGES, out=tmp_path, cases=cases, **OPTIONS | {"generations": 0})
+    peaks = found.history.values(PEAK)
+    assert peaks.sizes["case"] == 2
+    assert found.value == peaks.values.mean(axis=0).min()
+    gain = {GAIN: found.tuned[GAIN]}
+    direct = [cp.run(SHORT.override(gain | changes)).metrics()[PEAK] for changes in cases.values()]
+    assert found.best.metrics[PEAK] == direct[0] != direct[1]
+    assert found.value == np.mean(direct)
+    assert found.summary().count(f"{found.value:.6g}") == 1
 
 
 def test_metrics_of_the_user_s_own_can_be_minimised_and_bounded(tmp_path):

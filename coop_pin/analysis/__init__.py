@@ -1,4 +1,4 @@
-"""Analysis of scenarios and cells without a run: reachability, sampled stability and summaries."""
+"""Analysis of scenarios and cells: reachability, sampled stability, step size and summaries."""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
@@ -24,6 +24,7 @@ from coop_pin.analysis.statics import (
     statics_along,
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
+from coop_pin.analysis.step_size import StepSize, fewest_steps
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
 from coop_pin.analysis.theorem_monitor import theorem_monitor
 
@@ -42,12 +43,14 @@ __all__ = [
     "SampledStability",
     "StaticTorques",
     "SteadyErrors",
+    "StepSize",
     "StepStability",
     "Suggestion",
     "TaskInertia",
     "Unreachable",
     "cell_summary",
     "closure_problem",
+    "fewest_steps",
     "gain_proposal",
     "loop_stability",
     "maximum_reach",

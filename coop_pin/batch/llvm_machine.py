@@ -75,18 +75,19 @@ class LlvmMachine(Machine):
         return record
 
     def bound(self, block: Array, uniforms: Array) -> Callable[[int, int], None]:
-        """Return a function that runs some instructions of the program, by first and count, on one block.
+        """Return a function that runs some instructions of the program, by first and count, on runs.
 
         Args:
-            block: slots of one run, changed in place, shape (slots,); the width must be 1.
+            block: slots of the runs, changed in place, shape (..., slots); the width must be 1.
             uniforms: read at every call, shape (rows, uniforms).
         """
         run, instructions = self._run, self._instructions
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
+        groups = block.size // block.shape[-1]
         given = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0, None, 0
 
         def call(first: int, count: int, _kept: object = (block, uniforms)) -> None:
-            run(1, count, start + first * size, *given)
+            run(groups, count, start + first * size, *given)
 
         return call
 

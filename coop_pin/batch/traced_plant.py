@@ -6,7 +6,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
@@ -15,7 +15,6 @@ from coop_pin.batch.support import plant_reason
 from coop_pin.batch.tree import leaves, structure
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.trajectory import Energy
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation.plant import Plant
@@ -40,15 +39,16 @@ class TracedPlant(Plant):
             ArgumentError: the engine does not have the options, or an arm is no serial chain.
             MissingExtraError: llvmlite is not installed.
         """
-        code, machine = _compiled(_numbers(chain, options))
+        code, self._machine = _compiled(_numbers(chain, options))
+        self._slots = code.lanes.slots
         self._waiting: list[float] = []
         self._is_observed = False
         self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
-        self._call = machine.bound(self._block, self._lengths)
+        self._call = self._machine.bound(self._block, self._lengths)
         self._at = {
             name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
             for name in ("q", "v", "work", "force", "external", "payload", *OBSERVED)
-            for slots in (code.lanes.slots(name),)
+            for slots in (self._slots(name),)
         }
         self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)
@@ -65,8 +65,7 @@ class TracedPlant(Plant):
         self._settle()
         self._q = q
         self._is_observed = False
-        parts = [q] if self._is_vector else [place.angles.of(q[place.q_slice]) for place in self._places]
-        self._at["q"][:] = np.concatenate(parts)
+        self._at["q"][:] = self._angles(q)
 
     @property
     def v(self) -> Array:
@@ -114,18 +113,19 @@ class TracedPlant(Plant):
         if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
-    def observe(self) -> Observation:
-        """Return poses, wrenches and energy of the chain at the present state, under the present forces."""
-        seen, X_WP = self._observed(), np.zeros((4, 4))
-        X_WP[:3, :3], X_WP[:3, 3], X_WP[3, 3] = seen["R_WP"], seen["p_WP"], 1.0
-        return Observation(
-            payload_pose=X_WP,
-            payload_twist=seen["V_WP"].copy(),
-            tip_positions=seen["tips"].copy(),
-            closure_errors=self.closure_errors(),
-            interaction_wrenches=seen["wrenches"].copy(),
-            energy=Energy(seen["kinetic"].item(), seen["potential"].item()),
+    def observe(self, q: Array, v: Array, force: Array, external: Array) -> Observation:
+        """Return poses, wrenches and energy at n states, with the present payload."""
+        blocks = np.tile(self._block, (len(q), 1))
+        for name, values in (("q", self._angles(q)), ("v", v), ("force", force), ("external", external)):
+            blocks[:, self._slots(name).ravel()] = values
+        self._machine.bound(blocks, self._lengths)(0, 1)
+        R, p, twist, tips, wrenches, _, kinetic, potential = (
+            blocks[:, self._slots(name)] for name in OBSERVED
         )
+        X_WP = np.tile(np.eye(4), (len(q), 1, 1))
+        X_WP[:, :3, :3], X_WP[:, :3, 3] = R, p
+        require_finite("the interaction wrenches", wrenches)
+        return Observation(X_WP, twist, tips, wrenches, kinetic, potential)
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
@@ -155,6 +155,11 @@ class TracedPlant(Plant):
         self._call(1, count)
         self._v, q = self._at["v"].copy(), self._at["q"].copy()
         self._q = q if self._is_vector else self._configuration(q)
+
+    def _angles(self, q: Array) -> Array:
+        if self._is_vector:
+            return q
+        return np.concatenate([place.angles.of(q[..., place.q_slice]) for place in self._places], axis=-1)
 
     def _configuration(self, angles: Array) -> Array:
         places = self._places

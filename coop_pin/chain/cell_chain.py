@@ -16,7 +16,6 @@ from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
-from coop_pin.chain.trajectory import Energy
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
@@ -32,23 +31,23 @@ _INDETERMINATE = 1e-6
 
 
 class Observation(NamedTuple):
-    """Poses, wrenches and energy of a cell at a state under given forces.
+    """Poses, wrenches and energy of a cell at states under given forces.
 
     Attributes:
-        payload_pose: X_WP, shape (4, 4).
-        payload_twist: V_WP, shape (6,).
-        tip_positions: of every tip in the world, m, shape (m, 3).
-        closure_errors: between the tip and the grasp of each arm.
-        interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (m, 6).
-        energy: kinetic and potential, J.
+        payload_pose: X_WP, shape (..., 4, 4).
+        payload_twist: V_WP, shape (..., 6).
+        tip_positions: of every tip in the world, m, shape (..., m, 3).
+        interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (..., m, 6).
+        kinetic_energy: of arms and payload, J, shape (...).
+        potential_energy: likewise.
     """
 
     payload_pose: Array
     payload_twist: Array
     tip_positions: Array
-    closure_errors: list[ClosureError]
     interaction_wrenches: Array
-    energy: Energy
+    kinetic_energy: Array
+    potential_energy: Array
 
 
 class CellChain:
@@ -179,25 +178,37 @@ class CellChain:
             external: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
-        return self._wrenches(
-            self._at(q, v, self.mechanism.solver.acceleration(q, v, tau)), as_array("external", external, 6)
-        )
-
-    def observe(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH
-    ) -> Observation:
-        """Return poses, wrenches and energy in one pass; arguments as of interaction_wrenches."""
-        model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
-        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
-        external = as_array("external", external, 6)
         frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
-        return Observation(
-            payload_pose=frames[payload].homogeneous,
-            payload_twist=pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
-            tip_positions=self._tips(frames),
-            closure_errors=self._closure_errors(frames),
-            interaction_wrenches=self._wrenches(frames, external),
-            energy=Energy(pin.computeKineticEnergy(model, data), pin.computePotentialEnergy(model, data)),
+        wrenches = self._wrenches(frames, as_array("external", external, 6))
+        return require_finite("the interaction wrenches", wrenches)
+
+    def observe(self, q: Array, v: Array, tau: Array, external: Array) -> Observation:
+        """Return poses, wrenches and energy at n states.
+
+        Args:
+            q: configurations, shape (n, nq).
+            v: velocities, shape (n, nv).
+            tau: generalised forces, as of interaction_wrenches, shape (n, nv).
+            external: wrenches on the payload, likewise, shape (n, 6).
+        """
+        n, nq, nv = len(q), self.mechanism.model.nq, self.mechanism.model.nv
+        wanted = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("external", external, 6))
+        states = (as_array(name, value, n, size) for name, value, size in wanted)
+        seen = Observation(*(np.array(part) for part in zip(*map(self._observed, *states), strict=True)))
+        require_finite("the interaction wrenches", seen.interaction_wrenches)
+        return seen
+
+    def _observed(self, q: Array, v: Array, tau: Array, external: Array) -> tuple[Any, ...]:
+        """Return the parts of an Observation at a state."""
+        model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
+        frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
+        return (
+            frames[payload].homogeneous,
+            pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
+            self._tips(frames),
+            self._wrenches(frames, external),
+            pin.computeKineticEnergy(model, data),
+            pin.computePotentialEnergy(model, data),
         )
 
     def _q(self, q: ArrayLike) -> Array:
@@ -236,7 +247,7 @@ class CellChain:
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
         if self.model.closed_by_tree:
             wrenches[0] += external
-        return require_finite("the interaction wrenches", wrenches)
+        return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
         """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the resultant wrench on the payload in its axes."""

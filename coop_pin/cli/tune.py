@@ -100,7 +100,7 @@ class Tune:
         )
         if not self.quiet:
             print(found.summary())
-            best = found.best.parameters.items()
+            best = found.tuned.items()
             words = [word for field, given in self.fields.items() for word in (f"--{field}", *given)]
             words += [word for field, value in best for word in (f"--{field}", repr(value))]
             print("run it: " + shlex.join(["coop-pin", "run", self.scenario, *words]))

@@ -18,13 +18,7 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import (
-    CoopPinError,
-    FieldError,
-    FileReadError,
-    MissingExtraError,
-    NameNotFoundError,
-)
+from coop_pin.errors import FieldError, FileReadError, MissingExtraError, NameNotFoundError
 from coop_pin.sweeps import SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.plan import Engine
 
@@ -152,7 +146,7 @@ def engine_of(scenario: Scenario, changes: Mapping[str, Any], *, together: bool)
     """Return what simulates a run. It depends on nothing but the run, and so does the run's key."""
     try:
         return "batch" if together and support(scenario.override(changes)) is None else "single"
-    except CoopPinError:  # the run itself reports it
+    except Exception:  # a user's class may raise anything when it is built; the run itself reports it
         return "single"
 
 

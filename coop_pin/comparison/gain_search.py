@@ -38,8 +38,8 @@ def tune_controllers(
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
-    of its gains, each run with and without the noise trial: with seeds that the comparison does not use. A
-    controller of which no run finishes has no rows.
+    of its gains, each run in the nominal trial and in that with noise, with a seed that the comparison does
+    not use. A controller of which no run finishes has no rows.
 
     Args:
         scenarios: scenarios, or their names or paths.
@@ -48,7 +48,7 @@ def tune_controllers(
         generations: number of generations after the first one.
         size: points in a generation, at least 6.
         duration: of every run, s; the scenarios' own when None.
-        engine: as for compare; the run without noise is always a single one.
+        engine: as for compare.
         workers: as for compare.
         quiet: no progress bar.
 
@@ -59,16 +59,18 @@ def tune_controllers(
     for scenario in different(scenarios):
         base = benchmark_scenario(scenario, duration)
         noise = standard_trials(base)["noise"].changes | {"seed": TUNED_SEED}
+        trials = {"nominal": dict[str, Any](), "noise": noise}
         for name, controller in controllers_for(scenario, controllers, tuned=False).items():
             if not (ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}):
                 continue
-            changes = {"controller": controller} | noise
+            changes = {"controller": controller}
             try:
                 found = tune(
                     base.override(changes),
                     ranges,
                     minimize="cost",
                     metrics=[tuning_cost],
+                    cases=trials,
                     out=Path(out) / scenario.name / name,
                     generations=generations,
                     population=max(1, size // len(ranges)),
@@ -96,9 +98,9 @@ def _rows(
     """Return the rows of a controller: its best gains, with ranges, budget and cost."""
     budget = {"runs": len(found.history.plan), "duration_s": scenario.duration, "seed": TUNED_SEED}
     rows: list[dict[str, Any]] = []
-    for path, (low, high) in ranges.items():
-        value, cost = found.best.parameters[path], found.best.metrics["cost"]
+    for path, value in found.tuned.items():
+        low, high = ranges[path]
         place = {"scenario": scenario.name, "controller": name, "field": path.removeprefix("controller.")}
         row = place | {"value": f"{value:.6g}", "low": low, "high": high} | budget
-        rows.append(row | {"cost": f"{cost:.6g}"})
+        rows.append(row | {"cost": f"{found.value:.6g}"})
     return rows

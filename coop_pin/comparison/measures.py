@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import rms
-from coop_pin.run_scenario import run
 
 _FROM = 0.4
 """Part of the run after which it is judged."""
-_NOISELESS: dict[str, Any] = {"sensors": {"wrist": {}}}
 MEASURES = (
     "tracking_rms_mm",
     "turning_rms_mrad",
@@ -44,19 +41,9 @@ def measures(result: RunResult) -> dict[str, float]:
 
 
 def tuning_cost(result: RunResult) -> dict[str, float]:
-    """Return the cost of a run with noise and of the same run without it, together.
-
-    The sum of both runs' tracking errors in mm and internal-force errors in N.
-
-    Raises:
-        CoopPinError: the run without noise fails.
-    """
-    return {"cost": _cost(result) + _cost(run(result.scenario, _NOISELESS))}
-
-
-def _cost(result: RunResult) -> float:
+    """Return the cost of a run: its tracking error in mm and internal-force error in N, added."""
     found = measures(result)
-    return found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])
+    return {"cost": found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])}
 
 
 def _rms(values: Array) -> float:

@@ -1,23 +1,38 @@
-"""Page of figures of a comparison: fronts, ranks with their intervals, and a map of controllers by trials."""
+"""Page of figures of a comparison: front, ranks with their intervals, and maps of controllers by trials."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array
 from coop_pin.comparison import Comparison
 from coop_pin.errors import FieldError
 from coop_pin.figures import palette
-from coop_pin.figures.style import as_written, label, styled
+from coop_pin.figures.style import as_written, label, legend_above, scale_to_metric, styled
 
-_TRACKING = "tracking_rms_mm"
+_TRACKING, _FORCE = "tracking_rms_mm", "internal_force"
+_TITLES = {_TRACKING: "tracking error, rms (mm)", _FORCE: "internal-force error, rms (N)"}
+_RANKED: Any = {
+    _TRACKING: {"label": "tracking error", "color": palette.ACTUAL},
+    "axial_rms_N": {"label": "axial internal force", "color": palette.INTERNAL},
+}
+_LEADER: Any = {
+    "arrowstyle": "-",
+    "color": palette.EVENT,
+    "linewidth": 0.5,
+    "shrinkB": 2.5,
+    "relpos": (0.0, 0.5),
+}
+"""Line from a name at the side of the front to its mark."""
+_ROW, _ROWS, _TRIALS = 0.19, 16, 6
+"""Height of a row, inches; least rows that the front has room for; most trials of maps side by side."""
 _SHADES = 1e-5
 """Least value that has a shade of its own, as a part of the largest."""
 
@@ -25,8 +40,9 @@ _SHADES = 1e-5
 def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     """Return tracking against internal force, ranks in both, and a map of their values, of one scenario.
 
-    Failed runs have no mark in the front and "failed" in the maps; a cell whose runs are not all
-    trustworthy has a star. Ranks are over all scenarios and trials.
+    Controllers stand in the order of their ranks in tracking, which are over all scenarios and trials. A
+    controller that failed in half of the trials has no mark in the front; a cell of the maps whose runs are
+    not all trustworthy has a star. Trials that the scenario does not have are left out.
 
     Args:
         comparison: the table.
@@ -39,75 +55,95 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
         known = ", ".join(map(str, comparison.data["scenario"].values))
         raise FieldError(f"is {scenario!r}; the comparison has {known}", "scenario")
     own = comparison.data.sel(scenario=scenario)
-    force = (own["axial_rms_N"] ** 2 + own["shear_rms_N"] ** 2) ** 0.5
+    own = own.assign({_FORCE: (own["axial_rms_N"] ** 2 + own["shear_rms_N"] ** 2) ** 0.5})
+    own = own.assign_coords(label=("controller", list(map(as_written, comparison.labels(scenario)))))
+    own = own.sel(controller=comparison.ranks(_TRACKING).index).dropna("trial", how="all", subset=["runs"])
+    rows, grid = own.sizes["controller"], (1, 2) if own.sizes["trial"] <= _TRIALS else (2, 1)
+    heights = (0.8 + _ROW * max(rows, _ROWS), 1.8 + grid[0] * (0.3 + _ROW * rows))
     with styled():
-        figure = Figure(figsize=(14.0, 10.0), layout="constrained")
-        (front, ranks), (left, right) = figure.subplots(2, 2)
-        _draw_front(front, own[_TRACKING], force)
+        figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
+        (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)
+        front, ranks = upper.subplots(1, 2)
+        _draw_front(front, own)
         _draw_ranks(ranks, comparison)
-        own = own.assign_coords(label=("controller", comparison.labels(scenario)))
-        _draw_map(figure, left, own, own[_TRACKING], "tracking, mm")
-        _draw_map(figure, right, own, force, "internal force, N")
+        maps = lower.subplots(*grid, sharex="col", sharey="row")
+        for panel, name in zip(maps, _TITLES, strict=True):
+            _draw_map(panel, own, name)
+        lower.supxlabel(
+            "darker: larger; *: not all runs are trustworthy; failed: half of the runs or more",
+            fontsize=7.5,
+            color=palette.CAPTION,
+        )
         figure.suptitle(as_written(scenario))
     return figure
 
 
-def _draw_front(panel: Axes, tracking: xr.DataArray, force: xr.DataArray) -> None:
-    """Draw one mark for each controller: the medians over the trials, failed ones as infinite."""
-    x, y = (np.median(part.transpose("controller", ...).values, axis=1) for part in (tracking, force))
-    for place, number in enumerate(np.argsort(x)):  # neighbours are named above and below in turn
-        point, name = (x[number], y[number]), tracking["controller"].values[number]
-        if np.isfinite(point).all():
-            panel.plot(*point, "o", color=palette.ACTUAL)
-            offset = (3, 3 if place % 2 else -9)
-            panel.annotate(as_written(name), point, offset, textcoords="offset points", fontsize=7)
-    panel.set(xscale="log", yscale="log", xlabel="tracking, mm")
-    label(panel, "medians over the trials", "internal force, N")
+def _draw_front(panel: Axes, own: xr.Dataset) -> None:
+    """Draw a mark for each controller, the medians over the trials, and its name at the side."""
+    medians = own[list(_TITLES)].median("trial").to_array().values.T
+    has_mark = np.isfinite(medians).all(axis=1)
+    panel.plot(*medians[has_mark].T, "o", color=palette.ACTUAL)
+    for axis, values in zip("xy", medians.T, strict=True):
+        scale_to_metric(panel, axis, values[has_mark])
+    panel.autoscale_view()
+    wanted = np.ones(len(medians))  # heights of the marks, as parts of the panel's
+    wanted[has_mark] = (panel.transScale + panel.transLimits).transform(medians[has_mark])[:, 1]
+    upwards = np.argsort(wanted, kind="stable")
+    steps = np.arange(len(wanted)) / max(len(wanted), _ROWS)
+    spread = np.maximum.accumulate(wanted[upwards] - steps) + steps
+    for number, height in zip(upwards, np.minimum(spread, 1.0 - steps[::-1]), strict=True):
+        name, side = own["label"].values[number], (1.04, height)
+        style: Any = {"textcoords": "axes fraction", "va": "center", "fontsize": 7.5}
+        if has_mark[number]:
+            panel.annotate(name, medians[number], side, arrowprops=_LEADER, **style)
+        else:
+            panel.annotate(f"{name}: failed", side, side, xycoords="axes fraction", **style)
+    panel.set_xlabel(_TITLES[_TRACKING])
+    label(panel, f"medians over the trials: {own.sizes['trial']}", _TITLES[_FORCE])
 
 
 def _draw_ranks(panel: Axes, comparison: Comparison) -> None:
     """Draw the mean ranks in tracking and in axial force with their 95 % intervals."""
-    order = comparison.ranks(_TRACKING).index.tolist()[::-1]
-    both = ((_TRACKING, palette.ACTUAL, 0.12), ("axial_rms_N", palette.INTERNAL, -0.12))
-    for measure, colour, offset in both:
+    order = comparison.ranks(_TRACKING).index
+    for (measure, style), offset in zip(_RANKED.items(), (-0.14, 0.14), strict=True):
         found = comparison.ranks(measure).loc[order]
         reach: Any = (found["rank"] - found["low"], found["high"] - found["rank"])
-        at = np.arange(len(order)) + offset
-        panel.errorbar(found["rank"], at, xerr=reach, fmt="o", color=colour, label=as_written(measure))
+        panel.errorbar(
+            found["rank"], np.arange(len(order)) + offset, xerr=reach, fmt="o", markersize=4.5, **style
+        )
     panel.set_yticks(range(len(order)), [as_written(name) for name in order])
-    panel.set_xlabel("mean rank over all scenarios and trials, 95 % interval")
-    panel.legend()
+    panel.invert_yaxis()
+    panel.set_xlabel("mean rank over all scenarios and trials,\nwith its 95 % interval")
+    legend_above(panel)
 
 
-def _draw_map(figure: Figure, panel: Axes, own: xr.Dataset, values: xr.DataArray, title: str) -> None:
+def _draw_map(panel: Axes, own: xr.Dataset, name: str) -> None:
     """Draw a map of controllers by trials."""
-    shown: Array = values.transpose("trial", "controller").values
-    counts = (own[name].transpose("trial", "controller").values for name in ("runs", "trustworthy"))
-    runs, trusted = counts
-    finite = np.where(np.isfinite(shown) & (shown > 0.0), shown, np.nan)
-    panel.set_facecolor("#f3f4f6")
-    middle = math.inf
-    if np.isfinite(finite).any():
-        most = float(np.nanmax(finite))
-        least = max(float(np.nanmin(finite)), _SHADES * most)
-        mesh = panel.pcolormesh(finite, norm=LogNorm(least, most, clip=True), cmap="viridis_r")
-        figure.colorbar(mesh, ax=panel)
-        middle = math.sqrt(least * most)
+    shown, runs, trusted = (
+        own[part].transpose("controller", "trial").values for part in (name, "runs", "trustworthy")
+    )
+    shades = np.ma.masked_where(~(np.isfinite(shown) & (shown > 0.0)), shown)
+    most = float(shades.max()) if shades.count() else 1.0
+    least = max(float(shades.min()), _SHADES * most) if shades.count() else 0.1
+    colours = mpl.colormaps["viridis_r"].with_extremes(bad="#f3f4f6")
+    norm = LogNorm(least, most, clip=True)
+    panel.pcolormesh(shades, norm=norm, cmap=colours, edgecolors="white", linewidth=0.5)
     for (row, column), value in np.ndenumerate(shown):
         text = "" if np.isnan(runs[row, column]) else _written(value) if np.isfinite(value) else "failed"
         star = "*" if np.isfinite(value) and trusted[row, column] < runs[row, column] else ""
-        colour = "white" if middle < value < np.inf else "black"  # dark and light cells
-        panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6, color=colour)
-    trials, controllers = ([as_written(x) for x in own[name].values] for name in ("trial", "label"))
-    panel.set_yticks(np.arange(len(trials)) + 0.5, trials)
-    panel.set_xticks(np.arange(len(controllers)) + 0.5, controllers, rotation=60, ha="right")
-    panel.invert_yaxis()
-    panel.set_title(title)
+        colour = "white" if math.sqrt(least * most) < value < np.inf else "black"  # dark and light cells
+        panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6.5, color=colour)
+    trials = [as_written(trial) for trial in own["trial"].values]
+    panel.set_yticks(np.arange(len(shown)) + 0.5, own["label"].values)
+    panel.set_xticks(np.arange(len(trials)) + 0.5, trials, rotation=35, ha="right")
+    panel.set(ylim=(len(shown), 0.0), frame_on=False)
+    panel.tick_params(length=0.0)
+    panel.grid(visible=False)
+    label(panel, _TITLES[name], "")
 
 
 def _written(value: float) -> str:
-    """Return a number in as many characters as fit into a narrow cell."""
-    if 0.0 < value < 1e-2:
-        return f"{value:.1e}".replace("e-0", "e-")
-    text = f"{value:.2g}"
-    return text[1:] if text.startswith("0.") else text
+    """Return a number with two digits in as few characters."""
+    if value >= 1e4 or 0.0 < value < 1e-2:
+        return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e")
+    return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"

@@ -53,6 +53,7 @@ class Plant:
         self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
+        self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self._solve = chain.mechanism.solver.acceleration
 
     def hold(self, force: Array) -> None:
@@ -64,13 +65,31 @@ class Plant:
         self.external, self._pushed = external, bool(external.any())
         self._forces[2] = 0.0
 
+    @property
+    def force(self) -> Array:
+        """Held generalised force of the actuators, N m, shape (nv,)."""
+        return self._forces[0]
+
     def generalised_force(self) -> Array:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
         return _ALL.dot(self._apply(self.q, self.v))
 
-    def observe(self) -> Observation:
-        """Return poses, wrenches and energy of the chain at the present state, under the present forces."""
-        return self.chain.observe(self.q, self.v, self.generalised_force(), self.external)
+    def observe(self, q: Array, v: Array, force: Array, external: Array) -> Observation:
+        """Return poses, wrenches and energy at n states, with the present payload.
+
+        Args:
+            q: configurations, shape (n, nq).
+            v: velocities, shape (n, nv).
+            force: generalised forces of the actuators, N m, shape (n, nv).
+            external: wrenches on the payload about P in world axes, shape (n, 6).
+
+        Raises:
+            OutOfRangeError: a wrench is not finite.
+        """
+        tau = force + np.array([self.transmission.friction(rates) for rates in v])
+        for index in np.flatnonzero(external.any(axis=1)):
+            tau[index] += self.chain.payload_jacobian(q[index]).T.dot(external[index])
+        return self.chain.observe(q, v, tau, external)
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
@@ -78,7 +97,9 @@ class Plant:
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""
-        return self.chain.closure_errors(self.q)
+        if self._errors[0] is not self.q:  # asked twice a tick
+            self._errors = self.q, self.chain.closure_errors(self.q)
+        return self._errors[1]
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""

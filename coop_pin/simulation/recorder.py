@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from coop_pin.arrays import Array, frozen, require_memory
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import CoopPinError
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
@@ -21,6 +23,13 @@ from coop_pin.simulation.plant import CHANNELS, Plant
 from coop_pin.simulation.timeline import Timeline
 
 _WORK = tuple(f"work_{channel}" for channel in CHANNELS)
+_BLOCK = 1024
+"""Samples that are observed together, at most."""
+_OBSERVED = (
+    *("payload_pose", "payload_twist", "tip_position", "interaction_wrench"),
+    *("kinetic_energy", "potential_energy"),
+)
+"""Quantities in the order of the fields of Observation."""
 
 
 class Recorder:
@@ -50,11 +59,12 @@ class Recorder:
         sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
         require_memory(
             f"{count} samples of {scenario.name!r}",
-            count * (bytes_per_sample(self._table, sizes) + 8 * rows * sum(len(arm.drive) for arm in arms)),
+            count * (bytes_per_sample(self._table, sizes) + 8 * (rows + 1) * model.nv),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
         self._samples = allocate(self._table, count, sizes)
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
+        self._forces, self._observed = np.zeros((count, model.nv)), 0
         postures = [scenario.cell.arms[arm.name].posture for arm in arms]
         self._angles = [
             np.zeros(len(arm.drive)) if posture is None else np.array(posture)
@@ -73,24 +83,17 @@ class Recorder:
     ) -> None:
         """Record one tick; the plant already holds its torques."""
         kept, plant, sample = self._samples, self._plant, self._sample(tick)
-        seen = plant.observe()
-        distances, angles = zip(*seen.closure_errors, strict=True)
+        distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
             "configuration": plant.q,
             "velocity": plant.v,
-            "payload_pose": seen.payload_pose,
-            "payload_twist": seen.payload_twist,
             "desired_pose": target.X_WP_d,
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
-            "tip_position": seen.tip_positions,
-            "interaction_wrench": seen.interaction_wrenches,
             "external_wrench": plant.external,
             "closure_distance": distances,
             "closure_angle": angles,
-            "kinetic_energy": seen.energy.kinetic,
-            "potential_energy": seen.energy.potential,
             "work_payload_change": self.payload_energy,
         }.items():
             kept[name][sample] = value
@@ -111,7 +114,28 @@ class Recorder:
                 kept["joint_position"][sample, index, :drives] = self._angles[index] = turned
             if self._has_groups:
                 self._record_measured(sample, index, measurement)
-        self.count = sample + 1
+        self._forces[sample] = plant.force
+        self._observed, self.count = min(self._observed, sample), sample + 1
+        if self.count - self._observed == _BLOCK:
+            self.observe()
+
+    def observe(self) -> None:
+        """Work out poses, wrenches and energies of the samples that lack them, all under the present payload.
+
+        Raises:
+            CoopPinError: there is no acceleration, or no finite wrench, at the last sample, which is dropped:
+                at one before, the run would have ended there.
+        """
+        new, kept = slice(self._observed, self.count), self._samples
+        if new.start == new.stop:
+            return
+        self.count -= 1
+        state = kept["configuration"][new], kept["velocity"][new], self._forces[new]
+        with np.errstate(over="ignore", invalid="ignore"):
+            seen = self._plant.observe(*state, kept["external_wrench"][new])
+        for name, values in zip(_OBSERVED, seen, strict=True):
+            kept[name][new] = values
+        self._observed = self.count = new.stop
 
     def _record_measured(self, sample: int, index: int, seen: ArmMeasurement) -> None:
         """Record what an arm measures, as far as the groups of this run have it."""
@@ -133,6 +157,7 @@ class Recorder:
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
+        self.observe()
         last = slice(self.count - 1, self.count)
         samples = self._kept(last)
         samples["jacobian_condition"] = np.array([[np.linalg.cond(J[last])[0] for J in self._jacobians]])
@@ -141,11 +166,14 @@ class Recorder:
         return Snapshot(time=float(values["time"][0]), **arrays)
 
     def result(self, scenario: Scenario) -> RunResult:
-        """Return the result up to the last recorded tick.
+        """Return the result up to the last recorded tick whose wrenches are finite.
 
         Args:
             scenario: what was run.
         """
+        while self._observed < self.count:
+            with contextlib.suppress(CoopPinError):  # which drops the last sample
+                self.observe()
         kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self.joints]
         data = dataset(scenario, kept, names, self.limit_table())
         if self._plant.engine != Plant.engine:
@@ -154,6 +182,7 @@ class Recorder:
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
+        self.observe()
         return self._monitor.breaches(self._filled(slice(self.count - 1, self.count)))
 
     @property

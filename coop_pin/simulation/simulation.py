@@ -204,6 +204,8 @@ class Simulation:
         self.ticks_done = tick + 1
         if tick < self.timeline.ticks:
             self._advance(tick)
+        else:
+            self.recorder.observe()
 
     def _timeline(self) -> Timeline:
         scenario = self.scenario
@@ -225,6 +227,7 @@ class Simulation:
             return
         plant, mechanism = self.plant, self.plant.chain.mechanism
         for change in self.timeline.changes_at(time):
+            self.recorder.observe()  # what the payload was like until now
             before = mechanism.energy(plant.q, plant.v).total
             self._payload = change.apply(self._payload)
             plant.chain.set_payload(self._payload)

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError
+from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError, place_of
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.run_scenario import run
@@ -52,7 +52,7 @@ class Record:
         changes: what was changed in the base scenario, by dotted path.
         metrics: metrics by name; empty if the run failed.
         failure: name of its error's class; empty if it finished.
-        message: the error's message.
+        message: the error's message, after its place in the user's code if it is not coop_pin's own.
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
         engine: what simulated it: "single", or "batch" together with others.
@@ -80,7 +80,10 @@ class Record:
         plain = (kind.__name__ for kind in (MemoryError, KeyboardInterrupt) if isinstance(foreign, kind))
         kind = next(plain, type(error).__name__)
         failed_at_s = getattr(error, "time", None) if own else None
-        return cls(key, dict(changes), {}, kind, str(error) or kind, failed_at_s, trace)
+        message = str(error) or kind
+        if isinstance(error, Exception) and not own:  # of a user's metric or constructor, for example
+            message = "at {}:{} in {}: {}".format(*place_of(error), message)
+        return cls(key, dict(changes), {}, kind, message, failed_at_s, trace)
 
     def to_line(self) -> bytes:
         """Return its line in the store."""

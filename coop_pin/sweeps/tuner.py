@@ -72,20 +72,22 @@ class Objective(NamedTuple):
     bounds: tuple[Bound, ...]
 
     def read(self, result: SweepResult) -> tuple[Array, Array]:
-        """Return the metric and the violation of all bounds together of each run, shapes (n,).
+        """Return the metric and the violation of all bounds together of each point, shapes (n,).
 
-        A run within all bounds has the violation 0, one that failed or has no finite metric inf.
+        The last dimension of the sweep has the points; the metric is the mean over the others, and the
+        violation their sum. Within all bounds it is 0; inf where a run failed or has no finite metric.
 
         Raises:
             NameNotFoundError: runs have no such metric.
         """
+        shape = (-1, result.plan.shape[-1])
         if not result.metric_names:
-            return np.full(len(result.plan), np.nan), np.full(len(result.plan), np.inf)
-        metric = result.values(self.minimize).values.ravel()
+            return np.full(shape[-1], np.nan), np.full(shape[-1], np.inf)
+        metric = result.values(self.minimize).values.reshape(shape)
         excess = np.where(np.isfinite(metric), 0.0, np.inf)
         for bound in self.bounds:
-            excess += bound.excess(result.values(bound.metric).values.ravel())
-        return metric, excess
+            excess += bound.excess(result.values(bound.metric).values.reshape(shape))
+        return metric.mean(axis=0), excess.sum(axis=0)
 
 
 Evaluate = Callable[[list[list[float]]], tuple[Array, Array]]
@@ -147,12 +149,14 @@ class TuneResult(NamedTuple):
     """Result of tuning.
 
     Attributes:
-        best: the feasible run with the smallest metric.
+        best: the feasible run with the smallest metric; with cases, that of the first one.
+        value: the metric; with cases, their mean.
         history: all runs in order, as a sweep.
         objective: the metric and the constraints.
     """
 
     best: PointResult
+    value: float
     history: SweepResult
     objective: Objective
 
@@ -160,9 +164,14 @@ class TuneResult(NamedTuple):
         """Return the metrics of the objective and the tuned fields of the best run as text."""
         failed = self.history.counts()["failed"]
         lines = [f"best of {len(self.history.plan)} runs ({failed} failed): run {self.best.number}"]
-        metrics = dict.fromkeys([self.objective.minimize, *(b.metric for b in self.objective.bounds)])
-        lines += [f"  {metric} = {self.best.metrics[metric]:.6g}" for metric in metrics]
-        return "\n".join(lines + [f"  {field} = {x:.6g}" for field, x in self.best.parameters.items()])
+        bounded = {bound.metric: self.best.metrics[bound.metric] for bound in self.objective.bounds}
+        metrics = {self.objective.minimize: self.value} | bounded | self.tuned
+        return "\n".join(lines + [f"  {name} = {x:.6g}" for name, x in metrics.items()])
+
+    @property
+    def tuned(self) -> dict[str, float]:
+        """The tuned fields of the best run."""
+        return {field: self.best.parameters[field] for field in self.history.plan.zipped[0]}
 
 
 def tune(
@@ -173,6 +182,7 @@ def tune(
     subject_to: str | Sequence[str] = (),
     out: str | Path,
     metrics: Sequence[str | Callable[..., Any]] = (),
+    cases: Mapping[str, Mapping[str, Any]] | None = None,
     generations: int = 10,
     population: int = 8,
     seed: int = 0,
@@ -195,6 +205,8 @@ def tune(
         out: folder of the runs.
         metrics: the user's own, "module:function", as in a SweepPlan; ``minimize`` and ``subject_to`` may
             name what they return.
+        cases: changes by name, by dotted path, in each of which every point is run: the mean of the metric is
+            minimised, and the constraints hold in each.
         generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: seed of the search.
@@ -217,6 +229,7 @@ def tune(
     require_type("minimize", minimize, str)
     require_type("subject_to", subject_to, str, Sequence)
     require_type("metrics", metrics, Sequence)
+    require_type("cases", cases, Mapping, type(None))
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     generations, population = as_count("generations", generations), as_count("population", population, 1)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
@@ -228,11 +241,12 @@ def tune(
         wanted = "names no field, or one with a range that is not two numbers, the lower first"
         raise FieldError(f"{wanted}: {error}", "vary") from None
     points: list[list[float]] = []
-    total = (generations + 1) * size
+    trials = {} if cases is None else {"case": {name: dict(changes) for name, changes in cases.items()}}
+    total = (generations + 1) * size * max(1, len(trials.get("case", ())))
 
     def plan(rows: Sequence[Sequence[float]]) -> SweepPlan:
         values = dict(zip(vary, zip(*rows, strict=True), strict=True))
-        return SweepPlan(base=base, zipped=(values,), metrics=tuple(metrics), engine=engine)
+        return SweepPlan(base=base, cases=trials, zipped=(values,), metrics=tuple(metrics), engine=engine)
 
     lowest = plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
     with open_session(out, workers, scheduler, total, quiet=quiet) as session:
@@ -256,4 +270,4 @@ def tune(
         failures = history.failures
         complaint = f"{failures[0].kind}: {failures[0].message}" if failures else ""
         raise NothingFeasibleError(total, len(failures), bounds, str(out), complaint)
-    return TuneResult(history.point(best), history, objective)
+    return TuneResult(history.point(best), float(metric[best]), history, objective)
