@@ -194,7 +194,6 @@ def _condition_bound(J: Numbers) -> Number:
 
     By the Frobenius norms of J and its inverse, or those of its smaller Gram matrix.
     """
-    rows, columns = J.shape
-    if rows == columns:
+    if len(J) == J.shape[1]:
         return inverse(J)[1]
-    return elementary.sqrt(inverse(J.dot(J.T) if rows < columns else J.T.dot(J))[1])
+    return elementary.sqrt(inverse(J.dot(J.T) if len(J) < J.shape[1] else J.T.dot(J))[1])

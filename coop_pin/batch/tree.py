@@ -43,14 +43,14 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
     if not parts:
         return tree
-    if _is_plain(type(tree)):
-        made_of = copy.copy(tree)
-        vars(made_of).update(parts)
-        return made_of
     if isinstance(tree, Description):
         return tree.model_copy(update=parts)
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return dataclasses.replace(tree, **parts)
+    if not isinstance(tree, Mapping | tuple | list):
+        made_of = copy.copy(tree)
+        vars(made_of).update(parts)
+        return made_of
     values: Any = parts.values()
     if isinstance(tree, Mapping):
         values = zip(tree, values, strict=True)
@@ -89,18 +89,12 @@ def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]]:
         return lambda tree: [(name, getattr(tree, name)) for name in names]
     if issubclass(kind, Mapping):
         return lambda tree: [(str(name), part) for name, part in tree.items()]
-    if hasattr(kind, "_fields"):
-        return lambda tree: zip(kind._fields, tree, strict=True)
     if issubclass(kind, tuple | list):
-        return lambda tree: [(str(index), part) for index, part in enumerate(tree)]
-    return (lambda tree: vars(tree).items()) if _is_plain(kind) else lambda _: ()
-
-
-def _is_plain(kind: type[Any]) -> bool:
-    """Return whether values of a class are objects with attributes, such as a controller."""
-    is_other = issubclass(kind, Description | Mapping | tuple | list | np.ndarray | type | ModuleType)
-    is_callable = any("__call__" in vars(base) for base in kind.__mro__)
-    return not (is_other or is_callable or dataclasses.is_dataclass(kind)) and kind.__dictoffset__ != 0
+        return lambda tree: zip(getattr(kind, "_fields", map(str, range(len(tree)))), tree, strict=True)
+    is_other = issubclass(kind, np.ndarray | type | ModuleType) or kind.__dictoffset__ == 0
+    if is_other or any("__call__" in vars(base) for base in kind.__mro__):
+        return lambda _: ()
+    return lambda tree: vars(tree).items()  # of an object with attributes, such as a controller
 
 
 class SharedFunctions:

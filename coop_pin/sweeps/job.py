@@ -169,8 +169,8 @@ def run_job(job: Job) -> Outcome:
 def separate(scenario: Scenario) -> Scenario:
     """Return a scenario with options of its own, lists and tables that the user's code may change."""
     parts = scenario.controller, scenario.motion, scenario.squeeze
-    is_plain = not any(getattr(part, "options", None) for part in parts)
-    return scenario if is_plain else Scenario.model_validate_json(scenario.model_dump_json())
+    has_options = any(getattr(part, "options", None) for part in parts)
+    return Scenario.model_validate_json(scenario.model_dump_json()) if has_options else scenario
 
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
