@@ -1,9 +1,9 @@
 """Batches of runs against coop_pin.run and mujoco.rollout: processor time of one core, interleaved.
 
 Each line is the time of one run of 2 s and ratios, medians of the rounds with their range. The compiled loop
-is the closed loop with everything recorded; a batch also prepares and names it; a sweep adds metrics and
-table. The rollout advances MuJoCo's model of the cell (as in bench_arms.py) by the same steps, open loop and
-without friction, and keeps its state.
+is the closed loop with everything recorded; a batch also prepares it and finds all metrics; a sweep adds
+scenarios, keys, records and table. The rollout advances MuJoCo's model of the cell (as in bench_arms.py) by
+the same steps, open loop and without friction, and keeps its state.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def main() -> None:
         simulator, runs = BatchSimulator(), scenarios(base, chosen.runs)
         for width in widths:
             tasks[f"compiled loop, {width} lanes"] = loop(simulator, runs, width)
-        tasks["batch"] = lambda s=simulator, runs=runs: s.run(runs)
+        tasks["batch"] = lambda s=simulator, runs=runs: s.run(runs).metrics()
         tasks["sweep with table"] = swept(base, 8 * chosen.runs)
         counts["sweep with table"] = 8 * chosen.runs
         seconds = {

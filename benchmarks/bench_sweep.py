@@ -104,7 +104,7 @@ def bare(made: SweepPlan, count: int) -> float:
 def worker_start() -> float:
     """Return the time from nothing to a worker that has everything loaded, s."""
     start = time.perf_counter()
-    job = Job("key", plan(1, 0.0125).scenario(0).model_dump_json())
+    job = Job("key", plan(1, 0.0125).scenario(0))
     with contextlib.closing(LocalBackend(1)) as pool:
         list(outcomes(pool, iter([job])))
         return time.perf_counter() - start
@@ -117,7 +117,7 @@ def storage(count: int) -> None:
         return time.perf_counter(), time.process_time()
 
     made = plan(count, 0.0125)
-    record = run_job(Job("key", made.scenario(0).model_dump_json())).record
+    record = run_job(Job("key", made.scenario(0))).record
     with tempfile.TemporaryDirectory() as folder:
         store, seconds = SweepStore(folder), [times()]
         runs = [(key, point.changes) for point, key, *_ in keyed_points(made)]

@@ -64,6 +64,17 @@ class Faulty(cp.CellController):
         return cp.CellCommand([np.zeros(size) for size in self.shapes], state)
 
 
+class Forgetful(Faulty):
+    """Takes its torque from its options, and changes them."""
+
+    def __init__(self, scenario, torques):
+        super().__init__(scenario)
+        self.torque = torques.pop()
+
+    def step(self, measurements, references, state):
+        return cp.CellCommand([np.full(size, self.torque) for size in self.shapes], state)
+
+
 def answer(result):
     return {"answer": 42.0, "ticks": float(result.data.sizes["time"])}
 

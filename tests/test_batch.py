@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin import batch as batch_package
-from coop_pin.batch import elementary, simulate_batch, support
+from coop_pin.batch import elementary, preparation, simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
 from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
@@ -30,6 +30,7 @@ from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
+from coop_pin.results.metrics import STEADY_METRICS
 
 CATALOGUE = scenario_names()
 QUICK = ("adept-paper", "five-joint-pair")
@@ -239,6 +240,36 @@ def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
     assert len(numbers) > 5
     for key, value in numbers.items():
         assert found.metrics()[key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+    assert [repr(run) for run in batch.metrics()] == [repr(batch.result(n).metrics()) for n in range(3)]
+    exact, bounds, again = (
+        batch.samples["jacobian_condition"].max(axis=1),
+        *(batch.samples.extremes(allowed)["jacobian_condition"][:, 0] for allowed in (np.inf, 1.0)),
+    )
+    assert (bounds >= exact * (1.0 - 1e-9)).all()
+    assert (bounds <= 6.0 * exact).all()
+    assert_array_equal(again, exact)
+
+
+def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
+    """With steady windows before and after an event, own trust thresholds, and a run that diverges."""
+    event = {"kind": "payload-change", "time": 5.0, "mass": 2.0}
+    changes = {"duration": 10.0, "events": [event], "clock.record_every": 7, "beyond_bound": True}
+    base = cp.Scenario.load("adept-paper", changes)
+    largest = float(simulate_batch([base]).samples["jacobian_condition"].max())
+    scenarios = [
+        base,
+        *(base.override({"trust.jacobian_condition": f * largest}) for f in (1.0 - 1e-6, 1.0 + 1e-6)),
+        base.override({"controller.gains.damping_gain": 1e5}),
+        base.override({"controller.gains.pose_gain": 6.0, "trust.energy_floor": 1e-3}),
+    ]
+    batch = simulate_batch(scenarios)
+    assert batch.is_valid.tolist() == [True, True, True, False, True]
+    found = batch.metrics()
+    for index in np.flatnonzero(batch.is_valid):
+        assert repr(found[index]) == repr(batch.result(index).metrics())
+    assert [run["trustworthy"] for run in found] == [1.0, 0.0, 1.0, 0.0, 1.0]
+    assert np.isfinite([found[4][f"after_event_{name}"] for name in STEADY_METRICS]).all()
+    assert found[4]["position_rms_m"] != found[0]["position_rms_m"]
 
 
 @pytest.mark.slow
@@ -248,6 +279,24 @@ def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
     record = require_same_bits(scenarios)
     assert np.isfinite(record).all()
     assert np.ptp(record[-1], axis=1).max() > 0.0
+
+
+def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
+    base, masses = cp.Scenario.load("adept-paper").replace(duration=0.05, events=()), (1.0, 2.0)
+    changes = [{"controller.gains.pose_gain": g, "cell.payload.mass": m} for g in (5.0, 6.0) for m in masses]
+    scenarios = [base.override(change) for change in changes]
+    first = preparation.prepare(scenarios)
+    again = preparation.prepare(scenarios, first.plants)
+    assert {*again.plants} == {*first.plants}
+    assert len({*first.plants}) == len(masses)
+    for run, scenario in enumerate(scenarios):
+        alone = preparation.prepare([scenario])
+        for found in (first, again):
+            assert_array_equal(found.values[run], alone.values[0])
+            assert_array_equal(found.signals[run], alone.signals[0])
+            assert_array_equal(found.plants[run].start.last, alone.plants[0].start.last)
+    numbers = first.values[:, np.isfinite(first.values).all(axis=0)]
+    assert (np.ptp(numbers, axis=0) > 0.0).sum() > 1
 
 
 @pytest.mark.slow
@@ -363,7 +412,8 @@ def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
         NumpyMachine(small_program()),
         *(LlvmMachine(small_program(), width) for width in (1, 2, 4, 8)),
     ]
-    records = [machine.run(block.copy(), np.array([[0.1]]), np.zeros((1, 0, 11))) for machine in machines]
+    given = np.array([[0.1]]), np.zeros((1, 0, 11))
+    records = [machine.run(block.copy(), *given) for machine in machines]
     for record in records:
         assert_array_equal(record, records[0])
 

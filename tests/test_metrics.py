@@ -12,8 +12,9 @@ from coop_pin.description import PayloadChange
 from coop_pin.errors import OutOfRangeError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
-from coop_pin.results.metrics import LimitViolation, Window
+from coop_pin.results.metrics import LimitViolation
 from coop_pin.results.quantities import allocate, quantities
+from coop_pin.results.window import Window, checked_window, samples_of
 from coop_pin.spatial import make_pose
 from coop_pin.spatial.internal_wrench import (
     minimum_norm_internal_wrenches,
@@ -74,7 +75,7 @@ def along_z(heights, turns=None):
 )
 def test_a_window_has_its_start_and_not_its_end_unless_the_run_ends_there(window, inside):
     data = made([0.0, 1.0, 2.0, 3.0, 4.0]).data
-    assert metrics.samples_of(data, Window(*window)).tolist() == inside
+    assert samples_of(data, Window(*window)).tolist() == inside
 
 
 def test_windows_of_a_run():
@@ -88,10 +89,10 @@ def test_windows_of_a_run():
 
 def test_a_window_that_is_asked_for_lies_within_the_run():
     for window in ((0.0, 4.0), (1.0, 4.0 + 1e-10), (3.0, 3.5)):
-        assert metrics.checked_window(window, 4.0) == window
+        assert checked_window(window, 4.0) == window
     for window in ((-1e-10, 1.0), (4.0, 5.0), (1.0, 1.0), (2.0, 1.0), (1.0, 4.0 + 1e-8)):
         with pytest.raises(OutOfRangeError):
-            metrics.checked_window(window, 4.0)
+            checked_window(window, 4.0)
     assert [str(Window(*window)) for window in ((1.0, 2.5), (2.0, 2.0), (2.0, 1.0))] == [
         "1 to 2.5 s",
         "empty window",

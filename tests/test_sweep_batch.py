@@ -122,6 +122,16 @@ def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its
     assert ("faulty.py:" in run.message) == (mode == "raise")
 
 
+@pytest.mark.parametrize("engine", ["single", "batch"])
+def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tmp_path):
+    options = {"kind": "user", "target": "faulty:Forgetful", "options": {"torques": [0.3, 0.2, 0.1, 0.0] * 9}}
+    wanted = plan(changes={"controller": options}, axes={"cell.payload.mass": [1.0, 1.0, 1.0]}, engine=engine)
+    first, *others = swept(wanted, tmp_path)[0]
+    assert first.kind == ""
+    assert bits(others) == bits([first, first])
+    assert wanted.scenario(0).controller.options["torques"][-1] == 0.0
+
+
 def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)

@@ -228,7 +228,7 @@ def test_a_worker_with_another_version_refuses_the_job(place):
     write(place, {"own_version.py": LAW.format(gains="own_gain"), "own_gain.py": "TORQUE = 1.0\n"})
     scenario = cp.Scenario.load("adept-paper", SHORT | user("own_version:Push"))
     with pytest.raises(CodeChangedError) as caught:
-        run_job(Job("key", scenario.model_dump_json(), code=(("own_version:Push", ("other",)),)))
+        run_job(Job("key", scenario, code=(("own_version:Push", ("other",)),)))
     assert caught.value.name == "own_version:Push"
 
 

@@ -199,7 +199,7 @@ def test_a_run_beyond_its_time_limit_is_given_up_and_tried_again_on_request(tmp_
 def test_a_job_answers_whatever_its_run_raises():
     for mode, kind in (("raise", "UserCodeError"), ("none", "")):
         scenario = cp.Scenario.load("adept-paper", SHORT | law(mode))
-        assert run_job(Job("key", scenario.model_dump_json())).record.failure == kind
+        assert run_job(Job("key", scenario)).record.failure == kind
 
 
 @pytest.mark.parametrize("mode", ["SystemExit", "KeyboardInterrupt"])

@@ -140,7 +140,7 @@ def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_
 
 def job(mode, **limits):
     scenario = cp.Scenario.load("adept-paper", {"duration": 0.05, "events": []} | law(mode))
-    return Job(mode, scenario.model_dump_json(), **limits)
+    return Job(mode, scenario, **limits)
 
 
 def computed(pool, *jobs):

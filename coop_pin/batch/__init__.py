@@ -6,7 +6,7 @@ numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast``
 
 from coop_pin.batch.c_export import CLaw, export_c
 from coop_pin.batch.llvm_machine import require_compiler
-from coop_pin.batch.preparation import family
+from coop_pin.batch.preparation import families
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
 from coop_pin.batch.support import plant_reason, support
 
@@ -15,7 +15,7 @@ __all__ = [
     "BatchSimulator",
     "CLaw",
     "export_c",
-    "family",
+    "families",
     "plant_reason",
     "require_compiler",
     "simulate_batch",

@@ -139,7 +139,7 @@ class Machine(ABC):
             loads: shape (rows, loaded, lanes).
 
         Returns:
-            The record, shape (rows, recorded, lanes); the next run may write over it.
+            The record, shape (rows, recorded, lanes).
         """
 
 

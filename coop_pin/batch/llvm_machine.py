@@ -9,6 +9,7 @@ import ctypes
 import hashlib
 import os
 import stat
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from coop_pin.batch.llvm_emitter import CACHE_LINE, llvm_text
 from coop_pin.errors import MissingExtraError
 from coop_pin.results.atomic_write import write_atomically
 
+_UNSHARED = 2
+"""References that sys.getrefcount counts of what one attribute holds."""
 _DIGEST = 32
 """Bytes of the checksum in front of a file of compiled code."""
 
@@ -60,9 +63,8 @@ class LlvmMachine(Machine):
         given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
         size = rows * program.recorded * groups * width
-        if (
-            self._memory.size < size + CACHE_LINE
-        ):  # it is kept: to get and clear memory takes the time of the runs
+        # Kept until a result still reads it: to get and clear memory takes the time of the runs.
+        if self._memory.size < size + CACHE_LINE or sys.getrefcount(self._memory) > _UNSHARED:
             self._memory = np.empty(size + CACHE_LINE)
         start = -self._memory.ctypes.data % CACHE_LINE // 8
         record = self._memory[start : start + size].reshape(rows, program.recorded, groups * width)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +18,14 @@ from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.arm_model import ArmModel
+from coop_pin.results.dataset import without_time
+from coop_pin.results.quantities import quantities
 from coop_pin.simulation import Simulation
 
-_NO_DIFFERENCE = {"name", "summary", "controller", "trust", "beyond_bound", "seed"}
-"""Fields of a scenario that do not reach its plant."""
+_OTHERS = {"controller", "beyond_bound", "seed"}
+"""Fields of a scenario that reach its controller and signals only."""
+_PLANT = set(Scenario.model_fields) - _OTHERS - {"name", "summary", "trust"}
+"""Fields that make its plant."""
 _NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
 """Of JSON without blanks."""
 
@@ -37,6 +41,8 @@ class Plant:
         start: of the runs.
         shape: of the runs.
         layout: of the signals of a tick.
+        table: quantities of the runs.
+        labels: names and limits of arms and joints.
         kind: what the runs of a batch must share besides numbers, the controller apart.
     """
 
@@ -58,6 +64,8 @@ class Plant:
         self._references, self._signals = references(self.run), dict[int, Array]()
         self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
         self.layout = signal_layout(len(self._joints), sum(self._joints))
+        recorder, self.table = self.run.recorder, quantities(scenario)
+        self.labels = without_time(scenario, [own for _, own in recorder.joints], recorder.limit_table())
 
     def controller(self, scenario: Scenario) -> CellController:
         """Return the controller of a run of this plant."""
@@ -95,24 +103,23 @@ class Prepared(NamedTuple):
     kind: Hashable
 
 
-def prepare(scenarios: Sequence[Scenario], known: Plant | None = None) -> Prepared:
+def prepare(scenarios: Sequence[Scenario], known: Iterable[Plant] = ()) -> Prepared:
     """Return plants, numbers and signals of all runs; those of equal plants are shared.
 
     Args:
         scenarios: to run.
-        known: a plant that some of them may have.
+        known: plants that some of them may have.
 
     Raises:
         TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
-    plants, values, kinds, signals = list[Plant](), [], [], list[Array]()
+    plants, values, kinds, signals, distinct = list[Plant](), [], [], list[Array](), list(known)
     for scenario in scenarios:
-        if known is None or not _same_plant(scenario, known.scenario):
+        plant = next((each for each in distinct if _same_plant(scenario, each.scenario)), None)
+        if plant is None:
             plant = Plant(scenario)
-            known = plant if known is None else known
-        else:
-            plant = known
-            plant.scenario = scenario  # the next one shares more of its objects
+            distinct.append(plant)
+        plant.scenario = scenario  # the next one shares more of its objects
         controller = plant.controller(scenario)
         plants.append(plant)
         values.append([*plant.values, *leaves(controller)])
@@ -125,16 +132,24 @@ def prepare(scenarios: Sequence[Scenario], known: Plant | None = None) -> Prepar
 
 
 def _same_plant(scenario: Scenario, other: Scenario) -> bool:
-    fields = set(Scenario.model_fields) - _NO_DIFFERENCE
     law, other_law = scenario.controller, other.controller
     same_kind = type(law) is type(other_law) and law.force_path == other_law.force_path
-    return same_kind and all(getattr(scenario, name) == getattr(other, name) for name in fields)
+    return same_kind and all(getattr(scenario, name) == getattr(other, name) for name in _PLANT)
 
 
-def family(scenario: Scenario) -> Hashable:
-    """Return what a scenario must share with others of its batch, as far as its fields show it."""
-    text = scenario.model_dump_json(exclude={"name", "summary", "trust"})
-    return _NUMBERS.sub("0", text), RunShape.of(scenario), _times(scenario)
+def families(scenarios: Sequence[Scenario]) -> list[Hashable]:
+    """Return what each scenario must share with others of its batch, as far as its fields show it."""
+    found, last = list[Hashable](), None
+    for scenario in scenarios:
+        if last is None or not _same_plant(scenario, last):
+            last, plant = scenario, (_kinds(scenario, _PLANT), RunShape.of(scenario), _times(scenario))
+        found.append((plant, _kinds(scenario, _OTHERS)))
+    return found
+
+
+def _kinds(scenario: Scenario, fields: set[str]) -> str:
+    """Return the JSON of some fields with every number replaced by 0."""
+    return _NUMBERS.sub("0", scenario.model_dump_json(include=fields))
 
 
 def _times(scenario: Scenario) -> Hashable:

@@ -63,6 +63,7 @@ class RunBlock:
             *(("saturated", N), ("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
             *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
             *(("external", 6), ("measured", m, k_0), ("seen_poses", m, 4, 4), ("jacobians", k_0 * N)),
+            ("condition_bounds", m),
             *((("seen_q", N), ("seen_v", N)) if any(shape.has_encoders) else ()),
             *((("readings", m, 6),) if shape.wrist_delays is not None else ()),
             *((("requested", N),) if any(arm.carried is not None for arm in constants.arms) else ()),

@@ -25,6 +25,7 @@ from coop_pin.batch.traced_array import traced
 from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
 from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
+from coop_pin.spatial.scalars import inverse
 
 KERNELS = ("start", "law", "observe", "rates", "step", "sense", "drive", "release")
 """Kernels of every program, in order."""
@@ -102,6 +103,7 @@ class RunCode:
         self._actuation.actuate(kernel, constants, commanded)
         kernel.write("seen_poses", np.stack([seen.payload_pose for seen in measurements]))
         kernel.write("jacobians", np.concatenate([seen.payload_jacobian.ravel() for seen in measurements]))
+        kernel.write("condition_bounds", [_condition_bound(seen.payload_jacobian) for seen in measurements])
         kernel.write("commanded", np.concatenate(commanded))
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
         return kernel
@@ -183,3 +185,13 @@ class RunCode:
         for condition in (*conditions, *kernel.tape.guards):
             is_valid = is_valid * condition
         kernel.write("is_valid", is_valid)
+
+
+def _condition_bound(J: Numbers) -> Number:
+    """Return an upper bound of the condition number of J, NaN or inf if it is singular.
+
+    By the Frobenius norms of J and its inverse, or those of its smaller Gram matrix.
+    """
+    if len(J) == J.shape[1]:
+        return inverse(J)[1]
+    return elementary.sqrt(inverse(J.dot(J.T) if len(J) < J.shape[1] else J.T.dot(J))[1])

@@ -2,71 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
-from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.results.quantities import Quantity, Samples, quantities
+from coop_pin.results.quantities import Samples
 from coop_pin.simulation.plant import CHANNELS
+from coop_pin.spatial import internal_wrenches
+
+_Sources = dict[str, Callable[[], NDArray[Any]]]
+"""What gives quantities, by name."""
+_MARGIN, _LARGEST_BOUND = 1e-6, 1e3
+"""Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
 
 
-def samples(prepared: Prepared, layout: Layout, record: Array) -> Samples:
-    """Return the recorded quantities of all runs, shape (runs, samples, ...).
+class RunSamples(Mapping[str, NDArray[Any]]):
+    """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
-    Args:
-        prepared: the batch.
-        layout: of the record's slots.
-        record: shape (samples, slots, runs).
-    """
-    records = _Records(prepared, layout, record)
-    names = {quantity.name for quantity in quantities_of_any(prepared.scenarios)}
-    groups = {name: values() for name, values in records.measured().items() if name in names}
-    return records.state() | records.drives() | groups
+    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
+        """Make nothing yet.
 
-
-def quantities_of_any(scenarios: Sequence[Scenario]) -> list[Quantity]:
-    """Return the quantities that some of the runs have, each after those that it is computed from."""
-    named = {quantity.name: quantity for scenario in scenarios for quantity in quantities(scenario)}
-    return list(named.values())
-
-
-class _Records:
-    """Record of a batch, read by names."""
-
-    def __init__(self, prepared: Prepared, layout: Layout, record: Array) -> None:
-        self._prepared, self._layout, self._record = prepared, layout, record
+        Args:
+            prepared: the batch.
+            layout: of the records' slots.
+            records: of blocks of its runs, as a Machine returns them.
+        """
+        self._prepared, self._layout, self._records = prepared, layout, records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
         self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
-        self._angles, self._velocities = self._split("q"), self._split("v")
+        tables = {id(plant): plant.table for plant in prepared.plants}.values()
+        recorded, self._made = self._state() | self._joints(), dict[str, NDArray[Any]]()
+        self._sources: _Sources = {
+            each.name: recorded.get(each.name) or partial(cast(Any, each.source), self)
+            for table in tables
+            for each in table
+        }
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(self._sources)
+
+    def __len__(self) -> int:
+        """Return the number of quantities."""
+        return len(self._sources)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a quantity."""
+        if name not in self._made:
+            with np.errstate(all="ignore"):  # of runs that are not valid
+                self._made[name] = self._sources[name]()
+        return self._made[name]
+
+    def extremes(self, allowed: float) -> Samples:
+        """Return the extremes in time of what metrics and trust need no more of, as one or two samples.
+
+        Args:
+            allowed: condition number; of runs that keep below it, upper bounds are given, which cost little.
+        """
+        errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
+        is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
+        if is_beyond.any():
+            jacobians = self._field("jacobians")[is_beyond]
+            bounds[is_beyond] = _conditions(jacobians, self._rows.size, self._places).max(axis=1)
+        positions, torque = self["joint_position"], self._field("torque")
+        return {
+            "joint_position": np.stack((positions.min(axis=1), positions.max(axis=1)), axis=1),
+            "torque": np.stack((torque.min(axis=1), torque.max(axis=1)), axis=1)[:, :, None],
+            "jacobian_condition": bounds[:, None],
+            "closure_distance": errors[:, None, :, 0],
+            "closure_angle": errors[:, None, :, 1],
+        }
 
     def _field(self, name: str) -> Array:
-        slots, record = self._layout.slots(name), self._record
-        values = np.moveaxis(record[:, slots.ravel()], 2, 0)
-        return values.reshape(record.shape[2], record.shape[0], *slots.shape)
+        slots = self._layout.slots(name)
+        mine = slice(slots.min(), slots.max() + 1)
+        parts = [
+            np.moveaxis(record[:, mine], 2, 0).reshape(-1, len(self._kept), *slots.shape)
+            for record in self._records
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _signal(self, name: str) -> Array:
-        slots = self._plant.layout.slots(name)
-        values = np.stack([signals[self._kept][:, slots.ravel()] for signals in self._prepared.signals])
-        return values.reshape(*values.shape[:2], *slots.shape)
+        slots, given = self._plant.layout.slots(name), self._prepared.signals
+        known = {id(signals): signals[self._kept][:, slots] for signals in given}
+        return np.stack([known[id(signals)] for signals in given])
 
-    def _split(self, name: str) -> list[Array]:
-        return np.split(
-            self._field(name), np.cumsum([len(place.drive) for place in self._places])[:-1], axis=2
-        )
+    def _by_arm(self, name: str) -> list[tuple[Array, ArmPlace]]:
+        ends = np.cumsum([len(place.drive) for place in self._places])
+        return list(zip(np.split(self._field(name), ends[:-1], axis=2), self._places, strict=True))
 
-    def _table(self, name: str) -> Array:
-        return _per_joint(self._split(name))
+    def _per_joint(self, name: str) -> Array:
+        return _padded([own for own, _ in self._by_arm(name)])
 
-    def _at_drives(self, parts: Sequence[Array]) -> Array:
-        return _per_joint([own @ place.drive.T for own, place in zip(parts, self._places, strict=True)])
+    def _at_drives(self, name: str) -> Array:
+        return _padded([own @ place.drive.T for own, place in self._by_arm(name)])
 
     def _six(self, rows: Array) -> Array:
         """Return rows of wrenches in their places, NaN elsewhere."""
@@ -74,63 +113,66 @@ class _Records:
         full[..., self._rows.indices] = rows
         return full
 
-    def state(self) -> Samples:
-        """Return the quantities of payload and cell."""
-        field, signal, run = self._field, self._signal, self._plant.run
-        positions, errors = field("p_WP"), field("closure_errors")
+    def _pose(self) -> Array:
+        positions = self._field("p_WP")
         pose = np.zeros((*positions.shape[:2], 4, 4))
-        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = field("R_WP"), positions, 1.0
-        determined = determinate_rows(run.plant.chain, run.plant.q)
-        work = [*np.moveaxis(field("work"), 2, 0), field("payload_energy")]
+        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = self._field("R_WP"), positions, 1.0
+        return pose
+
+    def _state(self) -> _Sources:
+        """Return what gives the quantities of payload and cell."""
+        field, signal, plant = self._field, self._signal, self._plant.run.plant
+        determined = determinate_rows(plant.chain, plant.q)
+        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
-            "time": signal("time"),
-            "velocity": field("v"),
-            "payload_pose": pose,
-            "payload_twist": field("V_WP"),
-            "desired_pose": signal("pose"),
-            "desired_twist": signal("twist"),
-            "desired_squeeze": signal("squeeze"),
-            "tip_position": field("tips"),
-            "interaction_wrench": np.where(determined, field("wrenches"), np.nan),
-            "external_wrench": field("external"),
-            "closure_distance": errors[..., 0],
-            "closure_angle": errors[..., 1],
-            "kinetic_energy": field("kinetic"),
-            "potential_energy": field("potential"),
-            **{f"work_{name}": done for name, done in zip((*CHANNELS, "payload_change"), work, strict=True)},
+            "time": lambda: signal("time"),
+            "velocity": lambda: field("v"),
+            "payload_pose": self._pose,
+            "payload_twist": lambda: field("V_WP"),
+            "desired_pose": lambda: signal("pose"),
+            "desired_twist": lambda: signal("twist"),
+            "desired_squeeze": lambda: signal("squeeze"),
+            "tip_position": lambda: field("tips"),
+            "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
+            "internal_wrench": lambda: np.stack(
+                list(map(internal_wrenches, self["interaction_wrench"], shares))
+            ),
+            "external_wrench": lambda: field("external"),
+            "closure_distance": lambda: field("closure_errors")[..., 0],
+            "closure_angle": lambda: field("closure_errors")[..., 1],
+            "kinetic_energy": lambda: field("kinetic"),
+            "potential_energy": lambda: field("potential"),
+            **{
+                f"work_{name}": partial(lambda channel: field("work")[..., channel], channel)
+                for channel, name in enumerate(CHANNELS)
+            },
+            "work_payload_change": lambda: field("payload_energy"),
         }
 
-    def drives(self) -> Samples:
-        """Return the quantities of joints and drives."""
-        configurations = [
-            place.angles.configuration(own) for own, place in zip(self._angles, self._places, strict=True)
-        ]
-        return {
-            "configuration": np.concatenate(configurations, axis=2),
-            "torque": self._table("torque"),
-            "commanded_torque": self._table("commanded"),
-            "saturated": np.nan_to_num(self._table("saturated")) > 0.0,
-            "drive_velocity": self._at_drives(self._velocities),
-            "joint_position": _per_joint(self._angles),
-            "joint_velocity": _per_joint(self._velocities),
-            "jacobian_condition": _conditions(self._field("jacobians"), self._rows.size, self._places),
-        }
-
-    def measured(self) -> dict[str, Callable[[], Array]]:
-        """Return what gives the quantities that only some runs have."""
+    def _joints(self) -> _Sources:
+        """Return what gives the quantities of joints, drives and sensors."""
+        field, signal, per_joint, places = self._field, self._signal, self._per_joint, self._places
         rows, has_wrist = self._rows.indices, np.array(self._plant.shape.has_wrist)[:, None]
         return {
-            "requested_torque": lambda: self._table("requested"),
-            "drive_position": lambda: self._at_drives(self._angles),
-            "measured_drive_position": lambda: self._table("seen_q"),
-            "measured_drive_velocity": lambda: self._table("seen_v"),
-            "seen_pose": lambda: self._field("seen_poses"),
-            "measured_wrench": lambda: np.where(
-                has_wrist, self._six(self._field("readings")[..., rows]), np.nan
+            "configuration": lambda: np.concatenate(
+                [place.angles.configuration(q) for q, place in self._by_arm("q")], axis=2
             ),
-            "measured_wrench_age": lambda: self._signal("wrist_age"),
-            "measured_internal_wrench": lambda: self._six(self._field("measured")),
-            "measured_internal_wrench_age": lambda: self._signal("age"),
+            "torque": lambda: per_joint("torque"),
+            "commanded_torque": lambda: per_joint("commanded"),
+            "saturated": lambda: per_joint("saturated") > 0.0,
+            "drive_velocity": lambda: self._at_drives("v"),
+            "joint_position": lambda: per_joint("q"),
+            "joint_velocity": lambda: per_joint("v"),
+            "jacobian_condition": lambda: _conditions(field("jacobians"), self._rows.size, places),
+            "requested_torque": lambda: per_joint("requested"),
+            "drive_position": lambda: self._at_drives("q"),
+            "measured_drive_position": lambda: per_joint("seen_q"),
+            "measured_drive_velocity": lambda: per_joint("seen_v"),
+            "seen_pose": lambda: field("seen_poses"),
+            "measured_wrench": lambda: np.where(has_wrist, self._six(field("readings")[..., rows]), np.nan),
+            "measured_wrench_age": lambda: signal("wrist_age"),
+            "measured_internal_wrench": lambda: self._six(field("measured")),
+            "measured_internal_wrench_age": lambda: signal("age"),
         }
 
 
@@ -146,7 +188,7 @@ def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Arra
     return conditions
 
 
-def _per_joint(parts: Sequence[Array]) -> Array:
+def _padded(parts: Sequence[Array]) -> Array:
     """Return values of the joints or drives of each arm, NaN beyond its own, shape (runs, samples, m, k)."""
     table = np.full((*parts[0].shape[:2], len(parts), max(part.shape[2] for part in parts)), np.nan)
     for index, part in enumerate(parts):

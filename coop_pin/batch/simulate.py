@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
 from coop_pin.batch.kernel import RECORD, Layout, Machine, Program
 from coop_pin.batch.llvm_machine import LlvmMachine
-from coop_pin.batch.preparation import Prepared, prepare
+from coop_pin.batch.preparation import Plant, Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
-from coop_pin.batch.run_samples import quantities_of_any, samples
+from coop_pin.batch.run_samples import RunSamples
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
-from coop_pin.results.dataset import without_time
-from coop_pin.results.quantities import Samples, computed, quantities
+from coop_pin.results.metrics import all_metrics
+from coop_pin.results.trust import TrustMonitor
+from coop_pin.results.window import Windows
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""
 
 _COPIES = 3
-"""Of the samples: as recorded, joined, and by names."""
+"""Of the samples: as recorded, by names, and those of single results."""
+_KEPT = 8
+"""Plants of a batch that are kept for the next one."""
 
 
 class BatchResult:
@@ -34,45 +38,42 @@ class BatchResult:
         scenarios: that were run.
         is_valid: which runs kept to the guards of a single run (finite and closed motion, regular Jacobians);
             the samples of the others mean nothing, shape (runs,).
-        samples: as a single run has them, with a leading axis of runs.
+        samples: quantities as a single run has them, with a leading axis of runs.
     """
 
-    def __init__(self, prepared: Prepared, layout: Layout, record: Array, is_valid: Mask) -> None:
-        """Name the samples.
+    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], is_valid: Mask) -> None:
+        """Hold the records.
 
         Args:
             prepared: the batch.
-            layout: of the record's slots.
-            record: shape (samples, slots, runs).
+            layout: of the records' slots.
+            records: of blocks of the runs, as a Machine returns them.
             is_valid: see above.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._prepared = prepared
-        self.samples = samples(prepared, layout, record)
-
-    @cached_property
-    def _values(self) -> Samples:
-        """All quantities, with a leading axis of runs."""
-        count, shares = len(self.scenarios), [scenario.cell.shares for scenario in self.scenarios]
-        table = quantities_of_any(self.scenarios)
-        if all(np.array_equal(own, shares[0]) for own in shares):  # then all runs are one row of samples
-            flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in self.samples.items()}
-            with np.errstate(all="ignore"):  # of runs that are not valid
-                found = computed(table, flat, shares[0])
-            del found["load_share"]
-            return {name: values.reshape(count, -1, *values.shape[1:]) for name, values in found.items()}
-        runs = [
-            computed(table, {name: values[index] for name, values in self.samples.items()}, own)
-            for index, own in enumerate(shares)
-        ]
-        return {name: np.stack([run[name] for run in runs]) for name in runs[0]}
+        self._plants, self.samples = prepared.plants, RunSamples(prepared, layout, records)
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
-        scenario, recorder = self.scenarios[index], self._prepared.plants[index].run.recorder
-        mine = {quantity.name: self._values[quantity.name][index] for quantity in quantities(scenario)}
-        names = [joints for _, joints in recorder.joints]
-        return RunResult(scenario, mine | without_time(scenario, names, recorder.limit_table()))
+        plant = self._plants[index]
+        mine = {each.name: self.samples[each.name][index].copy() for each in plant.table}
+        return RunResult(self.scenarios[index], mine | plant.labels)
+
+    def metrics(self) -> list[dict[str, float]]:
+        """Return the metrics of every run, as those of its result, without making the results."""
+        first, labels = self.scenarios[0], [plant.labels for plant in self._plants]
+        lower, upper = (np.stack([own[f"position_{side}"] for own in labels]) for side in ("lower", "upper"))
+        time, extremes = self.samples["time"][0], self.samples.extremes(first.trust.jacobian_condition)
+        data = ChainMap({"time": time, "arm": labels[0]["arm"], **extremes}, cast(Any, self.samples))
+        with np.errstate(all="ignore"):  # of runs that are not valid
+            trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
+            found = all_metrics(data, Windows.of(first, float(time[-1])))
+        for index, scenario in enumerate(self.scenarios):
+            if scenario.trust != first.trust:
+                trustworthy[index] = self.result(index).trustworthy
+        columns = {"trustworthy": trustworthy} | found
+        rows = np.stack(np.broadcast_arrays(*columns.values(), subok=False)).astype(float).T.tolist()
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 class BatchSimulator:
@@ -86,6 +87,7 @@ class BatchSimulator:
         """
         self._new_machine = machine
         self._first: Prepared | None = None
+        self._plants = list[Plant]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
         """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
@@ -93,17 +95,17 @@ class BatchSimulator:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        prepared = prepare(scenarios, None if self._first is None else self._first.plants[0])
+        prepared = prepare(scenarios, self._plants)
         code = self._code(prepared)
+        self._plants = list(dict.fromkeys(prepared.plants))[-_KEPT:]
         program, count = code.program, len(scenarios)
         needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
         require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-        records = (self._machine.run(block[:, part], code.uniforms, loads[:, :, part]) for part in parts)
-        record = next(records) if len(parts) == 1 else np.concatenate([own.copy() for own in records], axis=2)
+        records = [self._machine.run(block[:, part], code.uniforms, loads[:, :, part]) for part in parts]
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, record, is_valid)
+        return BatchResult(prepared, program.lanes, records, is_valid)
 
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import itertools
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def leaves(tree: Any) -> list[Any]:
     if is_number(tree):
         return [tree]
     if isinstance(tree, np.ndarray) and tree.dtype != bool:
-        return list(tree.astype(object).ravel())
+        return list(tree.ravel().tolist())
     return [leaf for _, part in _parts(tree) for leaf in leaves(part)]
 
 
@@ -42,14 +43,14 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
     if not parts:
         return tree
-    if _is_plain(tree):
-        made_of = copy.copy(tree)
-        vars(made_of).update(parts)
-        return made_of
     if isinstance(tree, Description):
         return tree.model_copy(update=parts)
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return dataclasses.replace(tree, **parts)
+    if not isinstance(tree, Mapping | tuple | list):
+        made_of = copy.copy(tree)
+        vars(made_of).update(parts)
+        return made_of
     values: Any = parts.values()
     if isinstance(tree, Mapping):
         values = zip(tree, values, strict=True)
@@ -63,7 +64,7 @@ def structure(tree: Any) -> Hashable:
         return float
     if isinstance(tree, np.ndarray) and tree.dtype != bool:
         return tree.shape
-    parts = _parts(tree)
+    parts = list(_parts(tree))
     if isinstance(tree, tuple | list | Mapping) or parts:
         return (type(tree), *((name, structure(part)) for name, part in parts))
     return tree.tobytes() if isinstance(tree, np.ndarray) else tree
@@ -71,27 +72,29 @@ def structure(tree: Any) -> Hashable:
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a number, traced or not, but no truth value."""
-    return isinstance(value, Traced | float | int | np.floating) and not isinstance(value, bool)
+    return isinstance(value, (float, Traced, int, np.floating)) and not isinstance(value, bool)
 
 
-def _parts(tree: Any) -> list[tuple[str, Any]]:
+def _parts(tree: Any) -> Iterable[tuple[str, Any]]:
     """Return the parts of a tree by name; none for a value without numbers."""
-    if isinstance(tree, Description):
-        return [(name, getattr(tree, name)) for name in type(tree).model_fields]
-    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
-        return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
-    if isinstance(tree, Mapping):
-        return [(str(name), part) for name, part in tree.items()]
-    if isinstance(tree, tuple | list):
-        names = getattr(tree, "_fields", map(str, range(len(tree))))
-        return list(zip(names, tree, strict=True))
-    return list(vars(tree).items()) if _is_plain(tree) else []
+    return _reader(cast(Any, type(tree)))(tree)
 
 
-def _is_plain(tree: Any) -> bool:
-    """Return whether a value is an object with attributes, such as a controller."""
-    is_other = isinstance(tree, Description | Mapping | tuple | list | np.ndarray | type | ModuleType)
-    return not (is_other or dataclasses.is_dataclass(tree) or callable(tree)) and hasattr(tree, "__dict__")
+@functools.cache  # the checks of classes cost more than the rest
+def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]]:
+    """Return what gives the parts of the trees of a class."""
+    fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+    names = kind.model_fields if issubclass(kind, Description) else [field.name for field in fields]
+    if names:
+        return lambda tree: [(name, getattr(tree, name)) for name in names]
+    if issubclass(kind, Mapping):
+        return lambda tree: [(str(name), part) for name, part in tree.items()]
+    if issubclass(kind, tuple | list):
+        return lambda tree: zip(getattr(kind, "_fields", map(str, range(len(tree)))), tree, strict=True)
+    is_other = issubclass(kind, np.ndarray | type | ModuleType) or kind.__dictoffset__ == 0
+    if is_other or any("__call__" in vars(base) for base in kind.__mro__):
+        return lambda _: ()
+    return lambda tree: vars(tree).items()  # of an object with attributes, such as a controller
 
 
 class SharedFunctions:

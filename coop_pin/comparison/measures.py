@@ -48,4 +48,4 @@ def tuning_cost(result: RunResult) -> dict[str, float]:
 
 def _rms(values: Array) -> float:
     """Return the rms of the entries that are numbers; joints that an arm does not have are none."""
-    return rms(values[np.isfinite(values)])
+    return float(rms(values[np.isfinite(values)]))

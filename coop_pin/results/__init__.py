@@ -1,9 +1,10 @@
 """Recorded runs: labelled arrays with their metrics, as files that are written atomically."""
 
-from coop_pin.results.metrics import InternalForceMetrics, LimitViolation, Window
+from coop_pin.results.metrics import InternalForceMetrics, LimitViolation
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
 from coop_pin.results.trust import Breach
+from coop_pin.results.window import Window
 
 __all__ = [
     "Breach",

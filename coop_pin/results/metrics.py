@@ -1,21 +1,21 @@
 """Metrics of a run: settling time, tracking error, internal force, energy balance, limit violations.
 
-Functions of a run's arrays by name, such as its dataset; those that average state their window.
+Functions of a run's arrays by name, such as its dataset; those that average state their window. The arrays
+may have axes before that of time, such as the runs of a batch with the same times; so have the metrics then.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.payload import Payload
-from coop_pin.errors import ArgumentError, OutOfRangeError
-from coop_pin.results.quantities import WORK
+from coop_pin.results.quantities import WORK, Arrays
+from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
@@ -27,8 +27,6 @@ from coop_pin.spatial.internal_wrench import (
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
-SETTLING_S = 4.0
-"""Time that a run has to settle after its start and after its last event before it is called steady, s."""
 NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
 
 STEADY_METRICS = (
@@ -64,87 +62,85 @@ METRIC_TEXTS |= {
     if name in STEADY_METRICS
 }
 
-Arrays: TypeAlias = Mapping[Any, Any] | xr.Dataset
-"""Arrays of a run by name: numpy's, or labelled ones."""
 _SLACK = 1e-9
-"""Differences below it, in time or beyond a limit, are rounding."""
+"""Differences below it beyond a limit are rounding."""
 
 
-class Window(NamedTuple):
-    """A span of time.
-
-    Attributes:
-        start: s.
-        end: s.
-    """
-
-    start: float
-    end: float
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether it ends before it starts, or has no length."""
-        return self.start >= self.end
-
-    def __str__(self) -> str:
-        """Return it as text."""
-        return "empty window" if self.is_empty else f"{self.start:g} to {self.end:g} s"
+def rms(values: Array) -> Array:
+    """Return the root of the mean square along the last axis; NaN when it is empty."""
+    return np.sqrt(_mean(np.square(values)))
 
 
-def checked_window(window: tuple[float, float], end: float) -> Window:
-    """Return a window that a caller asks for.
-
-    Raises:
-        ArgumentError: it is not a pair of numbers.
-        OutOfRangeError: it is empty, or not within the run, which ends at ``end``.
-    """
-    try:
-        start, stop = map(float, window)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"window is {window!r}; it must be a pair of times in s, start and end") from None
-    if not 0.0 <= start < end:
-        raise OutOfRangeError("start of the window", start, f"from 0 to the end of the run, {end:g} s")
-    if not start < stop <= end + _SLACK:
-        raise OutOfRangeError("end of the window", stop, f"after its start {start:g} s, at most {end:g} s")
-    return Window(start, stop)
+def _mean(values: Array) -> Array:
+    return np.mean(values, axis=-1) if values.shape[-1] else np.full(values.shape[:-1], np.nan)
 
 
-def samples_of(data: Arrays, window: Window) -> Mask:
-    """Return the mask of the samples with start <= t < end, shape (n,).
-
-    The last sample of a run is in a window that reaches the end of the run.
-    """
-    time = np.asarray(data["time"])
-    return np.asarray(
-        (time >= window.start - _SLACK)
-        & ((time < window.end - _SLACK) | (time == time[-1]) & (window.end >= time[-1] - _SLACK))
-    )
-
-
-def rms(values: Array) -> float:
-    """Return the root of the mean square over all entries; NaN when there are none."""
-    return math.sqrt(float(np.mean(np.square(values)))) if values.size else math.nan
+def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
+    """Return all metrics by name but ``trustworthy``; see RunResult.metrics."""
+    after, (distance, angle) = windows.after_event, closure_error_max(data)
+    return {
+        "settling_time_s": settling_time(data, Window(0.0, windows.event.start)),
+        "resettling_time_s": resettling_time(data, windows),
+        "event_peak_position_error_m": event_peak_position_error(data, windows),
+        **steady_metrics(data, windows.steady),
+        "closure_error_max_m": distance,
+        "closure_error_max_rad": angle,
+        "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
+        "torque_peak_Nm": torque_peak(data),
+        "window_start_s": windows.steady.start,
+        "window_end_s": windows.steady.end,
+        **{f"after_event_{name}": value for name, value in steady_metrics(data, after).items()},
+        "after_event_window_start_s": after.start if windows.has_events else math.nan,
+        "after_event_window_end_s": after.end if windows.has_events else math.nan,
+    }
 
 
 # ------------------------------------------------------------ tracking
 
 
 def in_band(data: Arrays) -> Mask:
-    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (n,)."""
+    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (..., n)."""
+    distances, angles = error_norms(data)
+    return np.asarray((distances <= POSITION_BAND_M) & (angles <= ORIENTATION_BAND_RAD))
+
+
+def error_norms(data: Arrays) -> tuple[Array, Array]:
+    """Return the norms of the position and orientation errors, m and rad, shapes (..., n)."""
     error = np.asarray(data["pose_error"])
-    near = np.linalg.norm(error[:, :3], axis=1) <= POSITION_BAND_M
-    aligned = np.linalg.norm(error[:, 3:], axis=1) <= ORIENTATION_BAND_RAD
-    return np.asarray(near & aligned)
+    return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
 
 
-def settling_time(data: Arrays, window: Window) -> float:
+def settling_time(data: Arrays, window: Window) -> Array:
     """Return the time from the window's start after which the errors stay in the band; inf if they do not."""
     inside, time = samples_of(data, window), np.asarray(data["time"])
-    out = np.flatnonzero(inside & ~in_band(data))
-    if out.size == 0:
-        return 0.0
-    after = np.flatnonzero(inside & (np.arange(len(time)) > out[-1]))
-    return float(time[after[0]] - window.start) if after.size else math.inf
+    out = inside & ~in_band(data)
+    times = np.append(np.where(inside, time - window.start, np.inf), np.inf)
+    return np.where(out.any(axis=-1), times[len(time) - np.argmax(out[..., ::-1], axis=-1)], 0.0)
+
+
+def resettling_time(data: Arrays, windows: Windows) -> Array:
+    """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
+    if not windows.has_events:
+        return np.array(np.nan)
+    is_left = np.any(samples_of(data, windows.event) & ~in_band(data), axis=-1)
+    return np.where(is_left, settling_time(data, windows.event), np.nan)
+
+
+def event_peak_position_error(data: Arrays, windows: Windows) -> Array:
+    """Return the largest position error from the first event on, m; NaN without an event."""
+    if not windows.has_events:
+        return np.array(np.nan)
+    return error_norms(data)[0][..., samples_of(data, windows.event)].max(axis=-1, initial=0.0)
+
+
+def steady_metrics(data: Arrays, window: Window) -> dict[str, Array]:
+    """Return STEADY_METRICS over a window; NaN if it is empty."""
+    if window.is_empty:
+        return dict.fromkeys(STEADY_METRICS, np.array(np.nan))
+    inside = samples_of(data, window)
+    errors = (rms(np.compress(inside, values, axis=-1)) for values in error_norms(data))
+    internal: tuple[Any, ...] = internal_force(data, window)
+    return dict(zip(STEADY_METRICS, (*errors, *internal), strict=True))
 
 
 # ------------------------------------------------------------ internal force
@@ -175,22 +171,34 @@ class InternalForceMetrics(NamedTuple):
 
 
 def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
-    """Return the metrics of the internal wrench over a window."""
+    """Return the metrics of the internal wrench over a window; arrays of them for several runs."""
     if len(data["arm"]) == 1:
         return InternalForceMetrics(*[math.nan] * 4)
-    inside = samples_of(data, window)
-    axial = np.asarray(data["internal_axial"])[inside]
-    errors = (np.asarray(data[f"internal_{part}_error"])[inside] for part in ("axial", "shear", "moment"))
-    return InternalForceMetrics(float(axial.mean()) if axial.size else math.nan, *map(rms, errors))
+    inside, parts = samples_of(data, window), ("axial", "axial_error", "shear_error", "moment_error")
+    taken = [np.compress(inside, np.asarray(data[f"internal_{part}"]), axis=-2) for part in parts]
+    axial, *errors = (values.reshape(*values.shape[:-2], -1) for values in taken)
+    found: list[Any] = [_mean(axial), *map(rms, errors)]
+    return InternalForceMetrics(*found)
 
 
 # ------------------------------------------------------------ energy
 
 
 def energy_balance(data: Arrays) -> Array:
-    """Return energy minus its start minus all work done, J, shape (n,): zero for an exact integration."""
+    """Return energy minus its start minus all work done, J, shape (..., n): zero for an exact integration."""
     energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    return np.asarray(energy - energy[0] - sum(np.asarray(data[name]) for name in WORK))
+    return np.asarray(energy - energy[..., :1] - sum(np.asarray(data[name]) for name in WORK))
+
+
+def closure_error_max(data: Arrays) -> tuple[Array, Array]:
+    """Return the largest distance (m) and angle (rad) between a tip and its grasp."""
+    distance, angle = (np.asarray(data[f"closure_{part}"]) for part in ("distance", "angle"))
+    return np.fmax.reduce(distance, axis=(-2, -1)), np.fmax.reduce(angle, axis=(-2, -1))
+
+
+def torque_peak(data: Arrays) -> Array:
+    """Return the largest drive torque, N m."""
+    return np.asarray(np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)))
 
 
 # ------------------------------------------------------------ limits

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
@@ -22,7 +23,12 @@ from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
 
 Samples: TypeAlias = dict[str, NDArray[Any]]
-"""Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,)."""
+"""Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,).
+
+Axes before that of the samples, such as the runs of a batch, are allowed.
+"""
+Arrays: TypeAlias = Mapping[Any, Any] | xr.Dataset
+"""Arrays of a run by name: numpy's, or labelled ones."""
 
 
 class Quantity(NamedTuple):
@@ -43,34 +49,29 @@ class Quantity(NamedTuple):
     dims: str
     unit: str
     text: str
-    source: Callable[[Samples], Array] | None = None
+    source: Callable[[Any], Array] | None = None
     fill: float | bool = np.nan
     stored: bool = True
     group: str = ""
 
 
 def _quaternions(poses: Array) -> Array:
-    return quaternions(poses[:, :3, :3])
+    return quaternions(poses[..., :3, :3])
 
 
 def _pose_errors(X: Array, X_d: Array) -> Array:
-    """Return ``[p - p_d, log(R R_d^T)]`` of every sample, shape (n, 6)."""
-    rotation = log3(X[:, :3, :3] @ np.swapaxes(X_d[:, :3, :3], 1, 2))
-    return np.concatenate((X[:, :3, 3] - X_d[:, :3, 3], rotation), axis=1)
-
-
-def _seen_pose_errors(seen: Array, X_WP: Array) -> Array:
-    """Return the pose errors of every sample and arm, shape (n, m, 6)."""
-    return np.stack([_pose_errors(seen[:, arm], X_WP) for arm in range(seen.shape[1])], axis=1)
+    """Return ``[p - p_d, log(R R_d^T)]`` of poses, shape (..., 6)."""
+    rotation = log3(X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2))
+    return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], rotation), axis=-1)
 
 
 def _axial_directions(tips: Array) -> Array:
-    """Return unit vectors from each tip to the middle of the other tips, shape (n, m, 3); NaN for one arm."""
-    if tips.shape[1] == 1:
+    """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
+    if tips.shape[-2] == 1:
         return np.full_like(tips, np.nan)
-    others = (tips.sum(axis=1, keepdims=True) - tips) / (tips.shape[1] - 1)
+    others = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1)
     line = others - tips
-    length = np.linalg.norm(line, axis=2, keepdims=True)
+    length = np.linalg.norm(line, axis=-1, keepdims=True)
     return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
 
 
@@ -84,19 +85,19 @@ def _internal_parts(
     Args:
         name: of the quantities, with {} for the part.
         text: what the wrench is.
-        wrench: shape (n, m, 6).
+        wrench: shape (..., m, 6).
         group: of the quantities.
     """
 
     def axial(s: Samples) -> Array:
-        return np.einsum("nmi,nmi->nm", np.nan_to_num(wrench(s))[..., :3], s["axial_direction"])
+        return np.einsum("...i,...i->...", np.nan_to_num(wrench(s))[..., :3], s["axial_direction"])
 
     def shear(s: Samples) -> Array:
         across = np.nan_to_num(wrench(s))[..., :3] - axial(s)[..., None] * s["axial_direction"]
-        return np.linalg.norm(across, axis=2)
+        return np.linalg.norm(across, axis=-1)
 
     def moment(s: Samples) -> Array:
-        return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=2)
+        return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=-1)
 
     parts = (
         ("axial", "N", "force along axial_direction", axial),
@@ -117,12 +118,12 @@ QUANTITIES = (
     Quantity("desired_squeeze", "arm axis", "N, N m", "f_d_i in payload axes", stored=False),
     Quantity("configuration", "q", "rad or m", "configuration of the Pinocchio tree"),
     Quantity("velocity", "v", "rad/s or m/s", "velocity of the Pinocchio tree"),
-    Quantity("payload_position", "position", "m", "position of P", lambda s: s["payload_pose"][:, :3, 3]),
+    Quantity("payload_position", "position", "m", "position of P", lambda s: s["payload_pose"][..., :3, 3]),
     Quantity("payload_quaternion", "quaternion", "1", "orientation of P",
              lambda s: _quaternions(s["payload_pose"])),
     Quantity("payload_twist", "axis", "m/s, rad/s", "V_WP"),
     Quantity("desired_position", "position", "m", "desired position of P",
-             lambda s: s["desired_pose"][:, :3, 3]),
+             lambda s: s["desired_pose"][..., :3, 3]),
     Quantity("desired_quaternion", "quaternion", "1", "desired orientation of P",
              lambda s: _quaternions(s["desired_pose"])),
     Quantity("desired_twist", "axis", "m/s, rad/s", "V_WP_d"),
@@ -139,7 +140,7 @@ QUANTITIES = (
     Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j",
              lambda s: internal_wrenches(s["interaction_wrench"], s["load_share"])),
     Quantity("desired_internal_wrench", "arm axis", "N, N m", "f_d_i turned by the payload",
-             lambda s: rotate_vector6(s["payload_pose"][:, None, :3, :3], s["desired_squeeze"])),
+             lambda s: rotate_vector6(s["payload_pose"][..., None, :3, :3], s["desired_squeeze"])),
     Quantity("axial_direction", "arm position", "1", "unit vector from tip to middle of the other tips",
              lambda s: _axial_directions(s["tip_position"])),
     *_internal_parts("internal_{}", "internal wrench", lambda s: s["internal_wrench"]),
@@ -167,7 +168,7 @@ QUANTITIES = (
     Quantity("seen_pose", "arm row column", "1, m", "X_WP by each arm's own kinematics", stored=False,
              group="kinematics"),
     Quantity("seen_pose_error", "arm axis", "m, rad", "pose of P that each arm sees, minus the actual one",
-             lambda s: _seen_pose_errors(s["seen_pose"], s["payload_pose"]), group="kinematics"),
+             lambda s: _pose_errors(s["seen_pose"], s["payload_pose"][..., None, :, :]), group="kinematics"),
     Quantity("measured_wrench", "arm axis", "N, N m", "F_i that each arm's wrist sensor reports; task rows",
              group="wrist"),
     Quantity("measured_wrench_age", "arm", "ticks", "age of measured_wrench", group="wrist"),

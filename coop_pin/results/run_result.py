@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
@@ -20,12 +20,12 @@ from coop_pin.results.metrics import (
     STEADY_METRICS,
     InternalForceMetrics,
     LimitViolation,
-    Window,
     metric_text,
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
-from coop_pin.results.quantities import Samples, quantities
+from coop_pin.results.quantities import Arrays, Samples, quantities
 from coop_pin.results.trust import Breach, TrustMonitor
+from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
 
@@ -58,7 +58,7 @@ class RunResult:
         return self._data
 
     @property
-    def arrays(self) -> metrics.Arrays:
+    def arrays(self) -> Arrays:
         """The arrays by name, without their labels."""
         return self._data.variables if isinstance(self._data, xr.Dataset) else self._data
 
@@ -75,14 +75,19 @@ class RunResult:
         return float(np.asarray(self.arrays["time"])[-1])
 
     @property
+    def windows(self) -> Windows:
+        """Windows of the metrics."""
+        return Windows.of(self.scenario, self.end)
+
+    @property
     def first_event(self) -> float:
         """Time of the first event, or the end of the run, s."""
-        return min((event.time for event in self.scenario.events), default=self.end)
+        return self.windows.event.start
 
     @property
     def steady_window(self) -> Window:
         """Window of means and rms values: from 4 s to the first event, or to the end of the run."""
-        return Window(metrics.SETTLING_S, min(self.first_event, self.end))
+        return self.windows.steady
 
     @property
     def after_event_window(self) -> Window:
@@ -90,12 +95,7 @@ class RunResult:
 
         Empty without events.
         """
-        last = max((event.end for event in self.scenario.events), default=self.end)
-        return Window(last + metrics.SETTLING_S, self.end)
-
-    @property
-    def _event_window(self) -> Window:
-        return Window(self.first_event, self.end)
+        return self.windows.after_event
 
     def window_of(self, metric: str) -> Window:
         """Return the window that an entry of ``metrics`` is taken over."""
@@ -105,7 +105,7 @@ class RunResult:
             return self.steady_window
         if metric == "settling_time_s":
             return Window(0.0, self.first_event)
-        return self._event_window if metric in _EVENT else Window(0.0, self.end)
+        return self.windows.event if metric in _EVENT else Window(0.0, self.end)
 
     # ------------------------------------------------------------ trust
 
@@ -139,20 +139,15 @@ class RunResult:
 
     def settling_time(self) -> float:
         """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
-        return metrics.settling_time(self.arrays, Window(0.0, self.first_event))
+        return float(metrics.settling_time(self.arrays, Window(0.0, self.first_event)))
 
     def resettling_time(self) -> float:
         """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
-        inside = metrics.samples_of(self.arrays, self._event_window)
-        if not self.scenario.events or not np.any(inside & ~metrics.in_band(self.arrays)):
-            return math.nan
-        return metrics.settling_time(self.arrays, self._event_window)
+        return float(metrics.resettling_time(self.arrays, self.windows))
 
     def event_peak_position_error(self) -> float:
         """Return the largest position error from the first event on, m; NaN without an event."""
-        if not self.scenario.events:
-            return math.nan
-        return float(self._error_norms(slice(3), self._event_window).max(initial=0.0))
+        return float(metrics.event_peak_position_error(self.arrays, self.windows))
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -163,15 +158,15 @@ class RunResult:
         Raises:
             OutOfRangeError: the window is empty or not within the run.
         """
-        return self._steady_metrics(self._window(window))["position_rms_m"]
+        return self._steady_metrics(window)["position_rms_m"]
 
     def orientation_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the orientation error, rad; window as of position_rms."""
-        return self._steady_metrics(self._window(window))["orientation_rms_rad"]
+        return self._steady_metrics(window)["orientation_rms_rad"]
 
     def internal_force(self, *, window: tuple[float, float] | None = None) -> InternalForceMetrics:
         """Return the metrics of the internal wrench; window as of position_rms."""
-        return InternalForceMetrics(*list(self._steady_metrics(self._window(window)).values())[2:])
+        return InternalForceMetrics(*list(self._steady_metrics(window).values())[2:])
 
     def internal_wrench_definitions(self) -> xr.Dataset:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
@@ -184,9 +179,8 @@ class RunResult:
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        found = (np.nanmax(np.asarray(self.arrays[f"closure_{part}"])) for part in ("distance", "angle"))
-        distance, angle = map(float, found)
-        return distance, angle
+        distance, angle = metrics.closure_error_max(self.arrays)
+        return float(distance), float(angle)
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
@@ -194,7 +188,7 @@ class RunResult:
 
     def torque_peak(self) -> float:
         """Return the largest drive torque over the whole run, N m."""
-        return float(np.nanmax(np.abs(np.asarray(self.arrays["torque"]))))
+        return float(metrics.torque_peak(self.arrays))
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
@@ -207,23 +201,8 @@ class RunResult:
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there.
         """
-        (distance, angle), after = self.closure_error_max(), self.after_event_window
-        return {
-            "trustworthy": float(self.trustworthy),
-            "settling_time_s": self.settling_time(),
-            "resettling_time_s": self.resettling_time(),
-            "event_peak_position_error_m": self.event_peak_position_error(),
-            **self._steady_metrics(self.steady_window),
-            "closure_error_max_m": distance,
-            "closure_error_max_rad": angle,
-            "energy_balance_max_J": self.energy_balance_max(),
-            "torque_peak_Nm": self.torque_peak(),
-            "window_start_s": self.steady_window.start,
-            "window_end_s": self.steady_window.end,
-            **{f"after_event_{name}": value for name, value in self._steady_metrics(after).items()},
-            "after_event_window_start_s": after.start if self.scenario.events else math.nan,
-            "after_event_window_end_s": after.end if self.scenario.events else math.nan,
-        }
+        found = metrics.all_metrics(self.arrays, self.windows)
+        return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in found.items()}
 
     def summary(self) -> str:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
@@ -240,7 +219,7 @@ class RunResult:
         elif math.isinf(self.settling_time()):
             lines.append(f"  {self._unsettled()}")
         if scenario.events and self.after_event_window.is_empty:
-            wait = f"{metrics.SETTLING_S:g} s after its last event"
+            wait = f"{SETTLING_S:g} s after its last event"
             lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
 
@@ -253,19 +232,10 @@ class RunResult:
         position, turn = np.linalg.norm(last[:3]), np.linalg.norm(last[3:])
         return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
 
-    def _window(self, window: tuple[float, float] | None) -> Window:
-        return self.steady_window if window is None else metrics.checked_window(window, self.end)
-
-    def _steady_metrics(self, window: Window) -> dict[str, float]:
-        if window.is_empty:
-            return dict.fromkeys(STEADY_METRICS, math.nan)
-        errors = (metrics.rms(self._error_norms(axes, window)) for axes in (slice(3), slice(3, None)))
-        return dict(zip(STEADY_METRICS, (*errors, *metrics.internal_force(self.arrays, window)), strict=True))
-
-    def _error_norms(self, axes: slice, window: Window) -> Array:
-        """Return the norm of some axes of the pose error at the samples of a window."""
-        error = np.asarray(self.arrays["pose_error"])[metrics.samples_of(self.arrays, window), axes]
-        return np.linalg.norm(error, axis=1)
+    def _steady_metrics(self, given: tuple[float, float] | None) -> dict[str, float]:
+        window = self.steady_window if given is None else checked_window(given, self.end)
+        found = metrics.steady_metrics(self.arrays, window)
+        return {name: float(value) for name, value in found.items()}
 
     # ------------------------------------------------------------ files
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.results.quantities import WORK, Samples
+from coop_pin.results.quantities import WORK
 
 Cause = Literal["joint limit", "jacobian condition", "torque cut", "closure error", "energy", "error"]
 """What was breached. Of breaches at the same time, causes come before what usually follows from them."""
@@ -55,10 +56,28 @@ def in_time(breaches: Sequence[Breach]) -> tuple[Breach, ...]:
     return tuple(sorted(breaches, key=lambda breach: (breach.time, get_args(Cause).index(breach.cause))))
 
 
+class _Series(NamedTuple):
+    """Samples of what a threshold bounds, shape (..., n) and those of the arms and joints.
+
+    Attributes:
+        cause: of a breach.
+        beyond: which samples exceed the threshold.
+        values: of the quantity.
+        allowed: the threshold at each sample.
+        excess: what the worst sample has most of; NaN counts as most.
+    """
+
+    cause: Cause
+    beyond: Mask
+    values: Array
+    allowed: Array
+    excess: Array
+
+
 class TrustMonitor:
     """Search for breaches in successive samples: those of a whole run at once, or of each tick as it is done.
 
-    It keeps the gross work and the starts of torque cuts from one call of ``breaches`` to the next.
+    It keeps the gross work and the starts of torque cuts from one call to the next.
     """
 
     def __init__(
@@ -73,91 +92,89 @@ class TrustMonitor:
         Args:
             thresholds: of the scenario.
             joints: name of each arm, and names of its joints.
-            lower: smallest joint positions, shape (m, k); NaN where there is no limit.
+            lower: smallest joint positions, shape (..., m, k); NaN where there is no limit.
             upper: largest joint positions, likewise.
         """
         self._allowed, self._joints = thresholds, joints
-        self._lower, self._upper = lower, upper
-        self._gross, self._cut_start = 0.0, np.full(lower.shape, np.nan)
+        self._lower, self._upper = lower[..., None, :, :], upper[..., None, :, :]
+        self._gross: Array | float = 0.0
+        self._cut_start = np.full(lower.shape, np.nan)
         self._last: Array | None = None
-        self._start_energy: float  # of the first sample
+        self._start_energy: Array  # of the first sample
 
-    def breaches(self, samples: Samples) -> tuple[Breach, ...]:
-        """Return the breaches in the next samples, in the order of their first times.
+    def breaches(self, samples: Mapping[str, NDArray[Any]]) -> tuple[Breach, ...]:
+        """Return the breaches in the next samples of a run, in the order of their first times.
 
         Args:
             samples: of the quantities by name, n samples that follow those of the last call.
         """
         return in_time(
-            [
-                *self._joint_limits(samples),
-                *self._conditions(samples),
-                *self._torque_cuts(samples),
-                *self._closure_errors(samples),
-                *self._energy(samples),
-            ]
+            [breach for series in self._series(samples) for breach in self._found(series, samples)]
         )
 
-    def _joint_limits(self, samples: Samples) -> Iterator[Breach]:
-        time, positions = samples["time"], samples["joint_position"]
+    def exceeded(self, samples: Mapping[str, NDArray[Any]]) -> Mask:
+        """Return which runs have a breach in the next samples, shape (...)."""
+        runs = self._lower.shape[:-3]
+        return np.any(
+            [series.beyond.reshape(*runs, -1).any(axis=-1) for series in self._series(samples)], axis=0
+        )
+
+    def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
+        """Yield the breaches of a series of one run."""
+        for column in np.argwhere(series.beyond.any(axis=0)).tolist():
+            place: Any = (slice(None), *column)
+            beyond, values, allowed, excess = (part[place] for part in series[1:])
+            first, worst = int(np.argmax(beyond)), int(np.argmax(np.where(beyond, excess, -np.inf)))
+            time = samples["time"][first] - (values[first] if series.cause == "torque cut" else 0.0)
+            arm, joints = self._joints[column[0]] if column else ("", ())
+            joint = joints[column[1]] if len(column) > 1 else ""
+            yield Breach(series.cause, arm, joint, float(time), float(values[worst]), float(allowed[worst]))
+
+    def _series(self, samples: Mapping[str, NDArray[Any]]) -> list[_Series]:
+        """Return the series of all thresholds; samples may have axes before that of time."""
+        allowed, positions = self._allowed, samples["joint_position"]
         excess = np.fmax(positions - self._upper, self._lower - positions)  # NaN without a limit
-        for a, j, first, worst in _columns(excess > self._allowed.joint_slack, excess):
-            value = float(positions[worst, a, j])
-            limit = float((self._upper if value > self._upper[a, j] else self._lower)[a, j])
-            yield Breach("joint limit", *self._names(a, j), float(time[first]), value, limit)
+        limits = np.where(positions > self._upper, self._upper, self._lower)
+        lengths, errors = (
+            self._torque_cuts(samples),
+            np.maximum(samples["closure_distance"], samples["closure_angle"]),
+        )
+        longest = np.full(lengths.shape, allowed.torque_cut)
+        return [
+            _Series("joint limit", excess > allowed.joint_slack, positions, limits, excess),
+            _at_most("jacobian condition", samples["jacobian_condition"], allowed.jacobian_condition),
+            _Series("torque cut", lengths > longest * (1.0 + 1e-9), lengths, longest, lengths),
+            _at_most("closure error", errors, allowed.closure_error),
+            self._energy(samples),
+        ]
 
-    def _conditions(self, samples: Samples) -> Iterator[Breach]:
-        values, allowed = samples["jacobian_condition"], self._allowed.jacobian_condition
-        for a, first, worst in _columns(~(values <= allowed), values):
-            time, value = float(samples["time"][first]), float(values[worst, a])
-            yield Breach("jacobian condition", self._joints[a][0], "", time, value, allowed)
-
-    def _torque_cuts(self, samples: Samples) -> Iterator[Breach]:
-        saturated, allowed = samples["saturated"].astype(bool), self._allowed.torque_cut
-        time, places = samples["time"], np.arange(1, len(saturated) + 1)
-        after_free = np.maximum.accumulate(np.where(saturated, 0, places[:, None, None]), axis=0)
-        earlier = np.fmin(self._cut_start, time[0])  # of a cut that the first sample is in
+    def _torque_cuts(self, samples: Mapping[str, NDArray[Any]]) -> Array:
+        """Return how long each torque has been at its limit without a break, s."""
+        saturated, time = np.moveaxis(samples["saturated"].astype(bool), -3, 0), samples["time"]
+        is_cut, lengths = saturated.any(axis=0), np.zeros(saturated.shape)
+        saturated, places = saturated[:, is_cut], np.arange(1, len(time) + 1)[:, None]
+        after_free = np.maximum.accumulate(np.where(saturated, 0, places), axis=0)
+        earlier = np.fmin(self._cut_start[is_cut], time[0])  # of a cut that the first sample is in
         starts = np.where(after_free, np.append(time, np.nan)[after_free], earlier)
-        self._cut_start = np.where(saturated[-1], starts[-1], np.nan)
-        lengths = np.where(saturated, time[:, None, None] - starts, 0.0)
-        for a, j, first, worst in _columns(lengths > allowed * (1.0 + 1e-9), lengths):
-            start = float(samples["time"][first] - lengths[first, a, j])
-            yield Breach("torque cut", *self._names(a, j), start, float(lengths[worst, a, j]), allowed)
+        self._cut_start = np.full(is_cut.shape, np.nan)
+        self._cut_start[is_cut] = np.where(saturated[-1], starts[-1], np.nan)
+        lengths[:, is_cut] = np.where(saturated, time[:, None] - starts, 0.0)
+        return np.moveaxis(lengths, 0, -3)
 
-    def _closure_errors(self, samples: Samples) -> Iterator[Breach]:
-        values = np.maximum(samples["closure_distance"], samples["closure_angle"])
-        allowed = self._allowed.closure_error
-        for a, first, worst in _columns(~(values <= allowed), values):
-            time, value = float(samples["time"][first]), float(values[worst, a])
-            yield Breach("closure error", self._joints[a][0], "", time, value, allowed)
-
-    def _energy(self, samples: Samples) -> Iterator[Breach]:
-        works = np.stack([samples[name] for name in (*WORK, "potential_energy")], axis=1)
-        energy = samples["kinetic_energy"] + samples["potential_energy"] - works[:, :-1].sum(axis=1)
+    def _energy(self, samples: Mapping[str, NDArray[Any]]) -> _Series:
+        works = np.stack([samples[name] for name in (*WORK, "potential_energy")], axis=-1)
+        energy = samples["kinetic_energy"] + samples["potential_energy"] - works[..., :-1].sum(axis=-1)
         if self._last is None:
-            self._last, self._start_energy = works[0], float(energy[0])
-        steps = np.abs(np.diff(works, axis=0, prepend=self._last[None])).sum(axis=1)
-        gross = self._gross + np.cumsum(steps)
-        self._last, self._gross = works[-1], float(gross[-1])
+            self._last, self._start_energy = works[..., :1, :], energy[..., :1]
+        steps = np.abs(np.diff(works, axis=-2, prepend=self._last)).sum(axis=-1)
+        gross = self._gross + np.cumsum(steps, axis=-1)
+        self._last, self._gross = works[..., -1:, :], gross[..., -1:]
         values = np.abs(energy - self._start_energy)
         allowed = self._allowed.energy_floor + self._allowed.energy_share * gross
-        for first, worst in _columns(~(values <= allowed), values - allowed):
-            time = float(samples["time"][first])
-            yield Breach("energy", "", "", time, float(values[worst]), float(allowed[worst]))
-
-    def _names(self, a: int, j: int) -> tuple[str, str]:
-        arm, joints = self._joints[a]
-        return arm, joints[j]
+        return _at_most("energy", values, allowed, values - allowed)
 
 
-def _columns(beyond: Mask, excess: Array) -> Iterator[tuple[int, ...]]:
-    """Yield the column of every series that is beyond, with its first sample beyond and its worst one.
-
-    Args:
-        beyond: samples along the first axis.
-        excess: what the worst sample has most of; NaN counts as most.
-    """
-    for column in np.argwhere(beyond.any(axis=0)):
-        place = (slice(None), *column)
-        first = int(np.argmax(beyond[place]))
-        yield *map(int, column), first, int(np.argmax(np.where(beyond[place], excess[place], -np.inf)))
+def _at_most(cause: Cause, values: Array, allowed: Array | float, excess: Array | None = None) -> _Series:
+    """Return the series of values that may be as large as what is allowed; NaN is beyond it."""
+    bounds, excess = np.broadcast_to(allowed, values.shape), values if excess is None else excess
+    return _Series(cause, ~(values <= bounds), values, bounds, excess)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import json
 import logging
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Hashable, Sequence
 
-from coop_pin.batch import BatchSimulator, family
-from coop_pin.description.scenario import Scenario
+from coop_pin.batch import BatchSimulator, families
 from coop_pin.errors import TracingError
-from coop_pin.sweeps.job import CtrlC, Job, Outcome, outcome_of, run_job
+from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate
 from coop_pin.sweeps.run_key import require_unchanged
 
 _simulators: dict[Hashable, BatchSimulator | None] = {}
@@ -37,42 +35,31 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         CodeChangedError: this process has loaded other code than a job's key covers.
         KeyboardInterrupt: Ctrl-C.
     """
-    families, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome | None]()
-    scenarios = _scenarios([job.scenario for job in jobs])
-    for place, (job, scenario) in enumerate(zip(jobs, scenarios, strict=True)):
-        require_unchanged(job.code)
-        families[family(scenario)].append(place)
-    for kind, places in families.items():
-        alike = [(jobs[place], scenarios[place]) for place in places]
-        found |= zip(places, _family(kind, alike), strict=True)
+    groups, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome | None]()
+    jobs = [job._replace(scenario=separate(job.scenario)) for job in jobs]
+    for place, kind in enumerate(families([job.scenario for job in jobs])):
+        require_unchanged(jobs[place].code)
+        groups[kind].append(place)
+    for kind, places in groups.items():
+        found |= zip(places, _family(kind, [jobs[place] for place in places]), strict=True)
     return [found[place] for place in range(len(jobs))]
 
 
-def _scenarios(texts: Sequence[str]) -> list[Scenario]:
-    """Return the scenarios of JSON; those fields that are the first one's are not validated again."""
-    first, fields = Scenario.model_validate_json(texts[0]), json.loads(texts[0])
-    known = {name: getattr(first, name) for name in fields}
-    return [
-        Scenario(**{name: known[name] if value == fields[name] else value for name, value in own.items()})
-        for own in map(json.loads, texts)
-    ]
-
-
-def _family(kind: Hashable, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome | None]:
+def _family(kind: Hashable, jobs: Sequence[Job]) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; why it cannot be traced is told once."""
     simulator = _simulators.setdefault(kind, BatchSimulator())
     try:
         if simulator is not None:
-            return _together(simulator, runs)
+            return _together(simulator, jobs)
     except CtrlC:
         raise
     except (TracingError, SystemExit, KeyboardInterrupt) as error:  # the last two of a user's controller
         _simulators[kind] = None
-        _LOG.warning("runs of %r are simulated one by one: %s", runs[0][1].name, error)
-    return [None] * len(runs)
+        _LOG.warning("runs of %r are simulated one by one: %s", jobs[0].scenario.name, error)
+    return [None] * len(jobs)
 
 
-def _together(simulator: BatchSimulator, runs: Sequence[tuple[Job, Scenario]]) -> list[Outcome | None]:
+def _together(simulator: BatchSimulator, jobs: Sequence[Job]) -> list[Outcome | None]:
     """Return the outcomes of runs of a family.
 
     A run that breaks a guard is repeated singly, for its error; when a batch cannot start, its halves can.
@@ -83,20 +70,23 @@ def _together(simulator: BatchSimulator, runs: Sequence[tuple[Job, Scenario]]) -
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         with contextlib.redirect_stdout(sys.stderr):
-            batch = simulator.run([scenario for _, scenario in runs])
+            batch = simulator.run([job.scenario for job in jobs])
+            metrics = batch.metrics()
     except TracingError:
         raise
     except Exception:  # of a run that cannot start, or of the user's motion
-        half = len(runs) // 2
-        return _together(simulator, runs[:half]) + _together(simulator, runs[half:]) if half else [None]
-    wall, cpu = (time.perf_counter() - wall) / len(runs), (time.process_time() - cpu) / len(runs)
+        half = len(jobs) // 2
+        return _together(simulator, jobs[:half]) + _together(simulator, jobs[half:]) if half else [None]
+    wall, cpu = (time.perf_counter() - wall) / len(jobs), (time.process_time() - cpu) / len(jobs)
     found = list[Outcome | None]()
-    for place, (job, _) in enumerate(runs):
+    for place, job in enumerate(jobs):
         if not batch.is_valid[place]:
             found.append(None)
             continue
-        record, content = outcome_of(job, functools.partial(batch.result, place))
-        wall_s, cpu_s = record.wall_s + wall, record.cpu_s + cpu
-        record = dataclasses.replace(record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
-        found.append(Outcome(record, content))
+        outcome = Outcome(Record(job.key, dict(job.changes), metrics[place]))
+        if job.metrics or job.keep:
+            outcome = outcome_of(job, functools.partial(batch.result, place))
+        wall_s, cpu_s = outcome.record.wall_s + wall, outcome.record.cpu_s + cpu
+        record = dataclasses.replace(outcome.record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
+        found.append(outcome._replace(record=record))
     return found

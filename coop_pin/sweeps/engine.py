@@ -126,8 +126,7 @@ class Session:
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
-                    content = scenario.model_dump_json()
-                    yield Job(key, content, point.changes, plan.metrics, *limits, keep, code, plan.engine)
+                    yield Job(key, scenario, point.changes, plan.metrics, *limits, keep, code, plan.engine)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""

@@ -1,4 +1,4 @@
-"""Job of a sweep, one run as sent to a worker, and its record: text and numbers, never a model."""
+"""Job of a sweep, one run as sent to a worker, and its record: values, text and numbers, never a model."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Job(NamedTuple):
 
     Attributes:
         key: what ``run_key`` returned.
-        scenario: the resolved scenario as JSON.
+        scenario: the resolved scenario. Jobs that are sent together send what they share once.
         changes: what was changed in its base, for the record.
         metrics: the user's metrics, "module:function".
         time_limit_s: wall time after which the run is aborted, s.
@@ -123,7 +123,7 @@ class Job(NamedTuple):
     """
 
     key: str
-    scenario: str
+    scenario: Scenario
     changes: Mapping[str, Any] = {}
     metrics: tuple[str, ...] = ()
     time_limit_s: float = 600.0
@@ -161,9 +161,16 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        return run(Scenario.model_validate_json(job.scenario), progress=deadline(job.time_limit_s))
+        return run(separate(job.scenario), progress=deadline(job.time_limit_s))
 
     return outcome_of(job, compute)
+
+
+def separate(scenario: Scenario) -> Scenario:
+    """Return a scenario with options of its own, lists and tables that the user's code may change."""
+    parts = scenario.controller, scenario.motion, scenario.squeeze
+    has_options = any(getattr(part, "options", None) for part in parts)
+    return Scenario.model_validate_json(scenario.model_dump_json()) if has_options else scenario
 
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:

@@ -9,7 +9,8 @@ import numpy as np
 from coop_pin.description.events import Event, PayloadChange
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, SETTLING_S
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
+from coop_pin.results.window import SETTLING_S
 
 _SMALL_N = 1.0
 """Error of the internal force below which a run counts as having followed it."""
