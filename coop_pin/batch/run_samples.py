@@ -86,11 +86,10 @@ class RunSamples(Mapping[str, NDArray[Any]]):
     def _field(self, name: str) -> Array:
         slots = self._layout.slots(name)
         mine = slice(slots.min(), slots.max() + 1)
-        parts = [
-            np.moveaxis(record[:, mine], 2, 0).reshape(-1, len(self._kept), *slots.shape)
-            for record in self._records
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        # Of one layout for any number of runs: numpy's functions choose their order of operations by it.
+        blocks = [np.moveaxis(record[:, mine], 2, 0) for record in self._records]
+        runs = [np.ascontiguousarray(block).reshape(-1, len(self._kept), *slots.shape) for block in blocks]
+        return runs[0] if len(runs) == 1 else np.concatenate(runs)
 
     def _signal(self, name: str) -> Array:
         slots, given = self._plant.layout.slots(name), self._prepared.signals
