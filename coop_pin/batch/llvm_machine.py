@@ -10,6 +10,7 @@ import hashlib
 import os
 import stat
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,10 @@ from coop_pin.batch.llvm_emitter import CACHE_LINE, llvm_text
 from coop_pin.errors import MissingExtraError
 from coop_pin.results.atomic_write import write_atomically
 
-_UNSHARED = 2
-"""References that sys.getrefcount counts of what one attribute holds."""
+_spare = threading.local()
+"""Memory of the last record of each thread: to get and clear it takes the time of the runs."""
+_UNREAD = 3
+"""References to it that sys.getrefcount counts where no result reads it."""
 _DIGEST = 32
 """Bytes of the checksum in front of a file of compiled code."""
 
@@ -51,7 +54,6 @@ class LlvmMachine(Machine):
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
         self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
-        self._memory = np.empty(0)
 
     def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
         """Run the program; see Machine."""
@@ -63,11 +65,9 @@ class LlvmMachine(Machine):
         given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
         size = rows * program.recorded * groups * width
-        # Kept until a result still reads it: to get and clear memory takes the time of the runs.
-        if self._memory.size < size + CACHE_LINE or sys.getrefcount(self._memory) > _UNSHARED:
-            self._memory = np.empty(size + CACHE_LINE)
-        start = -self._memory.ctypes.data % CACHE_LINE // 8
-        record = self._memory[start : start + size].reshape(rows, program.recorded, groups * width)
+        memory = _memory(size + CACHE_LINE)
+        start = -memory.ctypes.data % CACHE_LINE // 8
+        record = memory[start : start + size].reshape(rows, program.recorded, groups * width)
         self._run(
             groups,
             len(self._instructions),
@@ -99,6 +99,14 @@ class LlvmMachine(Machine):
             run(groups, count, start + first * size, *given)
 
         return call
+
+
+def _memory(size: int) -> Array:
+    """Return memory for some numbers: that of this thread's last record if no result reads it any more."""
+    kept = getattr(_spare, "memory", None)
+    if kept is None or kept.size < size or sys.getrefcount(kept) > _UNREAD:
+        kept = _spare.memory = np.empty(size)
+    return kept
 
 
 def _llvm() -> Any:

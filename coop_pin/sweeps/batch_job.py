@@ -18,6 +18,8 @@ from coop_pin.sweeps.run_key import require_unchanged
 
 _simulators: dict[Hashable, BatchSimulator | None] = {}
 """With their code, by the family of the scenarios, for all batches of a process; None for single runs."""
+_KEPT = 32
+"""Families whose code is kept, those used last."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 
 
@@ -47,7 +49,9 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
 
 def _family(kind: Hashable, jobs: Sequence[Job]) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; why it cannot be traced is told once."""
-    simulator = _simulators.setdefault(kind, BatchSimulator())
+    simulator = _simulators[kind] = _simulators.pop(kind) if kind in _simulators else BatchSimulator()
+    if len(_simulators) > _KEPT:
+        del _simulators[next(iter(_simulators))]
     try:
         if simulator is not None:
             return _together(simulator, jobs)
