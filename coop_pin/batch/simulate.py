@@ -111,8 +111,8 @@ class BatchSimulator:
         """Return a program in which every number that differs so far is an input."""
         if self._first is None or prepared.kind != self._first.kind:
             require_traceable(prepared.scenarios[0], prepared.plants[0].run, prepared.plants[0].constants)
-            scenarios, plants, signals, values, kind = prepared
-            self._first = Prepared(scenarios[:1], plants[:1], signals[:1], values[:1], kind)
+            runs, plants, ticks, numbers, kind = prepared
+            self._first = Prepared(runs[:1], plants[:1], ticks[:1], numbers[:1], kind)
             self._differs, self._is_loaded = np.array(False), np.array(False)
         folded, signals = self._first.values[:1], self._first.signals[0]
         same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))
