@@ -1,4 +1,4 @@
-"""Validation of arguments by name: type, shape, finiteness, sign and pose; and of sizes by free memory."""
+"""Arrays: validation of arguments by name (type, shape, finiteness, sign, pose), sizes by memory, means."""
 
 from __future__ import annotations
 
@@ -194,6 +194,16 @@ def shaped(name: str, value: ArrayLike, *trailing: int) -> Array:
     ):
         raise ShapeError(name, array.shape, ("...", *trailing))
     return array
+
+
+def rms(values: Array) -> Array:
+    """Return the root of the mean square along the last axis; NaN when it is empty."""
+    return np.sqrt(mean(np.square(values)))
+
+
+def mean(values: Array) -> Array:
+    """Return the mean along the last axis; NaN when it is empty."""
+    return np.mean(values, axis=-1) if values.shape[-1] else np.full(values.shape[:-1], np.nan)
 
 
 def require_memory(what: str, needed: float, remedy: str) -> None:

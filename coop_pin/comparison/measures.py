@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, rms
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import rms
 
 _FROM = 0.4
 """Part of the run after which it is judged."""

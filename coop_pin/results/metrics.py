@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.arrays import Array, Mask, mean, rms
 from coop_pin.description.payload import Payload
 from coop_pin.results.quantities import WORK, Arrays
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
@@ -64,15 +64,6 @@ METRIC_TEXTS |= {
 
 _SLACK = 1e-9
 """Differences below it beyond a limit are rounding."""
-
-
-def rms(values: Array) -> Array:
-    """Return the root of the mean square along the last axis; NaN when it is empty."""
-    return np.sqrt(_mean(np.square(values)))
-
-
-def _mean(values: Array) -> Array:
-    return np.mean(values, axis=-1) if values.shape[-1] else np.full(values.shape[:-1], np.nan)
 
 
 def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
@@ -177,7 +168,7 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
     inside, parts = samples_of(data, window), ("axial", "axial_error", "shear_error", "moment_error")
     taken = [np.compress(inside, np.asarray(data[f"internal_{part}"]), axis=-2) for part in parts]
     axial, *errors = (values.reshape(*values.shape[:-2], -1) for values in taken)
-    found: list[Any] = [_mean(axial), *map(rms, errors)]
+    found: list[Any] = [mean(axial), *map(rms, errors)]
     return InternalForceMetrics(*found)
 
 
