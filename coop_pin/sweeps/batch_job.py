@@ -18,8 +18,8 @@ from coop_pin.sweeps.run_key import require_unchanged
 
 _simulators: dict[Hashable, BatchSimulator | None] = {}
 """With their code, by the family of the scenarios, for all batches of a process; None for single runs."""
-_KEPT = 32
-"""Families whose code is kept, those used last."""
+_KEPT = 8
+"""Families whose code is kept, those used last; the tapes of one may take 60 MB."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 
 
