@@ -138,7 +138,11 @@ def _same_plant(scenario: Scenario, other: Scenario) -> bool:
 
 
 def families(scenarios: Sequence[Scenario]) -> list[Hashable]:
-    """Return what each scenario must share with others of its batch, as far as its fields show it."""
+    """Return what each scenario must share with others of its batch, as far as its fields show it.
+
+    Args:
+        scenarios: of any kinds.
+    """
     found, last = list[Hashable](), None
     for scenario in scenarios:
         if last is None or not _same_plant(scenario, last):
