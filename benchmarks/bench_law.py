@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 import coop_pin as cp
+from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.law_code import RecordedLaw
 from coop_pin.batch.serial_arm import RigidInertia, SerialArm, force_cross, frames, join, motion_cross
 from coop_pin.batch.traced_array import traced
@@ -69,13 +70,15 @@ class TracedComputedTorque(ArmController):
         a = reference.acceleration - self._velocity_gain * xtildedot - self._position_gain * xtilde
         F_0 = rows.select(self._payload_force(measurement, self._expanded(a)))
         f_r, force = self._force.step(measurement, reference, force)
-        seen, bias = frames(self._arm, q), rows.select(self._bias(q, v))
+        bias = rows.select(self._bias(q, v))
         a_q = right_inverse(J, measurement.time).dot(a - bias)
         if J.shape[0] < J.shape[1]:
             b = -self._spare_gains[0] * (measurement.q - start) - self._spare_gains[1] * measurement.v
             a_q = a_q + b - right_inverse(J, measurement.time).dot(J.dot(b))
-        tau = self._inverse_dynamics(seen, v, self._to_joints.dot(a_q)) - self._friction.force(v)
-        torque = self._to_joints.T.dot(traced(tau)) - J.T.dot(f_r - self._load_share * F_0)
+        tau, _, _ = newton_euler(self._arm, self._arm_gravity, q, v, self._to_joints.dot(a_q))
+        torque = self._to_joints.T.dot(traced(tau - self._friction.force(v))) - J.T.dot(
+            f_r - self._load_share * F_0
+        )
         return ArmCommand(traced(torque), (force, start))
 
     def _expanded(self, values: Any) -> Any:
@@ -102,23 +105,6 @@ class TracedComputedTorque(ArmController):
         w, p = V[3:], seen.p_WP
         linear = V[:3] + np.cross(w, p)
         return traced(np.concatenate((A[:3] + np.cross(A[3:], p) + np.cross(w, linear), A[3:])))
-
-    def _inverse_dynamics(self, seen: Any, v: Any, a: Any) -> Any:
-        """Return M a + C v + g by recursive Newton-Euler, N m, shape (n,)."""
-        bodies, n = self._arm.bodies, len(self._arm.bodies)
-        V, A = np.zeros(6).astype(object), join(-self._arm_gravity, np.zeros(3))
-        forces, tau = [], np.empty(n, dtype=object)
-        for k in range(n):
-            Sv = seen.S[:, k] * v[k]
-            V = V + Sv
-            A = A + seen.S[:, k] * a[k] + motion_cross(V, Sv)
-            inertia = bodies[k].inertia.moved(seen.R[k], seen.p[k])
-            forces.append(inertia.times(A) + force_cross(V, inertia.times(V)))
-        total = np.zeros(6).astype(object)
-        for k in reversed(range(n)):
-            total = total + forces[k]
-            tau[k] = seen.S[:, k] @ total
-        return tau
 
 
 def laws(cell: str) -> dict[str, cp.Scenario]:

@@ -105,7 +105,7 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
     bodies[-1] = bodies[-1]._replace(inertia=state.last)
     arm = SerialArm(tuple(bodies), model.arm.is_revolute, *state.held)
     seen, rows = frames(arm, state.q), [int(row) for row in model.rows]
-    h, a, alpha = newton_euler(arm, model.gravity, state.q, state.v)
+    h, a, alpha = newton_euler(arm, model.gravity, state.q, state.v, np.zeros(len(state.q)))
     M, whole = mass_matrix(arm, state.q)
     V = seen.S @ state.v
     A = _spatial(V, seen.p, seen.R @ a, seen.R @ alpha)
@@ -130,9 +130,9 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
 
 
 def newton_euler(
-    arm: SerialArm, gravity: Numbers, q: Numbers, v: Numbers
+    arm: SerialArm, gravity: Numbers, q: Numbers, v: Numbers, vdot: Numbers
 ) -> tuple[Numbers, Numbers, Numbers]:
-    """Return the torques h(q, v) of no acceleration, and what the last body then does.
+    """Return the torques M vdot + h of a motion, and what the last body does.
 
     Of each body, in its axes about its origin, the point r has the acceleration a + Omega r::
 
@@ -143,30 +143,32 @@ def newton_euler(
         gravity: m/s^2, shape (3,).
         q: joint positions, shape (n,).
         v: joint rates, shape (n,).
+        vdot: joint accelerations, shape (n,).
 
     Returns:
-        h, shape (n,), and of the last body's origin a, less gravity, and alpha, shape (3,) both.
+        M vdot + h, shape (n,), and of the last body's origin a, less gravity, and alpha, shape (3,) both.
     """
     placed, forces = links(arm, q), []
     w = alpha = np.zeros(3).astype(object)
     a, Omega = -plain(gravity), np.zeros((3, 3))
-    for body, (R, p), is_revolute, rate in zip(arm.bodies, placed, arm.is_revolute, v, strict=True):
+    joints = zip(arm.bodies, placed, arm.is_revolute, v, vdot, strict=True)
+    for body, (R, p), is_revolute, rate, change in joints:
         a, w, alpha = R.T @ (a + Omega @ p), R.T @ w, R.T @ alpha
-        Sv = np.array([0.0, 0.0, rate], dtype=object)
+        Sv, Sa = (np.array([0.0, 0.0, x], dtype=object) for x in (rate, change))
         if is_revolute:
-            w, alpha = w + Sv, alpha + cross(w, Sv)
+            w, alpha = w + Sv, alpha + cross(w, Sv) + Sa
         else:
-            a = a + 2.0 * cross(w, Sv)
+            a = a + 2.0 * cross(w, Sv) + Sa
         Omega = _affine(w, alpha)
         mass, moment, second = body.inertia.mass, plain(body.inertia.moment), plain(body.inertia.second)
         f, n = mass * a + Omega @ moment, second @ alpha + cross(w, second @ w) + cross(moment, a)
         forces.append(join(f, n))
-    h, force = np.empty(len(q), dtype=object), np.zeros(6).astype(object)
+    tau, force = np.empty(len(q), dtype=object), np.zeros(6).astype(object)
     for k in reversed(range(len(q))):
         force = force + forces[k]
-        h[k] = force[_axis(arm, k)]
+        tau[k] = force[_axis(arm, k)]
         force = force_moved(*placed[k], force)
-    return h, a, alpha
+    return tau, a, alpha
 
 
 def mass_matrix(arm: SerialArm, q: Numbers) -> tuple[Numbers, RigidInertia]:
