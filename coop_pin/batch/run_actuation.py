@@ -34,7 +34,8 @@ class RunActuation:
                 arrived[index] = np.where(missed[index], last[index], commanded[index])
             asked = arrived[index]
             if arm.carried is not None:
-                weight, *_ = newton_euler(body, constants.cell.gravity, q[index], np.zeros(len(q[index])))
+                rest = np.zeros(len(q[index]))
+                weight, *_ = newton_euler(body, constants.cell.gravity, q[index], rest, rest)
                 asked = asked + arm.carried * arm.to_joints.T.dot(traced(weight))
             requested.append(asked)
         torques = [

@@ -131,8 +131,7 @@ class TracedPlant(Plant):
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         return self._observed()["wrenches"].copy()
 
-    def closure_errors(self) -> list[ClosureError]:
-        """Return the closure error between tip and grasp of each arm at the present state."""
+    def _closure_errors(self, q: Array) -> list[ClosureError]:
         return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]
 
     def _observed(self) -> dict[str, Array]:

@@ -97,9 +97,13 @@ class Plant:
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""
-        if self._errors[0] is not self.q:  # asked twice a tick
-            self._errors = self.q, self.chain.closure_errors(self.q)
+        q = self.q
+        if self._errors[0] is not q:  # asked twice a tick
+            self._errors = q, self._closure_errors(q)
         return self._errors[1]
+
+    def _closure_errors(self, q: Array) -> list[ClosureError]:
+        return self.chain.closure_errors(q)
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
