@@ -28,9 +28,9 @@ from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, run_job
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
 _LARGEST_BATCH = 64
-_START_S, _POLL_S, _GRACE_S = 180.0, 2.0, 2.0
-"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; time
-that a host has to end; s."""
+_START_S, _POLL_S, _GRACE_S, _TRACKER_S = 180.0, 2.0, 2.0, 0.5
+"""Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; times
+that a host has to end, and its resource tracker after it; s."""
 _STARTS, _DEATHS, _DELAYS = 5, 3, 2
 """Workers that may die in a row while they start; that die with a job, or are killed at its time limit,
 before it has failed."""
@@ -197,10 +197,11 @@ class Worker:
         if (host := self._host) is None:
             return 0
         host.terminate()
-        end = time.monotonic() + _GRACE_S
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            host.wait(_GRACE_S)
+        end = time.monotonic() + _TRACKER_S
         with contextlib.suppress(ProcessLookupError):
-            while time.monotonic() < end:
-                host.poll()
+            while time.monotonic() < end:  # its children remain as zombies where init reaps them late
                 os.killpg(host.pid, 0)
                 time.sleep(0.01)
             os.killpg(host.pid, signal.SIGKILL)
@@ -224,10 +225,10 @@ def compute(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
 
 def close_workers(sweep: str) -> None:
     """End the workers of a sweep, also those at work."""
-    for thread, (known, worker) in list(_workers.items()):
-        if known == sweep:
-            del _workers[thread]
-            worker.close()
+    threads = [thread for thread, (known, _) in list(_workers.items()) if known == sweep]
+    ended = [_workers.pop(thread)[1] for thread in threads]
+    with futures.ThreadPoolExecutor(max(1, len(ended))) as pool:
+        list(pool.map(Worker.close, ended))
 
 
 class LocalBackend:
