@@ -199,10 +199,22 @@ def test_a_scheduler_may_be_out_of_reach_for_a_while_and_then_is_lost(monkeypatc
 
 
 def test_a_plain_scheduler_is_called_what_it_is(monkeypatch, caplog):
-    plain = contextlib.nullcontext(SimpleNamespace(run=print, get_executor=dict))
+    plain = SimpleNamespace(run=print, get_executor=dict, close=print)
     monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: plain)
     with dask_backend.connected("tcp://127.0.0.1:8786"):
         assert ["tcp://127.0.0.1:8786 has no TLS" in message for message in caplog.messages] == [True]
+
+
+def test_a_client_that_cannot_be_closed_hides_no_error(monkeypatch):
+    """As when its scheduler is gone: "Cannot change state of expiring Timeout", seen once in many runs."""
+
+    def close():
+        raise RuntimeError("Cannot change state of expiring Timeout")
+
+    broken = SimpleNamespace(run=print, get_executor=dict, close=close)
+    monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: broken)
+    with pytest.raises(WorkersLostError), dask_backend.connected("tls://127.0.0.1:8786"):
+        raise WorkersLostError("the scheduler is gone")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "localhost:port", "nonsense://127.0.0.1:1"])

@@ -61,6 +61,12 @@ def compute(sweep: str, jobs: bytes) -> list[Outcome]:
     return backend.compute(sweep, pickle.loads(jobs))
 
 
+def _close(client: Any) -> None:
+    """Close a client; one whose scheduler is gone may fail in dask, with errors of its own."""
+    with contextlib.suppress(Exception):
+        client.close()
+
+
 @contextlib.contextmanager
 def connected(address: str) -> Iterator[DaskBackend]:
     """Yield the backend on an existing scheduler, with the workers that it has and gets.
@@ -77,7 +83,8 @@ def connected(address: str) -> Iterator[DaskBackend]:
             logger.setLevel(logging.CRITICAL)  # what is lost arrives as errors and records
         try:
             resolve_address(address)  # a client with a malformed address would take ten seconds to close
-            client = stack.enter_context(_CLIENT(address, set_as_default=False, timeout="5s"))
+            client = _CLIENT(address, set_as_default=False, timeout="5s")
+            stack.callback(_close, client)
         except (ValueError, TypeError) as error:
             wanted = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
             raise FieldError(f"is {address!r} ({error}); it must be {wanted}", "scheduler") from None
