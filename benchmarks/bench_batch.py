@@ -18,11 +18,11 @@ from common import interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
-from coop_pin.batch.llvm_machine import LlvmMachine, native_width
 from coop_pin.batch.preparation import prepare
 from coop_pin.build_controller import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.sweeps import SweepPlan
+from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
 DURATION_S = 2.0
 FIELD = "controller.gains.transient_rate"

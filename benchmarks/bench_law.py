@@ -24,7 +24,6 @@ import coop_pin as cp
 from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.law_code import RecordedLaw
 from coop_pin.batch.serial_arm import RigidInertia, SerialArm, force_cross, frames, join, motion_cross
-from coop_pin.batch.traced_array import traced
 from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmCommand, ArmController, DecentralisedController
 from coop_pin.control.terms import right_inverse
@@ -32,6 +31,7 @@ from coop_pin.model.arm_model import ArmModel
 from coop_pin.model_based import ComputedTorqueController
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.transmission import friction
+from coop_pin.tracing.traced_array import traced
 
 CELLS = {3: "adept-anchored", 6: "three-ur5-plate", 7: "two-pandas-box"}
 CALLS = 300_000

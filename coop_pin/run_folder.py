@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from coop_pin.atomic_write import write_atomically
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 
 
 class Timing(NamedTuple):

@@ -22,7 +22,7 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "arrays", "spatial"}
+EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 
 # Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything in a scenario file;
@@ -36,7 +36,9 @@ EVERYWHERE = {"errors", "arrays", "spatial"}
 # - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - user_files reads what users name: bounded, regular files only;
-# - batch traces the laws and the plant of runs; its compiler, llvmlite, is an extra;
+# - tracing is a compiler of functions of arrays and knows no robot; Descriptions are trees of numbers
+#   to it; llvmlite, which compiles, is an extra;
+# - batch traces the laws and the plant of runs;
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
@@ -45,11 +47,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "spatial": (set(), {"scipy"}),
+    "atomic_write": (set(), set()),
     "user_files": (set(), set()),
     "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic"}),
+    "tracing": ({"schema"}, {"llvmlite"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
         {"schema", "control", "reference", "user_files", "limited_process"},
@@ -74,10 +78,10 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "model",
             "results",
             "build_controller",
-            "schema",
             "simulation",
+            "tracing",
         },
-        {"llvmlite", "pinocchio"},
+        {"pinocchio"},
     ),
     "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
@@ -227,6 +231,7 @@ def test_errors_and_arrays_stand_on_nothing():
     assert imports()["errors"] == set()
     assert imports()["arrays"] == {"errors", "numpy"}
     assert imports()["spatial"] <= {"arrays", "errors", "numpy", "scipy"}
+    assert imports()["atomic_write"] == {"errors"}
 
 
 def cycle(graph: dict[str, set[str]]) -> list[str]:

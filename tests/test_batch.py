@@ -16,21 +16,22 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin import batch as batch_package
-from coop_pin.batch import elementary, preparation, simulate_batch, support
+from coop_pin.batch import preparation, simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
-from coop_pin.batch.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
-from coop_pin.batch.llvm_machine import LlvmMachine
-from coop_pin.batch.numpy_emitter import evaluate
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
-from coop_pin.batch.tape import Tape
-from coop_pin.batch.traced_array import inputs, traced
-from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
 from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.tracing import elementary
+from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
+from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.numpy_emitter import evaluate
+from coop_pin.tracing.tape import Tape
+from coop_pin.tracing.traced_array import inputs, traced
+from coop_pin.tracing.tree import SharedFunctions
 
 CATALOGUE = scenario_names()
 QUICK = ("adept-paper", "five-joint-pair")

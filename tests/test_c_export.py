@@ -13,15 +13,15 @@ from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
 import coop_pin as cp
-from coop_pin.batch.c_emitter import CEmitter, c_number
-from coop_pin.batch.numpy_emitter import evaluate
-from coop_pin.batch.tape import FOLD, Function, Tape
-from coop_pin.batch.traced_array import inputs
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.tracing.c_emitter import CEmitter, c_number
+from coop_pin.tracing.numpy_emitter import evaluate
+from coop_pin.tracing.tape import FOLD, Function, Tape
+from coop_pin.tracing.traced_array import inputs
 
 CC = shutil.which("gcc") or shutil.which("cc")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")

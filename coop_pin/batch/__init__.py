@@ -5,10 +5,10 @@ numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast``
 """
 
 from coop_pin.batch.c_export import CLaw, export_c
-from coop_pin.batch.llvm_machine import require_compiler
 from coop_pin.batch.preparation import families
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
 from coop_pin.batch.support import plant_reason, support
+from coop_pin.tracing.llvm_machine import require_compiler
 
 __all__ = [
     "BatchResult",

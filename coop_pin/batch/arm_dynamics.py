@@ -16,8 +16,8 @@ from coop_pin.batch.serial_arm import (
     join,
     links,
 )
-from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import plain
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import plain
 
 
 class ArmInput(NamedTuple):

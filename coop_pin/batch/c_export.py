@@ -15,7 +15,7 @@ import numpy as np
 
 from coop_pin import __version__
 from coop_pin.arrays import as_count, require_type
-from coop_pin.batch.c_emitter import CEmitter, c_number
+from coop_pin.atomic_write import write_atomically
 from coop_pin.batch.law_code import (
     DESIRED,
     MEASURED,
@@ -29,13 +29,13 @@ from coop_pin.batch.law_code import (
     trace_law,
 )
 from coop_pin.batch.run_constants import arm_constants
-from coop_pin.batch.tape import Number, Tape
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.c_emitter import CEmitter, c_number
+from coop_pin.tracing.tape import Number, Tape
 
 _FLOPS = ("add", "sub", "mul", "div", "sqrt")
 """Operations that count as floating-point operations; comparisons, choices and signs do not."""

@@ -31,9 +31,9 @@ from coop_pin.batch.serial_arm import (
     join,
     motion_cross,
 )
-from coop_pin.batch.tape import Number, Tape, Traced
-from coop_pin.batch.tree import SharedFunctions
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.tracing.tape import Number, Tape, Traced
+from coop_pin.tracing.tree import SharedFunctions
 
 _ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
 _TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.numpy_emitter import evaluate
 from coop_pin.batch.run_constants import ArmConstants
-from coop_pin.batch.tape import Number, Tape
-from coop_pin.batch.traced_array import inputs, plain
-from coop_pin.batch.tree import leaves, rebuilt, structure
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
 from coop_pin.errors import TracingError
 from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.tracing.numpy_emitter import evaluate
+from coop_pin.tracing.tape import Number, Tape
+from coop_pin.tracing.traced_array import inputs, plain
+from coop_pin.tracing.tree import leaves, rebuilt, structure
 
 _AGREEMENT = 1e-12
 """Of torques with those of the Python law, relative to the largest torque of the self-test."""

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
-from coop_pin.batch.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.batch.serial_arm import Numbers
-from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import parts, traced
-from coop_pin.batch.tree import SharedFunctions, rebuilt
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.simulation.transmission import Friction
+from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import parts, traced
+from coop_pin.tracing.tree import SharedFunctions, rebuilt
 
 STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
 """Of the classical Runge-Kutta method: nodes, also the coefficients of the stage before, and weights."""

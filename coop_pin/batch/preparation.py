@@ -12,7 +12,6 @@ from coop_pin.arrays import Array
 from coop_pin.batch.run_constants import run_constants, start
 from coop_pin.batch.signals import RunShape, errors, references, signal_layout
 from coop_pin.batch.support import plant_reason
-from coop_pin.batch.tree import leaves, structure
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
@@ -21,6 +20,7 @@ from coop_pin.model.arm_model import ArmModel
 from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import quantities
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.tree import leaves, structure
 
 _OTHERS = {"controller", "beyond_bound", "seed"}
 """Fields of a scenario that reach its controller and signals only."""

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from coop_pin.batch.arm_dynamics import newton_euler
-from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers
-from coop_pin.batch.traced_array import traced
 from coop_pin.simulation.actuation import TorqueResponse
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.traced_array import traced
 
 _RESPONSE = ("target", "sign", "ramp", "rest")
 """Fields of a TorqueResponse that change."""

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.kernel import Kernel, Layout
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.signals import RunShape
-from coop_pin.batch.traced_array import parts, traced
-from coop_pin.batch.tree import leaves, rebuilt
 from coop_pin.control import ArmReference
+from coop_pin.tracing.kernel import Kernel, Layout
+from coop_pin.tracing.traced_array import parts, traced
+from coop_pin.tracing.tree import leaves, rebuilt
 
 
 class SignalSplit(NamedTuple):

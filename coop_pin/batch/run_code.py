@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.batch import elementary
 from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
-from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.law_code import only_tracing_errors
 from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
 from coop_pin.batch.run_actuation import RunActuation
@@ -20,12 +18,14 @@ from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.run_sensing import RunSensing
 from coop_pin.batch.serial_arm import Numbers, frames
-from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import traced
-from coop_pin.batch.tree import SharedFunctions, leaves, rebuilt
 from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.scalars import inverse
+from coop_pin.tracing import elementary
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import traced
+from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
 KERNELS = ("start", "law", "observe", "rates", "step", "sense", "drive", "release")
 """Kernels of every program, in order."""

@@ -10,7 +10,6 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
-from coop_pin.batch.traced_array import traced
 from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
@@ -23,6 +22,7 @@ from coop_pin.simulation.actuation import TorqueResponse
 from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.transmission import Friction, friction
 from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.tracing.traced_array import traced
 
 
 class Instant(NamedTuple):

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.kernel import LOAD, RECORD, Instruction, Program
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.run_block import RunBlock, SignalSplit
 from coop_pin.batch.run_code import KERNELS, RunCode
 from coop_pin.batch.run_constants import Start
-from coop_pin.batch.tree import leaves
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
+from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Program
+from coop_pin.tracing.tree import leaves
 
 
 class RunProgram:

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.batch.kernel import Layout
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.results.quantities import Samples
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.spatial import internal_wrenches
+from coop_pin.tracing.kernel import Layout
 
 _Sources = dict[str, Callable[[], NDArray[Any]]]
 """What gives quantities, by name."""

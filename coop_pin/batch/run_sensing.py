@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.batch.kernel import Kernel
 from coop_pin.batch.run_block import RunBlock
 from coop_pin.batch.run_constants import RunConstants
 from coop_pin.batch.serial_arm import Numbers, frames
-from coop_pin.batch.traced_array import traced
 from coop_pin.control import ArmMeasurement
 from coop_pin.simulation.encoder import EncoderState
 from coop_pin.spatial import rotate_vector6
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.traced_array import traced
 
 
 class Drives(NamedTuple):

@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from coop_pin.batch.tape import Number
-from coop_pin.batch.traced_array import plain, traced
 from coop_pin.errors import TracingError
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import plain, traced
 
 Numbers: TypeAlias = NDArray[Any]
 """Array of traced scalars and constants."""

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.kernel import Layout
 from coop_pin.description.controller import NoForcePath
 from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
@@ -20,6 +19,7 @@ from coop_pin.simulation import Simulation
 from coop_pin.simulation.noise import generator
 from coop_pin.spatial import rotate_vector6, shift_wrench
 from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.tracing.kernel import Layout
 
 
 class RunShape(NamedTuple):

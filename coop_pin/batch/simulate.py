@@ -9,8 +9,6 @@ from typing import Any, cast
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
-from coop_pin.batch.kernel import RECORD, Layout, Machine, Program
-from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.preparation import Plant, Prepared, prepare
 from coop_pin.batch.run_program import RunProgram
 from coop_pin.batch.run_samples import RunSamples
@@ -21,6 +19,8 @@ from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
+from coop_pin.tracing.kernel import RECORD, Layout, Machine, Program
+from coop_pin.tracing.llvm_machine import LlvmMachine
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""

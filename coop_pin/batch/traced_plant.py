@@ -8,17 +8,17 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellModel
-from coop_pin.batch.llvm_machine import LlvmMachine
 from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
 from coop_pin.batch.serial_arm import RigidInertia
 from coop_pin.batch.support import plant_reason
-from coop_pin.batch.tree import leaves, structure
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.transmission import friction
+from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.tree import leaves, structure
 
 _KEPT_CODES = 8
 """Cells whose code a process keeps."""

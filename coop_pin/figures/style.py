@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
+from coop_pin.atomic_write import write_atomically
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.figures import palette
 from coop_pin.figures.layout import PanelLayout, write_decades
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
+from coop_pin.atomic_write import write_atomically
 from coop_pin.figures.run_figures import (
     error_figure,
     internal_force_figure,
@@ -26,7 +27,6 @@ from coop_pin.figures.run_figures import (
     tracking_figure,
 )
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.replay import replay_html

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import require_path, require_type
+from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.results.dataset import labelled
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,

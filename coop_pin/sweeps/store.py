@@ -15,9 +15,9 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.user_files import read_user_file

@@ -20,9 +20,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coop_pin.arrays import Array, as_positive
+from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html
 

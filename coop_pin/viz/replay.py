@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.atomic_write import write_atomically
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.results.atomic_write import write_atomically
 from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows

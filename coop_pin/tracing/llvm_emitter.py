@@ -8,9 +8,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.batch.emitter import Emitter
-from coop_pin.batch.kernel import LOAD, RECORD, Kernel, Program
-from coop_pin.batch.tape import Function, Number, Operand, Tape
+from coop_pin.tracing.emitter import Emitter
+from coop_pin.tracing.kernel import LOAD, RECORD, Kernel, Program
+from coop_pin.tracing.tape import Function, Number, Operand, Tape
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.kernel import RECORD, Machine, Program
-from coop_pin.batch.llvm_emitter import CACHE_LINE, llvm_text
+from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import MissingExtraError
-from coop_pin.results.atomic_write import write_atomically
+from coop_pin.tracing.kernel import RECORD, Machine, Program
+from coop_pin.tracing.llvm_emitter import CACHE_LINE, llvm_text
 
 _spare = threading.local()
 """Memory of the last record of each thread: to get and clear it takes the time of the runs."""

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.batch.tape import FOLD, Number, Tape, Traced
 from coop_pin.errors import TracingError
+from coop_pin.tracing.tape import FOLD, Number, Tape, Traced
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.batch.emitter import Emitter
-from coop_pin.batch.tape import Function, Number, Operand, Tape
+from coop_pin.tracing.emitter import Emitter
+from coop_pin.tracing.tape import Function, Number, Operand, Tape
 
 _EXPRESSIONS = {
     "add": "{} + {}",

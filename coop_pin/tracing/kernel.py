@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.batch.numpy_emitter import evaluate
-from coop_pin.batch.tape import Number, Tape
-from coop_pin.batch.traced_array import inputs
-from coop_pin.batch.tree import leaves
+from coop_pin.tracing.numpy_emitter import evaluate
+from coop_pin.tracing.tape import Number, Tape
+from coop_pin.tracing.traced_array import inputs
+from coop_pin.tracing.tree import leaves
 
 
 class Layout:

@@ -15,9 +15,9 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from coop_pin.batch.tape import Function, Tape, Traced
-from coop_pin.batch.traced_array import traced
 from coop_pin.schema.base import Description
+from coop_pin.tracing.tape import Function, Tape, Traced
+from coop_pin.tracing.traced_array import traced
 
 Tree = TypeVar("Tree")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.batch.tape import Function, Number, Operand, Tape, Traced
+from coop_pin.tracing.tape import Function, Number, Operand, Tape, Traced
 
 
 class Emitter(ABC):

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.batch.tape import Number, Tape, Traced
+from coop_pin.tracing.tape import Number, Tape, Traced
 
 Lanes: TypeAlias = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.batch import elementary
-from coop_pin.batch.tape import NUMPY, Number, Tape, Traced
 from coop_pin.errors import TracingError
+from coop_pin.tracing import elementary
+from coop_pin.tracing.tape import NUMPY, Number, Tape, Traced
 
 
 class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):

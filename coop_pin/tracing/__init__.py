@@ -1,0 +1,5 @@
+"""Compiler of numerical Python: functions of arrays, recorded as scalar operations, as vector code and C.
+
+It knows no robot. A tape records operations; a kernel is a tape that reads and writes slots of a block; a
+program says which kernels run in which order; a machine runs it, by numpy or compiled by LLVM.
+"""
