@@ -38,7 +38,7 @@ class SteadyErrors(NamedTuple):
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
-            all loads up to D; force times sag of a linear one is exactly this, N m.
+            all loads up to D, if arms act each on its own view; force times sag of a linear one is this, N m.
         balanced: the anchor gain with which the load sags as far as the bias moves the payload, c b, which
             leaves (1 - c) D of internal force; NaN but for the own-wrist law.
     """
@@ -73,7 +73,8 @@ class SteadyErrors(NamedTuple):
             )
         if self.product:
             lines.append(
-                f"no law of these measurements has force times (sag + bias) below {self.product:.3g} N m"
+                "no equal laws of these measurements, each on its own view, have force times (sag + bias)"
+                f" below {self.product:.3g} N m"
             )
         return "\n".join(lines)
 
@@ -81,7 +82,7 @@ class SteadyErrors(NamedTuple):
 def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0) -> SteadyErrors:
     """Return the steady errors of a scenario's law at rest; those of law (23) at the start pose.
 
-    The formulas are derived on the pages "The payload-space law" and "Which law" of the documentation.
+    The formulas stand on the pages "Proofs of the payload-space law" and "Choose a law" of the documentation.
 
     Args:
         scenario: with a law of coop_pin.
@@ -101,6 +102,8 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     own = isinstance(law, PayloadSpace) and law.payload_mass is not None and not internal
     exchanges = internal and (isinstance(law, PayloadSpace) or law.gains.force_gain > 0.0)
     needs = "forward kinematics and Jacobians"
+    if isinstance(law, PayloadSpace):
+        needs += ", the holding torque once"
     if exchanges or own:
         needs += " and the internal wrench" if exchanges else " and each arm's own wrist wrench"
     shares, force, sag, balanced = [float(c) for c in scenario.cell.shares], math.nan, math.nan, math.nan
