@@ -23,6 +23,7 @@ _PUBLIC = {
     "BatchResult": "coop_pin.batch",
     "CLaw": "coop_pin.batch",
     "Cell": "coop_pin.description",
+    "CellArm": "coop_pin.model",
     "CellChain": "coop_pin.chain",
     "CellCommand": "coop_pin.control",
     "CellController": "coop_pin.control",

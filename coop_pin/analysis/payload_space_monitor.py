@@ -18,7 +18,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control import PayloadSpaceController, ZeroedController
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError
-from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
 
@@ -89,10 +89,7 @@ class _MonitoredCell:
         cell = scenario.cell
         self.rows, self.c, self.period = cell.task_rows, cell.shares[:, None], scenario.clock.period
         self.laws: list[PayloadSpaceController] = [controller.controllers[name] for name in cell.arms]
-        self.models = [ArmModel.from_cell(cell, name) for name in cell.arms]
-        self.kinematics = [
-            ArmKinematics(arm, cell.grasps[name].matrix, self.rows) for name, arm in cell.arms.items()
-        ]
+        self.models = [CellArm(cell, name) for name in cell.arms]
         law = self.laws[0]
         k_I = np.diag(law.sign_gain) / float(getattr(law.switching, "width", np.nan))
         has_layer = bool((k_I > 0.0).all())
@@ -216,7 +213,7 @@ class _MonitoredCell:
         first = self.models[0].payload_pose(q[places[0].q_slice])
         A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
         for i, (model, place) in enumerate(zip(self.models, places, strict=True)):
-            own, view = q[place.q_slice], self.kinematics[i].view(q[place.q_slice])
+            own, view = q[place.q_slice], model.kinematics.view(q[place.q_slice])
             twist = view.jacobian @ place.drive @ v[place.v_slice]
             s = self._surface(i, view.pose, twist, t) - self.start[i][0] * self._remaining(t)
             J = self.rows.select(model.payload_jacobian(own))

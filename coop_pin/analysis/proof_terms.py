@@ -15,7 +15,7 @@ from coop_pin.arrays import Array
 from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.transmission import friction
 from coop_pin.spatial import weight_wrench
 
@@ -65,25 +65,21 @@ class DynamicsTerms(NamedTuple):
 class ProofArm:
     """One arm of the run: its true dynamics, and its law as it sees the payload."""
 
-    def __init__(self, scenario: Scenario, name: str, share: float, law: SlidingModeController) -> None:
+    def __init__(self, scenario: Scenario, name: str, law: SlidingModeController) -> None:
         cell = scenario.cell
-        self.law, self.share, self.rows = law, share, cell.task_rows
-        self.model = ArmModel.from_cell(cell, name)
-        self.kinematics = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows)
+        self.law, self.rows = law, cell.task_rows
+        self.model = CellArm(cell, name)
         self.motion = scenario.motion
         self.start_surface = np.zeros(self.model.nv)
         self.gravity = cell.gravity
-        self.inverse_drive = np.linalg.inv(self.model.drive)
-        found = friction(cell.arms[name], name)
-        self.viscous = (
-            self.inverse_drive.T @ found.axes.T @ np.diag(found.viscous) @ found.axes @ self.inverse_drive
-        )
+        resistance, back = friction(cell.arms[name], name), self.model.from_drive
+        self.viscous = back.T @ resistance.axes.T @ np.diag(resistance.viscous) @ resistance.axes @ back
         self.least_damping = float(np.linalg.eigvalsh((law.damping_gain + law.damping_gain.T) / 2)[0])
         self.data = self.model.model.createData()
 
     def law_at(self, t: float, q: Array, v: Array, sigma: Array) -> LawTerms:
         """Return the quantities of the law at a state and sigma."""
-        law, target, view = self.law, self.motion.at(t), self.kinematics.view(q)
+        law, target, view = self.law, self.motion.at(t), self.model.kinematics.view(q)
         x_d, v_d = target.X_WP_d, self.rows.select(target.V_WP_d)
         qdot, J_inverse = self.model.drive @ v, np.linalg.inv(view.jacobian)
         gamma_xtilde = law.pose_gain @ self.rows.pose_error(view.pose, x_d)
@@ -94,7 +90,7 @@ class ProofArm:
 
     def dynamics_at(self, q: Array, v: Array, payload: Payload) -> DynamicsTerms:
         """Return the terms of eq. (13) at a state."""
-        to_rates, rows = self.inverse_drive, list(self.rows.indices)
+        to_rates, rows = self.model.from_drive, list(self.rows.indices)
         J6 = self.model.payload_jacobian(q)
         J = J6[rows] @ to_rates
         R, omega = self.model.payload_pose(q)[:3, :3], (J6 @ v)[3:]
@@ -103,7 +99,7 @@ class ProofArm:
         M_0, Q_0 = M_0[np.ix_(rows, rows)], Q_0[np.ix_(rows, rows)]
         M = to_rates.T @ self.model.mass_matrix(q) @ to_rates
         Q = to_rates.T @ pin.computeCoriolisMatrix(self.model.model, self.data, q, v) @ to_rates
-        return DynamicsTerms(J, M + self.share * J.T @ M_0 @ J, Q, M_0, Q_0)
+        return DynamicsTerms(J, M + self.model.share * J.T @ M_0 @ J, Q, M_0, Q_0)
 
 
 class ArmSample(NamedTuple):
@@ -180,7 +176,7 @@ def proof_terms(arm: ProofArm, x: ArmSample, sigma: Array) -> ProofTerms:
     V_0, V_1 = law_0.s_r @ dynamics_0.D @ law_0.s_r / 2, law_1.s_r @ dynamics_1.D @ law_1.s_r / 2
     J_rate, qddot_r = (dynamics_1.J - dynamics_0.J) / _SPAN, (law_1.qdot_r - law_0.qdot_r) / _SPAN
     J = dynamics.J
-    C = dynamics.coriolis + arm.share * J.T @ (dynamics.M_0 @ J_rate + dynamics.Q_0 @ J)
+    C = dynamics.coriolis + arm.model.share * J.T @ (dynamics.M_0 @ J_rate + dynamics.Q_0 @ J)
     wanted = x.f_d - gains.force_gain * x.ftilde
     return ProofTerms(
         law=law,
@@ -202,4 +198,4 @@ def _load(arm: ProofArm, x: ArmSample, J: Array) -> Array:
     """Return G_i of eq. (13): the arm's weight and friction, and its share of the payload's, shape (k,)."""
     at_rest = arm.model.nonlinear_effects(x.q, np.zeros_like(x.v)) - x.friction
     weight = x.external + weight_wrench(x.payload.mass, arm.gravity)
-    return arm.inverse_drive.T @ at_rest - arm.share * J.T @ weight[list(arm.rows.indices)]
+    return arm.model.from_drive.T @ at_rest - arm.model.share * J.T @ weight[list(arm.rows.indices)]

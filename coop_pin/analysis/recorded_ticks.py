@@ -9,7 +9,6 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.description.events import PayloadChange
 from coop_pin.description.payload import Payload
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
@@ -85,10 +84,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Tick]:
 
 def _set_events(simulation: Simulation, time: float) -> Payload:
     """Let payload and push be those of a time; return the payload."""
-    plant, payload = simulation.plant, simulation.scenario.cell.payload
-    changes = [event for event in simulation.scenario.events if isinstance(event, PayloadChange)]
-    for change in sorted(changes, key=lambda event: event.time):
-        payload = change.apply(payload) if change.time <= time else payload
+    plant, payload = simulation.plant, simulation.scenario.payload_at(time)
     plant.chain.set_payload(payload)
     plant.push(simulation.timeline.push_at(time))
     return payload

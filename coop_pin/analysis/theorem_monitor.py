@@ -19,7 +19,6 @@ from coop_pin.arrays import Array, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
 from coop_pin.description.controller import PayloadSpace, SlidingMode
-from coop_pin.description.events import PayloadChange
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 from coop_pin.simulation.transmission import Transmission
@@ -91,10 +90,7 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
             " 'sliding-mode' with rows 'planar' or 'full'"
         )
     controller: Any = build_controller(scenario)
-    arms = [
-        ProofArm(scenario, name, float(share), controller.controllers[name])
-        for name, share in zip(scenario.cell.arms, scenario.cell.shares, strict=True)
-    ]
+    arms = [ProofArm(scenario, name, controller.controllers[name]) for name in scenario.cell.arms]
     samples = [_along(result, index, arm) for index, arm in enumerate(arms)]
     values = {name: np.stack([sample[name] for sample in samples], axis=1) for name in MONITORED}
     return _labelled(result, arms, values)
@@ -109,11 +105,7 @@ def _samples(result: RunResult, index: int) -> Iterator[ArmSample]:
     f_d = np.nan_to_num(data["desired_internal_wrench"].values[:, index])[:, rows]
     f = np.nan_to_num(data["internal_wrench"].values[:, index])[:, rows]
     F = np.nan_to_num(data["interaction_wrench"].values[:, index])
-    changes = [event for event in result.scenario.events if isinstance(event, PayloadChange)]
     for k, t in enumerate(data["time"].values.tolist()):
-        payload = cell.payload
-        for change in sorted(changes, key=lambda event: event.time):
-            payload = change.apply(payload) if change.time <= t else payload
         v = data["velocity"].values[k]
         yield ArmSample(
             t=t,
@@ -125,7 +117,7 @@ def _samples(result: RunResult, index: int) -> Iterator[ArmSample]:
             external=data["external_wrench"].values[k],
             ftilde=f[k] - f_d[k],
             f_d=f_d[k],
-            payload=payload,
+            payload=result.scenario.payload_at(t),
         )
 
 
@@ -204,7 +196,7 @@ def _labelled(result: RunResult, arms: list[ProofArm], values: dict[str, Array])
     """Return the labelled quantities, their sums over the arms and the marks of the proof."""
     scenario, data = result.scenario, result.data
     poses = np.stack(
-        [[arm.kinematics.view(x.q).pose for x in _samples(result, i)] for i, arm in enumerate(arms)]
+        [[arm.model.kinematics.view(x.q).pose for x in _samples(result, i)] for i, arm in enumerate(arms)]
     )
     apart = np.linalg.norm(poses[:, None, :, :3, 3] - poses[None, :, :, :3, 3], axis=-1).max(axis=(0, 1))
     alpha = np.array([np.diag(arm.law.sign_gain).min() for arm in arms])
