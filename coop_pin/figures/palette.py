@@ -19,9 +19,3 @@ SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 FLOOR = "#dfe3e8"
 FLOOR_LINES = "#b9c0ca"
-
-
-def rgb(colour: str) -> tuple[float, float, float]:
-    """Return red, green and blue of "#rrggbb", from 0 to 1."""
-    red, green, blue = (int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
-    return red, green, blue
