@@ -98,6 +98,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "imageio_ffmpeg",
             "ipywidgets",
+            "matplotlib",
             "playwright",
             "tornado",
             "trimesh",
@@ -125,7 +126,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pandas", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
-    "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
         {
             "analysis",
@@ -135,7 +135,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "run_scenario",
             "figures",
             "progress_bar",
-            "report",
             "results",
             "run_folder",
             "build_controller",

@@ -98,14 +98,14 @@ def page_html(
         },
         **data,
     }
-    return Template(_file("page.html")).substitute(
+    return Template(web_file("page.html")).substitute(
         kind=kind,
-        style=_file("uplot/uPlot.min.css") + _file("page.css"),
-        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + _file("uplot/LICENSE"),
+        style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
+        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + web_file("uplot/LICENSE"),
         scripts="\n".join(
-            (_viewer_file("main.min.js"), *map(_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
+            (_viewer_file("main.min.js"), *map(web_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
         ),
-        player=_file("player.js"),
+        player=web_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
         told=told,
@@ -135,6 +135,6 @@ def _viewer_file(name: str) -> str:
     return Path(meshcat.origin).with_name("viewer").joinpath("dist", name).read_text(encoding="utf-8")
 
 
-def _file(name: str) -> str:
-    """Return a file of the folder ``page``."""
-    return resources.files("coop_pin.viz").joinpath("page", name).read_text(encoding="utf-8")
+def web_file(name: str) -> str:
+    """Return the text of a file in the folder ``web``."""
+    return resources.files("coop_pin.viz").joinpath("web", name).read_text(encoding="utf-8")

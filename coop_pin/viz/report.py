@@ -7,7 +7,6 @@ import html
 import io
 import math
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
@@ -29,6 +28,7 @@ from coop_pin.figures.run_figures import (
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.viz.highlights import telling_instant, trust_text
+from coop_pin.viz.page import web_file
 from coop_pin.viz.replay import replay_html
 
 
@@ -144,10 +144,10 @@ def report_html(result: RunResult) -> str:
         result: the run, finished or not.
     """
     scenario = result.scenario
-    return Template(_page_file("report.html")).substitute(
+    return Template(web_file("report.html")).substitute(
         title=html.escape(scenario.name),
         summary=html.escape(scenario.summary),
-        style=_page_file("report.css"),
+        style=web_file("report.css"),
         version=html.escape(__version__),
         broken_off=_broken_off(result),
         verdict=_verdict(result),
@@ -259,7 +259,3 @@ def _image(figure: Figure, text: str) -> str:
         figure.savefig(file, format="svg", metadata={"Date": None})
     content = base64.b64encode(file.getvalue()).decode("ascii")
     return f'<img alt="{html.escape(text)}" src="data:image/svg+xml;base64,{content}">'
-
-
-def _page_file(name: str) -> str:
-    return resources.files("coop_pin.report").joinpath("page", name).read_text(encoding="utf-8")
