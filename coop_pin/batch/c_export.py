@@ -20,8 +20,8 @@ from coop_pin.batch.law_code import (
     DESIRED,
     MEASURED,
     LawCode,
+    LawTick,
     RecordedLaw,
-    Tick,
     Values,
     fields,
     require_agreement,
@@ -35,7 +35,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.c_emitter import CEmitter, c_number
-from coop_pin.tracing.tape import Number, Tape
+from coop_pin.tracing.tape import Operand, Tape
 
 _FLOPS = ("add", "sub", "mul", "div", "sqrt")
 """Operations that count as floating-point operations; comparisons, choices and signs do not."""
@@ -185,7 +185,7 @@ int main(void)
 
 
 def _texts(
-    name: str, scenario: Scenario, arm: str, ticks: Sequence[Tick], code: tuple[LawCode, LawCode]
+    name: str, scenario: Scenario, arm: str, ticks: Sequence[LawTick], code: tuple[LawCode, LawCode]
 ) -> tuple[str, str, str]:
     """Return header, source and self-test."""
     (_, step), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
@@ -260,7 +260,7 @@ def _flops(code: LawCode) -> dict[str, int]:
     return {name: sum(found == name for found in _names(code.tape, code.outputs)) for name in _FLOPS}
 
 
-def _names(tape: Tape, outputs: Sequence[Number]) -> Iterator[str]:
+def _names(tape: Tape, outputs: Sequence[Operand]) -> Iterator[str]:
     """Return the operations that outputs need, those of functions as often as they are called."""
     for index in tape.live(outputs):
         name, _, called = tape.operations[index]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.errors import TracingError
-from coop_pin.tracing.tape import FOLD, Number, Tape, Traced
+from coop_pin.tracing.tape import FOLD, Number, Traced
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
@@ -72,9 +72,9 @@ _SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
 
 
 def apply(name: str, *numbers: Number) -> Number:
-    """Return the result of an operation on the tape of the traced scalars among the numbers."""
-    tape: Tape | None = next((number.tape for number in numbers if isinstance(number, Traced)), None)
-    return tape.apply(name, *numbers) if tape is not None else FOLD[name](*numbers)
+    """Return the result of an operation of FOLD, on the tape of the traced scalars among the numbers."""
+    scalar = next((number for number in numbers if isinstance(number, Traced)), None)
+    return FOLD[name](*numbers) if scalar is None else scalar.apply(name, *numbers)
 
 
 def sqrt(x: Number) -> Number:

@@ -11,7 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.errors import TracingError
 from coop_pin.tracing import elementary
-from coop_pin.tracing.tape import NUMPY, Number, Tape, Traced
+from coop_pin.tracing.tape import Number, Operand, Tape, Traced
+
+
+class TracedScalar(Traced):
+    """Traced scalar that answers numpy's ufuncs and functions."""
+
+    __slots__ = ()
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        return _ufunc(ufunc, method, inputs, options)
+
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _function(func, args, kwargs)
 
 
 class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
@@ -31,6 +43,11 @@ class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
     def any(self, *args: Any, **options: Any) -> Any:
         """Return whether any entry, a mask, holds, as a mask."""
         return _any(self)
+
+
+def scalar(tape: Tape, operand: Operand) -> Number:
+    """Return an operand of a tape as a number."""
+    return operand if isinstance(operand, float) else TracedScalar(tape, operand)
 
 
 def traced(values: ArrayLike) -> Any:
@@ -62,7 +79,7 @@ def inputs(tape: Tape, *shape: int) -> Any:
     """Return new inputs of a tape as a TracedArray, or as a scalar for the shape ()."""
     array = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
-        array[index] = tape.input()
+        array[index] = scalar(tape, tape.input())
     return traced(array)
 
 
@@ -195,6 +212,3 @@ def _plainly(args: Any) -> Iterator[Any]:
             yield [plain(part) for part in arg]
         else:
             yield plain(arg) if isinstance(arg, (TracedArray, Traced)) else arg
-
-
-NUMPY.update(ufunc=_ufunc, function=_function)
