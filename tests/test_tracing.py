@@ -228,7 +228,7 @@ def test_what_is_no_tree_is_refused_by_the_names_of_attribute_and_class(value):
             TracingError, match=rf"'noise' of test_tracing\.Filter is a .*{type(value).__name__}"
         ):
             read(law)
-    with pytest.raises(TracingError, match="'0' of list"):
+    with pytest.raises(TracingError, match="0 of list"):
         leaves(Filter(noises=[value]))
     with pytest.raises(TracingError, match=type(value).__name__):
         require_state({"memory": (value,)})

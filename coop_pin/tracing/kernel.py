@@ -37,9 +37,6 @@ class Layout:
         self._fields[name] = self.size, shape
         self.size += math.prod(shape)
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._fields
-
     def slots(self, name: str) -> NDArray[np.int64]:
         """Return the slots of a field, in its shape."""
         start, shape = self._fields[name]
@@ -98,6 +95,9 @@ class Instruction(NamedTuple):
 
 LOAD, RECORD = -1, -2
 
+CACHE_LINE = 64
+"""Bytes. A record begins with a line; whole lines of it are written past the caches, which are smaller."""
+
 
 class Program(NamedTuple):
     """Kernels and the order of their calls.
@@ -126,14 +126,11 @@ class Machine(ABC):
 
     Attributes:
         program: Kernels and the order of their calls.
+        width: Number of lanes that it advances at once.
     """
 
-    def __init__(self, program: Program) -> None:
-        self.program = program
-
-    @abstractmethod
-    def record_size(self, lanes: int) -> int:
-        """Return how many numbers of memory the record of a number of lanes takes."""
+    def __init__(self, program: Program, width: int = 1) -> None:
+        self.program, self.width = program, width
 
     @abstractmethod
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
@@ -150,16 +147,21 @@ class Machine(ABC):
             The record, shape (rows, recorded, lanes): a view of ``out``.
 
         Raises:
-            ArgumentError: ``out`` is too small, or no contiguous array of floats.
+            ArgumentError: ``out`` is too small, or no row of floats.
         """
 
-    def _memory(self, lanes: int, out: Array | None) -> Array:
-        """Return ``out`` if the record fits it, new memory if there is none; raises as run."""
-        size = self.record_size(lanes)
-        if out is None:
-            return np.empty(size)
-        if out.ndim != 1 or out.size < size or out.dtype != np.float64 or not out.flags.c_contiguous:
-            raise ArgumentError(
-                f"out has {out.size} entries of {out.dtype}; it must have {size} floats in a row"
-            )
-        return out
+    def record_size(self, lanes: int) -> int:
+        """Return how many numbers of memory a record takes, with whole registers and the start of a line."""
+        return math.prod(self._shape(lanes)) + CACHE_LINE // 8
+
+    def _record(self, lanes: int, out: Array | None) -> Array:
+        """Return the record in memory, shape (rows, recorded, lanes of whole registers); see run."""
+        shape, size = self._shape(lanes), self.record_size(lanes)
+        memory = np.empty(size) if out is None else out
+        if memory.shape < (size,) or memory.strides != (8,) or memory.dtype != np.float64:
+            raise ArgumentError(f"out has shape {memory.shape}; it must have {size} floats in a row")
+        start = -memory.ctypes.data % CACHE_LINE // 8
+        return memory[start : start + math.prod(shape)].reshape(shape)
+
+    def _shape(self, lanes: int) -> tuple[int, int, int]:
+        return self.program.rows(RECORD), self.program.recorded, -(-lanes // self.width) * self.width

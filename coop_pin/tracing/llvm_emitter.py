@@ -9,13 +9,10 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 
 from coop_pin.tracing.emitter import Emitter
-from coop_pin.tracing.kernel import LOAD, RECORD, Kernel, Program
+from coop_pin.tracing.kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
 from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-
-CACHE_LINE = 64
-"""Bytes. The record begins with a line; whole lines of it are written past the caches, which are smaller."""
 
 
 def llvm_text(program: Program, width: int) -> str:

@@ -18,19 +18,15 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import MissingExtraError
-from coop_pin.tracing.kernel import RECORD, Machine, Program
-from coop_pin.tracing.llvm_emitter import CACHE_LINE, llvm_text
+from coop_pin.tracing.kernel import Machine, Program
+from coop_pin.tracing.llvm_emitter import llvm_text
 
 _DIGEST = 32
 """Bytes of the checksum in front of a file of compiled code."""
 
 
 class LlvmMachine(Machine):
-    """Machine that runs compiled code.
-
-    Attributes:
-        width: Number of lanes of a register.
-    """
+    """Machine that runs compiled code; its width is that of a vector register."""
 
     def __init__(self, program: Program, width: int | None = None) -> None:
         """Compile a program, or load its code from disk.
@@ -42,30 +38,22 @@ class LlvmMachine(Machine):
         Raises:
             MissingExtraError: llvmlite is not installed.
         """
-        super().__init__(program)
-        self.width = native_width() if width is None else width
+        super().__init__(program, native_width() if width is None else width)
         self._engine = _engine(llvm_text(program, self.width))
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
         self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
 
-    def record_size(self, lanes: int) -> int:
-        """Return how many numbers of memory a record takes, in whole registers and lines of the cache."""
-        padded = -(-lanes // self.width) * self.width
-        return self.program.rows(RECORD) * self.program.recorded * padded + CACHE_LINE // 8
-
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        lanes, width, program = block.shape[1], self.width, self.program
-        groups, rows = -(-lanes // width), program.rows(RECORD)
+        lanes, width, record = block.shape[1], self.width, self._record(block.shape[1], out)
+        groups = record.shape[2] // width
         lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        uniforms, memory = np.ascontiguousarray(uniforms), self._memory(lanes, out)
-        start, size = -memory.ctypes.data % CACHE_LINE // 8, rows * program.recorded * groups * width
-        record = memory[start : start + size].reshape(rows, program.recorded, groups * width)
+        uniforms = np.ascontiguousarray(uniforms)
         self._run(
             groups,
             len(self._instructions),

@@ -54,15 +54,9 @@ def evaluate(tape: Tape, outputs: Sequence[Operand], inputs: Sequence[Any]) -> l
 class NumpyMachine(Machine):
     """Machine that evaluates a program by numpy."""
 
-    def record_size(self, lanes: int) -> int:
-        """Return how many numbers of memory the record of a number of lanes takes."""
-        return self.program.rows(RECORD) * self.program.recorded * lanes
-
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        program, lanes = self.program, block.shape[1]
-        shape = program.rows(RECORD), program.recorded, lanes
-        record = self._memory(lanes, out)[: self.record_size(lanes)].reshape(shape)
+        program, record = self.program, self._record(block.shape[1], out)
         with np.errstate(all="ignore"):
             for code, row in program.instructions:
                 if code == RECORD:

@@ -14,8 +14,8 @@ from coop_pin.tracing import elementary
 from coop_pin.tracing.tape import Number, Operand, Tape, Traced
 
 
-class TracedScalar(Traced):
-    """Traced scalar that answers numpy's ufuncs and functions."""
+class Recording:
+    """Base of what records numpy's ufuncs and functions."""
 
     __slots__ = ()
 
@@ -26,23 +26,19 @@ class TracedScalar(Traced):
         return _function(func, args, kwargs)
 
 
-class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
+class TracedScalar(Recording, Traced):
+    """Traced scalar that records numpy's ufuncs and functions."""
+
+    __slots__ = ()
+
+
+class TracedArray(Recording, np.ndarray[Any, np.dtype[np.object_]]):
     """Array of traced scalars and constants.
 
     Arithmetic, dot and matmul are numpy's own, on objects; ufuncs that decide by values are those below.
     """
 
     __array_priority__ = 100.0
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        return _ufunc(ufunc, method, inputs, options)
-
-    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return _function(func, args, kwargs)
-
-    def any(self, *args: Any, **options: Any) -> Any:
-        """Return whether any entry, a mask, holds, as a mask."""
-        return _any(self)
 
 
 def scalar(tape: Tape, operand: Operand) -> Number:

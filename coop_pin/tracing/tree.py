@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import PurePath
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,18 @@ _KINDS_OF_NUMBERS = "iufO"
 """Kinds of numpy's numbers and of traced ones, by the letters of its dtypes."""
 
 
+class _Kind(NamedTuple):
+    """How the trees of a class are read and made.
+
+    Attributes:
+        read: Function that returns the parts of a tree, by name.
+        make: Function that returns a tree like one, with other parts.
+    """
+
+    read: Callable[[Any], Iterable[tuple[Any, Any]]]
+    make: Callable[[Any, dict[Any, Any]], Any]
+
+
 def leaves(tree: Any) -> list[Any]:
     """Return the numbers of a tree, in order; truth values and texts are no numbers.
 
@@ -40,12 +52,11 @@ def leaves(tree: Any) -> list[Any]:
         return [tree]
     if isinstance(tree, np.ndarray):
         return list(tree.ravel().tolist()) if _has_numbers(tree) else []
-    return [leaf for _, part in _parts(tree) for leaf in leaves(part)]
+    return [leaf for _, part in _read(tree)[1] for leaf in leaves(part)]
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
-    kind: Any = type(tree)
     if is_number(tree):
         return next(numbers)
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
@@ -53,20 +64,9 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
         for index in range(tree.size):
             entries[index] = next(numbers)
         return traced(entries.reshape(tree.shape))
-    parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
-    if not parts:
-        return tree
-    if isinstance(tree, Mapping):
-        return kind(dict(zip(tree, parts.values(), strict=True)))
-    if isinstance(tree, tuple | list):
-        return kind(*parts.values()) if hasattr(tree, "_fields") else kind(parts.values())
-    if isinstance(tree, Description):
-        return tree.model_copy(update=parts)
-    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
-        return dataclasses.replace(tree, **parts)
-    instance: Tree = object.__new__(kind)
-    vars(instance).update(parts)
-    return instance
+    kind, parts = _read(tree)
+    made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in parts})
+    return made
 
 
 def structure(tree: Any) -> Hashable:
@@ -77,7 +77,7 @@ def structure(tree: Any) -> Hashable:
         return tree.shape if _has_numbers(tree) else (tree.shape, tree.tobytes())
     if isinstance(tree, _CONSTANTS):
         return type(tree), repr(tree)
-    return (type(tree), *((name, structure(part)) for name, part in _parts(tree)))
+    return (type(tree), *((name, structure(part)) for name, part in _read(tree)[1]))
 
 
 def is_number(value: Any) -> bool:
@@ -91,12 +91,11 @@ def require_state(tree: Any) -> None:
     Raises:
         TracingError: It does.
     """
-    kind: Any = type(tree)
-    read = _reader(kind)
-    if read is None or read is _attributes:
+    kind = _kind(tree.__class__)
+    if kind is None or kind is _OBJECT:
         kinds = "numbers, arrays, texts, tuples, lists, mappings and dataclasses"
         raise TracingError(f"keeps a {_name(tree)} in its state, which may consist of {kinds}")
-    for _, part in read(tree):
+    for _, part in kind.read(tree):
         require_state(part)
 
 
@@ -104,43 +103,54 @@ def _has_numbers(array: NDArray[Any]) -> bool:
     return array.dtype.kind in _KINDS_OF_NUMBERS
 
 
-def _parts(tree: Any) -> Iterable[tuple[str, Any]]:
-    """Return the parts of a tree by name; none of a value without parts."""
-    kind: Any = type(tree)
-    read = _reader(kind)
-    parts = list(read(tree)) if read else [("itself", tree)]
+def _read(tree: Any) -> tuple[_Kind, list[tuple[Any, Any]]]:
+    """Return the kind of a tree and its parts by name; none of a value without parts."""
+    kind = _kind(tree.__class__)
+    parts = list(kind.read(tree)) if kind else [("itself", tree)]
     for name, part in parts:
-        kind = type(part)
-        if _reader(kind) is None:
+        if _kind(part.__class__) is None:
             raise TracingError(
                 f"attribute {name!r} of {_name(tree)} is a {_name(part)}, which cannot be traced: it is no"
                 " number, array, text, tuple, list, mapping, dataclass, or object of such attributes"
             )
-    return parts
+    return kind, parts
 
 
 @functools.cache  # the checks of classes cost more than the rest
-def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]] | None:
-    """Return the function that returns the parts of the values of a class; None if they are no trees."""
+def _kind(kind: Any) -> Any:
+    """Return the _Kind of the values of a class; None if they are no trees."""
     if issubclass(kind, (float, int, np.number, Traced, np.ndarray, *_CONSTANTS)):
-        return lambda _: ()
-    fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    names = kind.model_fields if issubclass(kind, Description) else [field.name for field in fields]
-    if names:
-        return lambda tree: [(name, getattr(tree, name)) for name in names]
+        return _Kind(lambda _: (), lambda tree, _: tree)
+    if issubclass(kind, Description):
+        return _Kind(_fields(kind.model_fields), lambda tree, parts: tree.model_copy(update=parts))
+    if dataclasses.is_dataclass(kind):
+        names = [field.name for field in dataclasses.fields(kind)]
+        return _Kind(_fields(names), lambda tree, parts: dataclasses.replace(tree, **parts))
     if issubclass(kind, Mapping):
-        return lambda tree: [(str(name), part) for name, part in tree.items()]
+        return _Kind(lambda tree: tree.items(), lambda _, parts: kind(parts))
+    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        return _Kind(_fields(kind._fields), lambda _, parts: kind(**parts))
     if issubclass(kind, tuple | list):
-        return lambda tree: zip(getattr(kind, "_fields", map(str, range(len(tree)))), tree, strict=True)
+        return _Kind(enumerate, lambda _, parts: kind(parts.values()))
     members = {name for base in kind.__mro__ for name in vars(base)}
     has_slots = any(vars(base).get("__slots__") for base in kind.__mro__)
-    has_state = kind.__new__ is not object.__new__ or "__dict__" not in members or has_slots
-    return None if has_state or "__call__" in members else _attributes
+    is_of_python = kind.__new__ is object.__new__ and "__dict__" in members
+    return _OBJECT if is_of_python and not has_slots and "__call__" not in members else None
 
 
-def _attributes(instance: object) -> Iterable[tuple[str, Any]]:
-    """Return the attributes of an ordinary object, such as a controller; no other function reads them."""
-    return vars(instance).items()
+def _fields(names: Iterable[str]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
+    return lambda tree: [(name, getattr(tree, name)) for name in names]
+
+
+def _with_attributes(instance: Any, attributes: dict[str, Any]) -> Any:
+    """Return an object of the same class with these attributes; its constructor is not called."""
+    made = object.__new__(type(instance))
+    vars(made).update(attributes)
+    return made
+
+
+_OBJECT = _Kind(lambda instance: vars(instance).items(), _with_attributes)
+"""Ordinary objects, such as controllers: the only place where the attributes of an object are read."""
 
 
 def _name(value: Any) -> str:
