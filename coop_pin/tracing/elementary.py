@@ -46,12 +46,12 @@ _HYPERBOLIC_COTANGENT = (
     1.66666666666666019037e-01,
     2.0,
 )
-"""Of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
+"""Coefficients of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
 _LARGEST_TANH = 40.0
 """Twice an argument from which 1 - tanh is less than the rounding of 1."""
 _EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
 _INVERSE_TANGENT = tuple(1.0 / (2 * n + 1) for n in range(10, -1, -1))
-"""Series of atanh(s) / s in s^2, for s up to 0.172."""
+"""Coefficients of atanh(s) / s in s^2, for s up to 0.172."""
 _BINARY_PLACES = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
 _ARC_TANGENT_P = (
     -8.750608600031904122785e-1,
@@ -191,7 +191,7 @@ def inverse(A: NDArray[Any]) -> NDArray[Any]:
     """Return A^-1 by Gaussian elimination with partial pivoting; the row swaps are choices by masks.
 
     Args:
-        A: numbers, shape (n, n).
+        A: Matrix of numbers, shape (n, n).
     """
     size = len(A)
     rows = [[*row, *unit] for row, unit in zip(A.tolist(), np.eye(size).tolist(), strict=True)]
