@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.batch.law_code import Tick, require_agreement, trace_law
+from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
 from coop_pin.build_controller import build_controller
@@ -16,6 +16,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.tree import structure
 
 _TICKS = 3
 """At which a user's controller is compared with its traced code."""
@@ -54,7 +55,7 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     """Refuse a user's controller whose steps at random ticks its traced code does not give.
 
     Raises:
-        TracingError: it cannot, or they are not.
+        TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
     if not isinstance(law, UserController):
@@ -65,11 +66,12 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.target!r} cannot be traced: it {error}") from None
+    structure(constants.controller)
 
 
-def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[Tick]]:
+def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
     """Return successive ticks of all arms under a controller, at random measurements near the start."""
-    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[Tick]]()
+    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
     state: Any = None
     shape, begun = RunShape.of(scenario), start(scenario, run)
     edges = np.cumsum([len(arm.drive) for arm in constants.arms])[:-1]
@@ -99,5 +101,5 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             torques, state = run.actuation.commanded(command), command.state
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([Tick(*given) for given in zip(measurements, references, torques, strict=True)])
+        ticks.append([LawTick(*given) for given in zip(measurements, references, torques, strict=True)])
     return ticks
