@@ -58,8 +58,8 @@ class JointSummary(NamedTuple):
     """Position and limits of one joint of an arm.
 
     Attributes:
-        name: of the joint.
-        angle: at the payload pose, rad or m.
+        name: joint name.
+        angle: joint position at the payload pose, rad or m.
         lower: position limit, -inf if there is none.
         upper: position limit, inf if there is none.
         velocity: limit, inf if there is none.
@@ -78,15 +78,16 @@ class ArmSummary(NamedTuple):
     """One arm of a cell, closed at the payload pose.
 
     Attributes:
-        name: of the arm.
-        urdf: its file or name.
+        name: arm name.
+        urdf: file or name of the robot.
         tip: frame that holds the payload.
         base: position of its root link in the world, m.
         locked: fixed joints.
         joints: moving joints.
-        mass: of all moving links, kg.
+        mass: mass of all moving links, kg.
         maximum_reach: largest distance between its first joint and its tip, m.
-        smallest_singular_value: of its payload Jacobian in the cell's task rows and drive coordinates.
+        smallest_singular_value: least singular value of the payload Jacobian in task rows and drive
+            coordinates.
     """
 
     name: str
@@ -104,7 +105,7 @@ class CellSummary(NamedTuple):
     """Summary of a cell at a payload pose.
 
     Attributes:
-        arms: in the order of the cell.
+        arms: summaries in the order of the cell.
         payload: the held object.
         gravity: m/s^2.
         task_rows: name of the cell's task rows.

@@ -68,8 +68,8 @@ class StepStability(NamedTuple):
 
     Attributes:
         value: ``h lambda``, with h the plant's step and lambda the fastest decay by friction alone.
-        limit: of the integrator.
-        steps_per_tick: of the scenario.
+        limit: stability limit of the integrator.
+        steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
     """
 
@@ -103,7 +103,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     if ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
-        scenario: what would be run. Friction, actuators and integral terms are not considered.
+        scenario: scenario that would be run. Friction, actuators and integral terms are not considered.
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.
