@@ -183,8 +183,8 @@ def _fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move fastest in a mode, the fastest first."""
     speeds = {
         name: float(speed)
-        for place in simulation.plant.chain.model.arms
-        for name, speed in zip(place.angles.names, mode[place.v_slice], strict=True)
+        for slot in simulation.plant.chain.model.arms
+        for name, speed in zip(slot.angles.names, mode[slot.v_slice], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])
     return tuple(name for name in fastest if speeds[name] >= _SHARE_OF_MODE * speeds[fastest[0]])[:4]

@@ -209,11 +209,11 @@ def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float)
     rows, chain = scenario.cell.task_rows, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
     springs = []
-    for place in chain.model.arms:
-        gains, k = law.gains_of(place.name), place.drive.shape[0]
+    for slot in chain.model.arms:
+        gains, k = law.gains_of(slot.name), slot.drive.shape[0]
         if np.any(gains.sign_gain):
             return math.inf, 0.0
-        J = CellArm(scenario.cell, place.name).task_jacobian(q[place.q_slice])
+        J = CellArm(scenario.cell, slot.name).task_jacobian(q[slot.q_slice])
         J_inverse = jacobian_inverse(J, 0.0)
         K_d, gamma = (gain_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
         springs.append(J_inverse.T @ K_d @ J_inverse @ gamma)

@@ -68,7 +68,7 @@ class CellVisuals:
                 of q.
         """
         cell_model = CellModel(cell, payload)
-        self.joints = {place.name: place.joint_names for place in cell_model.arms}
+        self.joints = {slot.name: slot.joint_names for slot in cell_model.arms}
         self._model = cell_model.model
         self._data = self._model.createData()
         self.bodies: tuple[Body, ...] = ()

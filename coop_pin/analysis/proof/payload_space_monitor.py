@@ -182,12 +182,12 @@ class _MonitoredCell:
 
     def _motion(self, t: float, q: Array, v: Array, payload: Payload) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
-        places, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
-        first = self.models[0].payload_pose(q[places[0].q_slice])
+        slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        first = self.models[0].payload_pose(q[slots[0].q_slice])
         A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
-        for i, (model, place) in enumerate(zip(self.models, places, strict=True)):
-            q_i, view = q[place.q_slice], model.kinematics.view(q[place.q_slice])
-            twist = view.jacobian @ place.drive @ v[place.v_slice]
+        for i, (model, slot) in enumerate(zip(self.models, slots, strict=True)):
+            q_i, view = q[slot.q_slice], model.kinematics.view(q[slot.q_slice])
+            twist = view.jacobian @ slot.drive @ v[slot.v_slice]
             s = self._surface(i, view.pose, twist, t) - self.start[i][0] * self._remaining(t)
             J = self.rows.select(model.payload_jacobian(q_i))
             A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q_i), J.T))
