@@ -16,19 +16,19 @@ import numpy as np
 from coop_pin import __version__
 from coop_pin.arrays import as_count, require_type
 from coop_pin.atomic_write import write_atomically
+from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
     DESIRED,
     MEASURED,
     LawCode,
+    LawTick,
     RecordedLaw,
-    Tick,
     Values,
     fields,
     require_agreement,
     tolerance,
     trace_law,
 )
-from coop_pin.batch.run_constants import arm_constants
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
 from coop_pin.description.scenario import Scenario
@@ -185,7 +185,7 @@ int main(void)
 
 
 def _texts(
-    name: str, scenario: Scenario, arm: str, ticks: Sequence[Tick], code: tuple[LawCode, LawCode]
+    name: str, scenario: Scenario, arm: str, ticks: Sequence[LawTick], code: tuple[LawCode, LawCode]
 ) -> tuple[str, str, str]:
     """Return header, source and self-test."""
     (_, step), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)

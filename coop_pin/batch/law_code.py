@@ -10,9 +10,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import ArmConstants
+from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
 from coop_pin.errors import TracingError
+from coop_pin.simulation.sensing import measurement
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.numpy_emitter import evaluate
 from coop_pin.tracing.tape import Number, Tape
@@ -45,7 +46,7 @@ DESIRED = {
 """Fields that the law is given, and what they are; its pose, twist and Jacobian follow from them."""
 
 
-class Tick(NamedTuple):
+class LawTick(NamedTuple):
     """One recorded tick of a law.
 
     Attributes:
@@ -67,7 +68,7 @@ class RecordedLaw(ArmController):
     """
 
     def __init__(self, law: ArmController) -> None:
-        self._law, self.ticks = law, list[Tick]()
+        self._law, self.ticks = law, list[LawTick]()
         self._holding: Array | None = None
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
@@ -79,7 +80,7 @@ class RecordedLaw(ArmController):
         """Return the law's command."""
         command = self._law.step(measurement, reference, state)
         given = measurement._replace(holding_torque=self._holding)
-        self.ticks.append(Tick(given, reference, command.torque))
+        self.ticks.append(LawTick(given, reference, command.torque))
         return command
 
 
@@ -104,7 +105,7 @@ class LawCode(NamedTuple):
         return [*self.torque, *self.state, self.is_regular]
 
 
-def fields(tick: Tick) -> tuple[Values, Values]:
+def fields(tick: LawTick) -> tuple[Values, Values]:
     """Return the values of measurement and reference that the law is given, by name."""
     measured = {name: getattr(tick.measurement, name) for name in MEASURED}
     absent = {name for name, value in measured.items() if value is None}
@@ -114,7 +115,7 @@ def fields(tick: Tick) -> tuple[Values, Values]:
 
 
 def trace_law(
-    controller: CellController, arms: Sequence[ArmConstants], rows: TaskRows, first: Sequence[Tick]
+    controller: CellController, arms: Sequence[ArmConstants], rows: TaskRows, first: Sequence[LawTick]
 ) -> tuple[LawCode, LawCode]:
     """Return the traced start and step of a controller, with the kinematics of its arms.
 
@@ -137,7 +138,7 @@ def trace_law(
             )
             q, v = measured.pop("q"), measured.pop("v")
             given = {"internal_wrench": None, **measured}
-            measurements.append(arm.measurement(rows, arm.to_joints.dot(q), q, v, **given))
+            measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **given))
             references.append(ArmReference(**desired))
         return tape, measurements, references
 
@@ -167,13 +168,13 @@ def only_tracing_errors() -> Iterator[None]:
         raise TracingError(f"computes with what cannot be traced: {type(error).__name__}: {error}") from error
 
 
-def _flat(ticks: Sequence[Tick]) -> list[float]:
+def _flat(ticks: Sequence[LawTick]) -> list[float]:
     """Return the inputs of a tick of all arms in the order of the tape."""
     values = (value for tick in ticks for values in fields(tick) for value in values.values())
     return [float(x) for value in values for x in np.ravel(value)]
 
 
-def tolerance(ticks: Sequence[Sequence[Tick]]) -> float:
+def tolerance(ticks: Sequence[Sequence[LawTick]]) -> float:
     """Return how far torques may be off, N m."""
     return _AGREEMENT * max(float(np.abs(own.torque).max()) for tick in ticks for own in tick)
 
@@ -182,7 +183,7 @@ def _all(guards: Sequence[Number]) -> Number:
     return math.prod(guards, start=1.0)
 
 
-def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[Tick]]) -> None:
+def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[LawTick]]) -> None:
     """Refuse traced code whose torques at the recorded ticks of all arms are not those of the law.
 
     Raises:
