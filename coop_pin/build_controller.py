@@ -19,6 +19,7 @@ from coop_pin.control import (
     SlidingModeController,
     ZeroedController,
 )
+from coop_pin.control.terms import gain_matrix
 from coop_pin.description.controller import (
     Law,
     NoForcePath,
@@ -70,13 +71,12 @@ def _arm_controller(scenario: Scenario, law: Law, arm: str, model: ArmModel | No
     gains, path = (law.arm_gains[arm], f"arm_gains.{arm}") if own else (law.gains, "gains")
     common: dict[str, Any] = {"rows": rows, "period": scenario.clock.period, "switching": law.switching}
     for name, gain in gains:
-        common[name] = _matrix(gain, sizes[name], f"controller.{path}.{name}") if name in sizes else gain
+        common[name] = gain_matrix(gain, sizes[name], f"controller.{path}.{name}") if name in sizes else gain
     if isinstance(law, PayloadSpace):
-        share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
         posture = _posture(scenario, law.posture, arm, model) if k > k_0 else None
         common["leak"] = _leak(law, arm, scenario.clock.period)
         return PayloadSpaceController(
-            load_share=share,
+            load_share=scenario.cell.share(arm),
             payload_weight=_payload_weight(scenario, law.payload_mass),
             stale_after=law.stale_after + _oldest_in_time(scenario),
             posture=posture,
@@ -129,18 +129,6 @@ def _require_joints(law: Law, arm: str, joints: int, rows: int) -> None:
     )
 
 
-def _matrix(gain: float | tuple[Any, ...], size: int, path: str) -> Array:
-    """Return a gain as a (size, size) matrix: a number times the identity, a diagonal, or the rows as given.
-
-    Raises:
-        FieldError: its number of entries does not fit.
-    """
-    rows = np.array(gain, dtype=float)
-    if rows.ndim and len(rows) != size:
-        raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)
-    return rows * np.eye(size) if rows.ndim < 2 else rows
-
-
 def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel) -> Posture:
     """Return the posture term of a redundant arm: a spring towards ``Arm.posture``, and a damper."""
     if model.nq != model.nv:
@@ -149,10 +137,9 @@ def _posture(scenario: Scenario, gains: PostureGains, arm: str, model: ArmModel)
             "lock them or give them limits",
             "controller.posture",
         )
-    angles = scenario.cell.arms[arm].posture
-    spring = np.zeros(model.nv) if angles is None else as_array(f"posture of arm {arm!r}", angles, model.nv)
+    spring = as_array(f"posture of arm {arm!r}", scenario.cell.arms[arm].posture_angles(model.nv), model.nv)
     stiffness, damping = (
-        np.array(_matrix(gain, model.nv, f"controller.posture.{name}").diagonal()) for name, gain in gains
+        np.array(gain_matrix(gain, model.nv, f"controller.posture.{name}").diagonal()) for name, gain in gains
     )
     return Posture(model.drive @ spring, stiffness, damping)
 

@@ -98,6 +98,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "imageio_ffmpeg",
             "ipywidgets",
+            "matplotlib",
             "playwright",
             "tornado",
             "trimesh",
@@ -125,7 +126,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pandas", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
-    "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
         {
             "analysis",
@@ -135,7 +135,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "run_scenario",
             "figures",
             "progress_bar",
-            "report",
             "results",
             "run_folder",
             "build_controller",
@@ -328,7 +327,7 @@ spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload
                              saturated=np.zeros(4, bool))
 torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
 assert torque.shape == (4,) and np.isfinite(torque).all()
-cell = SimpleNamespace(task_rows=rows, arms=("left", "right"), shares=np.array((0.5, 0.5)))
+cell = SimpleNamespace(task_rows=rows, arms=("left", "right"), share=lambda arm: 0.5)
 # All that they may take of a scenario.
 told = SimpleNamespace(cell=cell, clock=SimpleNamespace(period=0.0125))
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)

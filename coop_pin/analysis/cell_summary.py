@@ -14,7 +14,7 @@ from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, load_arm_model
@@ -164,8 +164,8 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
 
 
 def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
-    arm, model = cell.arms[place.name], ArmModel.from_cell(cell, place.name)
-    J = cell.task_rows.select(model.payload_jacobian(q)) @ np.linalg.inv(place.drive)
+    model = CellArm(cell, place.name)
+    arm = model.description
     return ArmSummary(
         name=place.name,
         urdf=arm.urdf,
@@ -175,7 +175,7 @@ def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
         joints=_joints(place, model.limits, q),
         mass=float(sum(inertia.mass for inertia in list(load_arm_model(arm).inertias)[1:])),
         maximum_reach=maximum_reach(arm),
-        smallest_singular_value=float(np.linalg.svd(J, compute_uv=False)[-1]),
+        smallest_singular_value=float(np.linalg.svd(model.task_jacobian(q), compute_uv=False)[-1]),
     )
 
 

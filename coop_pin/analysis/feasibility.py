@@ -13,7 +13,7 @@ from coop_pin.analysis.statics import StaticTorques
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial.task_rows import joint_shortage
 
 _NEARBY = 0.1
@@ -29,7 +29,7 @@ def require_rank(scenario: Scenario) -> None:
         InfeasibleMotionError: cause "rank".
     """
     for name in scenario.cell.arms:
-        joints, rows = ArmModel.from_cell(scenario.cell, name).nv, scenario.cell.task_rows.size
+        joints, rows = CellArm(scenario.cell, name).nv, scenario.cell.task_rows.size
         if joints < rows:
             raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(joints, rows)}")
 

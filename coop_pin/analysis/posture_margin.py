@@ -12,7 +12,7 @@ from coop_pin.analysis.statics import StaticTorques, statics_along
 from coop_pin.chain.inverse_kinematics import ik_branches
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _BRANCHES = 8
 """Branches of each arm that are followed along the motion, the nearest to its posture."""
@@ -50,7 +50,7 @@ def posture_margins(
         if not reach.ok:
             yield PostureMargin(reach.arm, -np.inf, -np.inf, -np.inf)
             continue
-        limits = ArmModel.from_cell(scenario.cell, reach.arm).limits
+        limits = CellArm(scenario.cell, reach.arm).limits
         used = np.abs(arm.weight + arm.load) / arm.limit
         positions = limits.joints.of(reach.q)
         gap = np.minimum(positions - limits.lower, limits.upper - positions)
@@ -78,7 +78,7 @@ def with_best_postures(scenario: Scenario, poses: int) -> Scenario:
     _require_reach(reachability(scenario, poses=count))
     postures: dict[str, list[tuple[float, ...]]] = {}
     for name, arm in scenario.cell.arms.items():
-        model = ArmModel.from_cell(scenario.cell, name)
+        model = CellArm(scenario.cell, name)
         branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
         postures[name] = [tuple(model.joint_angles(q).tolist()) for q in branches[:_BRANCHES]]
     best: dict[str, tuple[float, int]] = {}
@@ -107,7 +107,7 @@ def _with_postures(scenario: Scenario, postures: dict[str, tuple[float, ...]]) -
     return scenario.replace(cell=scenario.cell.replace(arms=arms))
 
 
-def _middle(model: ArmModel) -> tuple[float, ...]:
+def _middle(model: CellArm) -> tuple[float, ...]:
     """Return the joint angles in the middle of the limits; zero without limits."""
     limits = model.limits
     with np.errstate(invalid="ignore"):

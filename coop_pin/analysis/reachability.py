@@ -22,7 +22,7 @@ from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial.task_rows import joint_shortage
 
 
@@ -171,15 +171,15 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
 
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
-    model, rows = ArmModel.from_cell(scenario.cell, name), scenario.cell.task_rows.size
+    model, rows = CellArm(scenario.cell, name), scenario.cell.task_rows.size
     shortage = joint_shortage(model.nv, rows) if model.nv < rows else ""
     try:
-        q = solve_ik(model, path.poses[0], posture=scenario.cell.arms[name].posture)
+        q = solve_ik(model, path.poses[0], posture=model.description.posture)
     except UnreachablePoseError as error:
         empty = frozen(np.zeros(0))
         no_q = frozen(np.zeros((0, model.nq)))
         return ArmReach(name, empty, no_q, empty, empty, joint_shortage=shortage, start_error=error)
-    following = PathFollowing(scenario, model, path, q)
+    following = PathFollowing(model, path, q)
     return ArmReach(
         name,
         path.times,

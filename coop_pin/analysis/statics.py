@@ -9,9 +9,8 @@ import numpy as np
 
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.arrays import Array, frozen
-from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 
 
@@ -205,22 +204,15 @@ def start_torques(simulation: Simulation) -> StaticTorques:
 
 
 def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Array) -> ArmStatics:
-    cell, model = scenario.cell, ArmModel.from_cell(scenario.cell, name)
-    index, rows, rest = list(cell.arms).index(name), cell.task_rows, np.zeros(model.nv)
-    share = float(cell.shares[index])
+    cell, model = scenario.cell, CellArm(scenario.cell, name)
+    index, rows, rest = list(cell.arms).index(name), model.rows, np.zeros(model.nv)
     parts = np.zeros((3, len(times), model.nv))
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
-        F_load = share * _mass(scenario, float(time)) * np.array(cell.gravity)
+        F_load = model.share * scenario.payload_at(float(time)).mass * np.array(cell.gravity)
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
-    weight, load, squeeze = (frozen(part) for part in parts @ np.linalg.inv(model.drive))
+    weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)
     joints = model.limits.joints
     units = tuple("N m" if unit == "rad" else "N" for unit in joints.units)
     return ArmStatics(name, tuple(joints.names), units, times, weight, load, squeeze, model.limits.torque)
-
-
-def _mass(scenario: Scenario, time: float) -> float:
-    """Return the payload's mass after the changes up to a time, kg."""
-    past = [event for event in scenario.events if isinstance(event, PayloadChange) and event.time <= time]
-    return max(past, key=lambda change: change.time).mass if past else scenario.cell.payload.mass

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive, require_type
+from coop_pin.arrays import as_positive, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control import Switching
 from coop_pin.control.bounds import force_loop_is_stable
-from coop_pin.control.terms import jacobian_inverse
+from coop_pin.control.terms import gain_matrix, jacobian_inverse
 from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, SlidingMode, UserController
 from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _LARGEST_DELAY = 200
 """A loop that is stable at this delay, ticks, counts as stable at any."""
@@ -173,7 +173,7 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
     """Return the law in each linear task row."""
     rows, gains = scenario.cell.task_rows, law.gains
     gamma, K, alpha = (
-        np.diagonal(_matrix(gain, rows.size))
+        np.diagonal(gain_matrix(gain, rows.size))
         for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
     )
     beta, leak = (
@@ -213,9 +213,9 @@ def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float)
         gains, k = law.gains_of(place.name), place.drive.shape[0]
         if np.any(gains.sign_gain):
             return math.inf, 0.0
-        J = ArmModel.from_cell(scenario.cell, place.name).payload_jacobian(q[place.q_slice])
-        J_inverse = jacobian_inverse(rows.select(J) @ np.linalg.inv(place.drive), 0.0)
-        K_d, gamma = (_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
+        J = CellArm(scenario.cell, place.name).task_jacobian(q[place.q_slice])
+        J_inverse = jacobian_inverse(J, 0.0)
+        K_d, gamma = (gain_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
         springs.append(J_inverse.T @ K_d @ J_inverse @ gamma)
     linear = np.ix_(*[[row for row, index in enumerate(rows.indices) if index < 3]] * 2)
     compliance, eye = np.linalg.inv(sum(springs)), np.eye(rows.size)
@@ -226,11 +226,6 @@ def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float)
     )
     sag = float(np.linalg.norm(compliance[linear], 2)) * load
     return force * bias / (1.0 + law.gains.force_gain), sag
-
-
-def _matrix(gain: Any, size: int) -> Array:
-    """Return a gain as a matrix, shape (size, size): a number or a diagonal stands for one."""
-    return np.array(gain) * np.eye(size) if np.ndim(gain) < 2 else np.array(gain)
 
 
 def _largest_delay(scenario: Scenario, law: Law) -> float:

@@ -13,7 +13,7 @@ from coop_pin.analysis.reachability import Reachability
 from coop_pin.arrays import Array
 from coop_pin.description.controller import PostureGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.transmission import friction
 from coop_pin.spatial import weight_wrench
 
@@ -60,7 +60,7 @@ def task_inertia(scenario: Scenario, found: Reachability) -> TaskInertia:
         found: its reachability.
     """
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    times, arms = found.arms[0].times, [ArmModel.from_cell(cell, reach.arm) for reach in found.arms]
+    times, arms = found.arms[0].times, [CellArm(cell, reach.arm) for reach in found.arms]
     A = _payload_inertia(scenario, found)
     for model, reach in zip(arms, found.arms, strict=True):
         for at, q in enumerate(reach.q):
@@ -106,7 +106,7 @@ def motion_wrenches(scenario: Scenario, found: Reachability, posture: PostureGai
 
 def _payload_inertia(scenario: Scenario, found: Reachability) -> Array:
     """Return M_0 at every pose, shape (n, 6, 6)."""
-    first = ArmModel.from_cell(scenario.cell, found.arms[0].arm)
+    first = CellArm(scenario.cell, found.arms[0].arm)
     turns = [first.payload_pose(q)[:3, :3] for q in found.arms[0].q]
     return np.array([scenario.cell.payload.spatial_inertia(R) for R in turns])
 
@@ -117,15 +117,11 @@ class _HeldArm:
     def __init__(self, scenario: Scenario, name: str, start: Array, posture: PostureGains) -> None:
         cell = scenario.cell
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
-        self.model, self.friction = ArmModel.from_cell(cell, name), friction(cell.arms[name], name)
-        self.near = self.model.posture(cell.arms[name].posture)
+        self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
         self.stiffness, self.damping = float(np.max(posture.stiffness)), float(np.max(posture.damping))
         robot = scenario.actuators_of(name).gravity_compensation
         self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
-        self.from_drive = np.linalg.inv(self.model.drive)
-        load = float(cell.shares[list(cell.arms).index(name)]) * weight_wrench(
-            cell.payload.mass, cell.gravity
-        )
+        load = self.model.share * weight_wrench(cell.payload.mass, cell.gravity)
         self.held = (
             self.weight(start)
             - self.model.payload_jacobian(start).T @ load
@@ -141,18 +137,11 @@ class _HeldArm:
         """Return the joint torques besides the law's wrench, N m, shape (k,)."""
         torque = self.carried * self.weight(q)
         if self.is_redundant:
-            drive, from_drive = self.model.drive, self.from_drive
-            pull = (
-                -self.stiffness * drive @ pin.difference(self.model.model, self.near, q)
-                - self.damping * drive @ v
-            )
-            torque = torque + drive.T @ self._null_space(q) @ (from_drive.T @ self.held + pull)
+            arm, drive = self.model, self.model.drive
+            displacement = pin.difference(arm.model, arm.posture_configuration, q)
+            pull = -self.stiffness * drive @ displacement - self.damping * drive @ v
+            torque = torque + drive.T @ arm.null_space(q) @ (arm.from_drive.T @ self.held + pull)
         return torque
-
-    def _null_space(self, q: Array) -> Array:
-        """Return N = I - J^+ J in drive coordinates, shape (k, k)."""
-        J = self.rows.select(self.model.payload_jacobian(q)) @ self.from_drive
-        return np.eye(self.model.nv) - np.linalg.pinv(J) @ J
 
     def wrenches(self, t: Array, q: Array) -> Array:
         """Return a_i along a path of configurations, shape (n, k_0)."""
@@ -177,14 +166,14 @@ class _HeldArm:
         ``N M N wdot = N (tau - g - c w - D qdot)`` with ``qdot = J^+ V + w``, implicit in damper c and in
         the friction D. What is left of the pose error is taken out in each step.
         """
-        model, rest, from_drive = self.model, np.zeros(self.model.nv), self.from_drive
+        model, rest, from_drive = self.model, np.zeros(self.model.nv), self.model.from_drive
         own, w, path = q[0], rest, [q[0]]
         for begin, end in itertools.pairwise(t.tolist()):
             count = math.ceil((end - begin) / _SPARE_STEP)
             h = (end - begin) / count
             for time in np.linspace(begin, end, count + 1)[1:].tolist():
-                target, N = self.motion.at(time), self._null_space(own)
-                J_plus = np.linalg.pinv(self.rows.select(model.payload_jacobian(own)) @ from_drive)
+                target, N = self.motion.at(time), model.null_space(own)
+                J_plus = np.linalg.pinv(model.task_jacobian(own))
                 along = J_plus @ self.rows.select(target.V_WP_d)
                 M = from_drive.T @ model.mass_matrix(own) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive

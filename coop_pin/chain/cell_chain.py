@@ -20,7 +20,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import NameNotFoundError, OpenClosureError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
@@ -105,8 +105,7 @@ class CellChain:
         """
         X = as_pose("X_WP", X_WP)
         configurations = [
-            solve_ik(ArmModel.from_cell(self.cell, name), X, posture=arm.posture)
-            for name, arm in self.cell.arms.items()
+            solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
         ]
         return self.mechanism.project_configuration(self.model.configuration(configurations, X))
 

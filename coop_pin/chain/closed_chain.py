@@ -25,9 +25,13 @@ from coop_pin.model.mechanism_model import configuration_at, mechanism_model, ve
 from coop_pin.model.pinocchio_model import frame_id
 
 _RESIDUAL_ALLOWED = 1e-6
+"""Largest accepted residual of the constraint equations, as a part of 1 and the largest acceleration."""
 _CLOSED = 1e-9
+"""Closure error after a projection of a configuration, m and rad."""
 _START_ALLOWED = 1e-3
+"""Closure error from which a motion may start, m and rad: a stated configuration in rounded numbers."""
 _STEP_ALLOWED = 1e-6
+"""Closure error after a projected integration step, m and rad."""
 
 
 class ChainDynamics(NamedTuple):

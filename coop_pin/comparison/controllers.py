@@ -13,10 +13,11 @@ import numpy as np
 from coop_pin.analysis import suggest
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.control.terms import gain_matrix
 from coop_pin.description.controller import PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import weight_wrench
 from coop_pin.user_files import read_toml, read_user_file
 
@@ -143,7 +144,7 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
     rows = scenario.cell.task_rows
     if not isinstance(law, PayloadSpace):
         law = suggest(scenario).scenario.controller  # proposes no other law
-    K = np.diagonal(np.array(law.gains.sliding_gain) * np.eye(rows.size))
+    K = np.diagonal(gain_matrix(law.gains.sliding_gain, rows.size))
     damping = _damping(scenario, K)
     redundant = any(part.size > rows.size for part in damping)
     # Arms with different numbers of joints share one number.
@@ -162,11 +163,7 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
 
 def _damping(scenario: Scenario, K: Array) -> list[Array]:
     """Return the diagonal of J^T (K / 2m) J of each arm at the start, N m s/rad, shape (k,)."""
-    cell, rows, found = scenario.cell, scenario.cell.task_rows, []
-    chain = CellChain(cell, scenario.plant)
+    cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
-    for place in chain.model.arms:
-        J = rows.select(ArmModel.from_cell(cell, place.name).payload_jacobian(q[place.q_slice]))
-        J = J @ np.linalg.inv(place.drive)
-        found.append(np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)))
-    return found
+    jacobians = (CellArm(cell, arm.name).task_jacobian(q[arm.q_slice]) for arm in chain.model.arms)
+    return [np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)) for J in jacobians]

@@ -84,8 +84,7 @@ class LeaderFollowerController(ArmController):
         """
         cell = scenario.cell
         self._rows, self._period, k_0 = cell.task_rows, scenario.clock.period, cell.task_rows.size
-        place = list(cell.arms).index(arm)
-        self._leads, load_share = place == 0, float(cell.shares[place])
+        self._leads = arm == next(iter(cell.arms))
         self._gamma, self._K = (
             gain_vector("pose_gain", pose_gain, k_0),
             gain_vector("sliding_gain", sliding_gain, k_0),
@@ -95,7 +94,7 @@ class LeaderFollowerController(ArmController):
         self._D = gain_vector("admittance_damping", admittance_damping, k_0)
         self._pole = exp(-float(admittance_rate) * self._period)
         self._spare_gains = spare_gains
-        self._load = load_share * gain_vector("payload_weight", payload_weight, k_0)
+        self._load = cell.share(arm) * gain_vector("payload_weight", payload_weight, k_0)
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LeaderFollowerState:
         """Return the state at t_0: z = 0, V_c = 0."""

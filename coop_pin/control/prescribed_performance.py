@@ -67,7 +67,7 @@ class PrescribedPerformanceController(ArmController):
         """
         cell = scenario.cell
         self._rows, k_0 = cell.task_rows, cell.task_rows.size
-        self._load_share = float(cell.shares[list(cell.arms).index(arm)])
+        self._load_share = cell.share(arm)
         self._g_s, self._g_v = (
             gain_vector("pose_gain", pose_gain, k_0),
             gain_vector("velocity_gain", velocity_gain, k_0),

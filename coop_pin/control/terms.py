@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.errors import ArgumentError, SingularJacobianError
+from coop_pin.errors import ArgumentError, FieldError, SingularJacobianError
 from coop_pin.spatial.scalars import identity, inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
@@ -73,6 +73,23 @@ def gain_vector(name: str, gain: ArrayLike, size: int) -> Array:
         OutOfRangeError: an entry is NaN or infinite.
     """
     return as_array(name, np.full(size, gain) if np.ndim(gain) == 0 else gain, size)
+
+
+def gain_matrix(gain: ArrayLike, size: int, path: str = "gain") -> Array:
+    """Return the matrix of a gain: a number times the identity, a diagonal, or its rows, shape (size, size).
+
+    Args:
+        gain: Number, diagonal or rows.
+        size: Number of rows.
+        path: Field of the scenario, for the message.
+
+    Raises:
+        FieldError: its number of entries does not fit.
+    """
+    entries = np.array(gain, dtype=float)
+    if entries.ndim and len(entries) != size:
+        raise FieldError(f"has {len(entries)} entries; it must be a number or have {size}", path)
+    return entries * np.eye(size) if entries.ndim < 2 else entries
 
 
 def force_term(

@@ -42,7 +42,8 @@ class ArmModel:
         key: what its kinematics depend on, by value.
         nq: size of q.
         nv: size of v.
-        drive: drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
+        drive: Drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
+        from_drive: Inverse transmission T^-1, with v = T^-1 qdot, shape (nv, nv).
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class ArmModel:
         self._data = self.model.createData()
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.drive = arm.drive_matrix(self.nv)
+        self.from_drive = np.asarray(np.linalg.inv(self.drive), dtype=np.float64)
         self._angles = JointAngles(self.model)
 
     @classmethod
@@ -215,7 +217,7 @@ class ArmKinematics:
         self._data = self.model.createData()
         self._payload = frame_id(self.model, "payload")
         self._rows = rows
-        self._to_joint_rates = np.linalg.inv(arm_model.drive)
+        self._to_joint_rates = arm_model.from_drive
 
     def view(self, q: Array) -> PayloadKinematics:
         """Return the payload pose and Jacobian at q, shape (nq,)."""

@@ -97,10 +97,9 @@ class AdaptiveController(ArmController):
         self._K_d = gain_vector("damping_gain", damping_gain, self._dynamics.model.nv)
         self._G, self._G_0, self._G_d = adaptation, payload_adaptation, disturbance_rate
         self._force, self._spare_gain = InternalForceIntegral(self._rows, float(anchor_gain)), spare_gain
-        share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
         theta, phi = self._dynamics.parameters()
         known = float(model is not None)
-        self._first = known * theta, known * share * phi
+        self._first = known * theta, known * scenario.cell.share(arm) * phi
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AdaptiveState:
         """Return the state at t_0: the first estimates, no disturbance, Z = 0."""

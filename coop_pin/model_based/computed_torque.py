@@ -73,7 +73,7 @@ class ComputedTorqueController(ArmController):
             CoopPinError: the model cannot be built.
         """
         self._rows = scenario.cell.task_rows
-        self._load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        self._load_share = scenario.cell.share(arm)
         self._dynamics = ArmDynamics(scenario, arm, model)
         self._K_p = gain_vector("position_gain", position_gain, self._rows.size)
         self._K_v = gain_vector("velocity_gain", velocity_gain, self._rows.size)

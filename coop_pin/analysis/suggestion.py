@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from coop_pin.analysis.feasibility import require_feasible, require_rank, scaled_squeeze, squeeze_part
-from coop_pin.analysis.gain_tuning import GainProposal, force_path_of, gain_proposal
 from coop_pin.analysis.posture_margin import PostureMargin, posture_margins, with_best_postures
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import statics_along
+from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.description.controller import PayloadSpace

@@ -23,7 +23,7 @@ from coop_pin.description.controller import (
 )
 from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
@@ -192,16 +192,14 @@ def _posture_gains(scenario: Scenario, found: Reachability, T: float) -> Posture
     """
     usual, decay, pull = PostureGains(), 0.0, 0.0
     for reach in found.arms:
-        model = ArmModel.from_cell(scenario.cell, reach.arm)
-        if model.nv == scenario.cell.task_rows.size:
+        arm = CellArm(scenario.cell, reach.arm)
+        if arm.nv == arm.rows.size:
             continue
-        near = model.posture(scenario.cell.arms[reach.arm].posture)
-        away = [model.drive @ pin.difference(model.model, near, q) for q in reach.q]
-        pull = max(pull, float((np.abs(away) / model.limits.torque).max()))
+        away = [arm.drive @ pin.difference(arm.model, arm.posture_configuration, q) for q in reach.q]
+        pull = max(pull, float((np.abs(away) / arm.limits.torque).max()))
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            J = scenario.cell.task_rows.select(model.payload_jacobian(q)) @ np.linalg.inv(model.drive)
-            M_inverse = model.drive @ np.linalg.solve(model.mass_matrix(q), model.drive.T)
-            N = np.eye(model.nv) - np.linalg.pinv(J) @ J
+            M_inverse = arm.drive @ np.linalg.solve(arm.mass_matrix(q), arm.drive.T)
+            N = arm.null_space(q)
             decay = max(decay, float(np.linalg.eigvalsh(N @ M_inverse @ N)[-1]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
