@@ -14,9 +14,9 @@ from scipy.linalg import expm
 import coop_pin as cp
 from coop_pin import control, model_based
 from coop_pin.batch import simulate_batch, support
+from coop_pin.batch.constants import run_constants
 from coop_pin.batch.law_code import require_agreement as agree
 from coop_pin.batch.law_code import trace_law
-from coop_pin.batch.run_constants import run_constants
 from coop_pin.batch.support import random_ticks
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController

@@ -16,6 +16,7 @@ import numpy as np
 from coop_pin import __version__
 from coop_pin.arrays import as_count, require_type
 from coop_pin.atomic_write import write_atomically
+from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
     DESIRED,
     MEASURED,
@@ -28,7 +29,6 @@ from coop_pin.batch.law_code import (
     tolerance,
     trace_law,
 )
-from coop_pin.batch.run_constants import arm_constants
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
 from coop_pin.description.scenario import Scenario

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import ArmConstants
+from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
 from coop_pin.errors import TracingError
+from coop_pin.simulation.sensing import measurement
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, operands
@@ -143,7 +144,7 @@ def trace_law(
             )
             q, v = measured.pop("q"), measured.pop("v")
             others = {"internal_wrench": None, **measured}
-            measurements.append(arm.measurement(rows, arm.to_joints.dot(q), q, v, **others))
+            measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others))
             references.append(ArmReference(**desired))
         return tape, measurements, references
 

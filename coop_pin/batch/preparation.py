@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import run_constants, start
-from coop_pin.batch.signals import RunShape, errors, references, signal_layout
+from coop_pin.batch.constants import run_constants, start
+from coop_pin.batch.signals import RunShape, columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
@@ -18,7 +18,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.results.dataset import without_time
-from coop_pin.results.quantities import quantities
+from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import leaves, structure
 
@@ -40,8 +40,11 @@ class Plant:
         values: leaves of the others.
         start: of the runs.
         shape: of the runs.
-        layout: of the signals of a tick.
+        desired: desired motion and squeeze at all ticks.
+        example: signals of a tick.
         table: quantities of the runs.
+        read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
+            batch.
         labels: names and limits of arms and joints.
         kind: what the runs of a batch must share besides numbers, the controller apart.
     """
@@ -61,10 +64,12 @@ class Plant:
         others = self.constants._replace(controller=None)
         self.values, self.shape = leaves(others), RunShape.of(scenario)
         self.kind = structure(others), self.shape, _times(scenario)
-        self._references, self._signals = references(self.run), dict[int, Array]()
+        self.desired = desired_of(self.run)
         self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
-        self.layout = signal_layout(len(self._joints), sum(self._joints))
+        drawn = run_signals(scenario, self.desired, self._joints)
+        self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
         recorder, self.table = self.run.recorder, quantities(scenario)
+        self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = without_time(scenario, [own for _, own in recorder.joints], recorder.limit_table())
 
     def controller(self, scenario: Scenario) -> CellController:
@@ -74,15 +79,9 @@ class Plant:
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
         if scenario.seed not in self._signals:
-            self._signals = {scenario.seed: self._drawn(scenario)}  # those of one seed are kept
+            drawn = run_signals(scenario, self.desired, self._joints)
+            self._signals = {scenario.seed: columns(drawn)}  # those of one seed are kept
         return self._signals[scenario.seed]
-
-    def _drawn(self, scenario: Scenario) -> Array:
-        time = self._references["time"]
-        values = np.zeros((len(time), self.layout.size))
-        for name, entries in {**self._references, **errors(scenario, self.shape, self._joints, time)}.items():
-            values[:, self.layout.slots(name).ravel()] = entries.reshape(len(time), -1)
-        return values
 
 
 class Prepared(NamedTuple):

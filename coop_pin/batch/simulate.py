@@ -11,8 +11,8 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
 from coop_pin.batch.preparation import Plant, Prepared, prepare
-from coop_pin.batch.run_program import RunProgram
-from coop_pin.batch.run_samples import RunSamples
+from coop_pin.batch.samples import RunSamples
+from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError

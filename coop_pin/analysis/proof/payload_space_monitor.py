@@ -61,7 +61,7 @@ class _MonitoredCell:
         controller: Any = build_controller(scenario)
         self.simulation = Simulation(scenario, controller)
         zeroed = any(isinstance(law, ZeroedController) for law in controller.controllers.values())
-        if zeroed or self.simulation.actuation.response is not None:
+        if zeroed or not self.simulation.actuation.is_held:
             raise ArgumentError(
                 "the monitor of the payload-space law needs torques that are held over a tick and payload"
                 " frames without correction; run without lag, rate_limit, torque_lost_at and zero_at_grasp"

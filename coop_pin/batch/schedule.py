@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.batch.block import RunBlock, SignalSplit
+from coop_pin.batch.constants import Start
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.run_block import RunBlock, SignalSplit
-from coop_pin.batch.run_code import KERNELS, RunCode
-from coop_pin.batch.run_constants import Start
+from coop_pin.batch.tick import TickCode
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Program
+from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
 from coop_pin.tracing.tree import leaves
 
 
@@ -35,10 +36,10 @@ class RunProgram:
         """
         plant, signals = first.plants[0], first.signals[0]
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
-        split = SignalSplit(plant.layout, signals[0], is_uniform, is_loaded)
-        self._block, self._differs = RunBlock(plant.shape, plant.constants, differs, split), differs
-        kernels = RunCode(self._block).kernels()
-        schedule = Schedule(plant.run, self._block, signals[:, is_uniform])
+        split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
+        self._block = RunBlock(plant.shape, plant.constants, plant.start, differs, split, plant.read)
+        self._differs, kernels = differs, TickCode(self._block).kernels()
+        schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
         self.uniforms, block = np.array(schedule.rows), self._block
         self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
 
@@ -48,7 +49,7 @@ class RunProgram:
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, given in (
-            *((name, [getattr(plant.start, name) for plant in plants]) for name in Start._fields),
+            *((name, [leaves(getattr(plant.start, name)) for plant in plants]) for name in Start._fields),
             ("constants", prepared.values[:, self._differs]),
             ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
             ("is_valid", np.ones((count, 1))),
@@ -67,17 +68,19 @@ class Schedule:
         rows: uniforms that they refer to.
     """
 
-    def __init__(self, run: Simulation, block: RunBlock, signals: Array) -> None:
+    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel], signals: Array) -> None:
         """Order the kernels.
 
         Args:
-            run: for its timeline.
-            block: of the runs.
-            signals: those that are uniform, shape (ticks + 1, ...).
+            run: Simulation of one of the runs, for its timeline.
+            block: Block of the runs.
+            kernels: Kernels of the block.
+            signals: Signals that are uniform, shape (ticks + 1, ...).
         """
         self.instructions: list[Instruction] = []
         self.rows: list[Array] = []
         self._steps: dict[float, int] = {}
+        self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
         self._events, self._block, self._actuation = 0, block, run.actuation
         timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
         for tick in range(timeline.ticks + 1):
@@ -86,9 +89,12 @@ class Schedule:
             before = time
             if block.loaded:
                 self.instructions.append(Instruction(LOAD, tick))
-            self._call("sense" if tick else "start", row)
-            self._happen(timeline, time)
-            self._call("law", row)
+            if not tick:
+                self._call("start", row)
+            elif block.constants.sensors.needs_wrenches:
+                self._call("weigh", row)
+            self._call("tick", row)
+            self._happen(timeline, time)  # the law does not see what happens at its tick
             self._call("observe", row)
             if tick % every == 0 or tick == timeline.ticks:
                 self.instructions.append(Instruction(RECORD, -(-tick // every)))
@@ -97,7 +103,7 @@ class Schedule:
 
     def _advance(self, timeline: Timeline, tick: int) -> None:
         """Add the plant steps of a tick."""
-        time, varies, row = timeline.time(tick), self._block.constants.response is not None, 0
+        time, varies, row = timeline.time(tick), not self._actuation.is_held, 0
         gives = self._actuation.gives(time)
         for index, (start, length) in enumerate(timeline.steps(tick)):
             if index > 0:
@@ -125,10 +131,10 @@ class Schedule:
         return len(self.rows) - 1
 
     def _call(self, kernel: str, row: int) -> None:
-        self.instructions.append(Instruction(KERNELS.index(kernel), row))
+        self.instructions.append(Instruction(self._index[kernel], row))
 
     def _happen(self, timeline: Timeline, time: float) -> None:
         """Add the kernel of the events at a time, if there are any."""
         if timeline.happens_at(time):
-            self.instructions.append(Instruction(len(KERNELS) + self._events, 0))
+            self._call(f"event_{self._events}", 0)
             self._events += 1

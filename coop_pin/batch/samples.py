@@ -4,37 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.errors import InvalidStateError
-from coop_pin.model.cell_model import ArmPlace
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantities import Samples, condition_numbers, padded
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.spatial import internal_wrenches
 from coop_pin.tracing.kernel import Layout
 
-_Sources = dict[str, Callable[[], NDArray[Any]]]
-"""What gives quantities, by name."""
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
 """Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
 
 
-class RunSamples(Mapping[str, NDArray[Any]]):
+class RunSamples(Mapping[str, Any]):
     """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
     def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
         """Make nothing yet.
 
         Args:
-            prepared: the batch.
-            layout: of the records' slots.
-            records: of blocks of its runs, as a Machine returns them.
+            prepared: Batch.
+            layout: Layout of the records' slots.
+            records: Records of blocks of its runs, as a Machine returns them.
         """
         self._prepared, self._layout = prepared, layout
         self._records: Sequence[Array] | None = records
@@ -43,27 +39,38 @@ class RunSamples(Mapping[str, NDArray[Any]]):
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
         self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
         tables = {id(plant): plant.table for plant in prepared.plants}.values()
-        recorded, self._made = self._state() | self._joints(), dict[str, NDArray[Any]]()
-        self._sources: _Sources = {
-            each.name: recorded.get(each.name) or partial(cast(Any, each.source), self)
-            for table in tables
-            for each in table
-        }
+        self._recorded, self._made = self._state(), dict[str, Any]()
+        self._table = {each.name: each for table in tables for each in table}
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
-        return iter(self._sources)
+        return iter(self._table)
 
     def __len__(self) -> int:
         """Return the number of quantities."""
-        return len(self._sources)
+        return len(self._table)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a quantity."""
+    def __getitem__(self, name: str) -> Any:
+        """Return a quantity, or what sources need of the joints."""
         if name not in self._made:
             with np.errstate(all="ignore"):  # of runs that are not valid
-                self._made[name] = self._sources[name]()
+                self._made[name] = self._computed(name)
         return self._made[name]
+
+    def _computed(self, name: str) -> Any:
+        if name in self._recorded:
+            return self._recorded[name]()
+        quantity = self._table[name]
+        if quantity.read is None:
+            assert quantity.source is not None
+            return quantity.source(self)
+        values = self._field(name)
+        if quantity.dims == "arm joint":
+            values = padded(self._by_arm(values))
+        elif quantity.dims == "arm axis":
+            rows, values = values, np.full((*values.shape[:-1], 6), np.nan)
+            values[..., self._rows.indices] = rows
+        return values if quantity.fill is not False else values > 0.0
 
     def extremes(self, allowed: float) -> Samples:
         """Return the extremes in time of what metrics and trust need no more of, as one or two samples.
@@ -74,8 +81,7 @@ class RunSamples(Mapping[str, NDArray[Any]]):
         errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
         is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
         if is_beyond.any():
-            jacobians = self._field("jacobians")[is_beyond]
-            bounds[is_beyond] = _conditions(jacobians, self._rows.size, self._places).max(axis=1)
+            bounds[is_beyond] = condition_numbers([J[is_beyond] for J in self["jacobian"]]).max(axis=1)
         positions, torque = self["joint_position"], self._field("torque")
         return {
             "joint_position": np.stack((positions.min(axis=1), positions.max(axis=1)), axis=1),
@@ -100,26 +106,24 @@ class RunSamples(Mapping[str, NDArray[Any]]):
         runs = [np.array(block, order="C").reshape(-1, len(self._kept), *slots.shape) for block in blocks]
         return runs[0] if len(runs) == 1 else np.concatenate(runs)
 
-    def _signal(self, name: str) -> Array:
-        slots, given = self._plant.layout.slots(name), self._prepared.signals
-        known = {id(signals): signals[self._kept][:, slots] for signals in given}
-        return np.stack([known[id(signals)] for signals in given])
+    def _desired(self, index: int) -> Array:
+        """Return an entry of Desired."""
+        plants = self._prepared.plants
+        known = {id(plant): plant.desired[index][self._kept] for plant in plants}
+        return np.stack([known[id(plant)] for plant in plants])
 
-    def _by_arm(self, name: str) -> list[tuple[Array, ArmPlace]]:
-        ends = np.cumsum([len(place.drive) for place in self._places])
-        return list(zip(np.split(self._field(name), ends[:-1], axis=2), self._places, strict=True))
+    def _by_arm(self, values: Array) -> list[Array]:
+        """Return the part of each arm of values of all joints or drives."""
+        return np.split(values, np.cumsum([len(place.drive) for place in self._places])[:-1], axis=-1)
 
-    def _per_joint(self, name: str) -> Array:
-        return _padded([own for own, _ in self._by_arm(name)])
+    def _jacobians(self) -> list[Array]:
+        values, k_0 = self._field("jacobians"), self._rows.size
+        ends = k_0 * np.cumsum([len(place.drive) for place in self._places])
+        return [J.reshape(*J.shape[:2], k_0, -1) for J in np.split(values, ends[:-1], axis=-1)]
 
-    def _at_drives(self, name: str) -> Array:
-        return _padded([own @ place.drive.T for own, place in self._by_arm(name)])
-
-    def _six(self, rows: Array) -> Array:
-        """Return rows of wrenches in their places, NaN elsewhere."""
-        full = np.full((*rows.shape[:-1], 6), np.nan)
-        full[..., self._rows.indices] = rows
-        return full
+    def _configuration(self) -> Array:
+        pairs = zip(self["angles"], self._places, strict=True)
+        return np.concatenate([place.angles.configuration(q) for q, place in pairs], axis=2)
 
     def _pose(self) -> Array:
         positions = self._field("p_WP")
@@ -127,19 +131,22 @@ class RunSamples(Mapping[str, NDArray[Any]]):
         pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = self._field("R_WP"), positions, 1.0
         return pose
 
-    def _state(self) -> _Sources:
-        """Return what gives the quantities of payload and cell."""
-        field, signal, plant = self._field, self._signal, self._plant.run.plant
+    def _state(self) -> dict[str, Callable[[], Any]]:
+        """Return what gives the quantities that are read neither from measurements nor from others."""
+        field, plant = self._field, self._plant.run.plant
         determined = determinate_rows(plant.chain, plant.q)
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
+        desired = ("time", "desired_pose", "desired_twist", "", "desired_squeeze")
         return {
-            "time": lambda: signal("time"),
+            **{name: partial(self._desired, index) for index, name in enumerate(desired) if name},
+            "angles": lambda: self._by_arm(field("q")),
+            "rates": lambda: self._by_arm(field("v")),
+            "drive": lambda: [place.drive for place in self._places],
+            "jacobian": self._jacobians,
+            "configuration": self._configuration,
             "velocity": lambda: field("v"),
             "payload_pose": self._pose,
             "payload_twist": lambda: field("V_WP"),
-            "desired_pose": lambda: signal("pose"),
-            "desired_twist": lambda: signal("twist"),
-            "desired_squeeze": lambda: signal("squeeze"),
             "tip_position": lambda: field("tips"),
             "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
             "internal_wrench": lambda: np.stack(
@@ -156,49 +163,3 @@ class RunSamples(Mapping[str, NDArray[Any]]):
             },
             "work_payload_change": lambda: field("payload_energy"),
         }
-
-    def _joints(self) -> _Sources:
-        """Return what gives the quantities of joints, drives and sensors."""
-        field, signal, per_joint, places = self._field, self._signal, self._per_joint, self._places
-        rows, has_wrist = self._rows.indices, np.array(self._plant.shape.has_wrist)[:, None]
-        return {
-            "configuration": lambda: np.concatenate(
-                [place.angles.configuration(q) for q, place in self._by_arm("q")], axis=2
-            ),
-            "torque": lambda: per_joint("torque"),
-            "commanded_torque": lambda: per_joint("commanded"),
-            "saturated": lambda: per_joint("saturated") > 0.0,
-            "drive_velocity": lambda: self._at_drives("v"),
-            "joint_position": lambda: per_joint("q"),
-            "joint_velocity": lambda: per_joint("v"),
-            "jacobian_condition": lambda: _conditions(field("jacobians"), self._rows.size, places),
-            "requested_torque": lambda: per_joint("requested"),
-            "drive_position": lambda: self._at_drives("q"),
-            "measured_drive_position": lambda: per_joint("seen_q"),
-            "measured_drive_velocity": lambda: per_joint("seen_v"),
-            "seen_pose": lambda: field("seen_poses"),
-            "measured_wrench": lambda: np.where(has_wrist, self._six(field("readings")[..., rows]), np.nan),
-            "measured_wrench_age": lambda: signal("wrist_age"),
-            "measured_internal_wrench": lambda: self._six(field("measured")),
-            "measured_internal_wrench_age": lambda: signal("age"),
-        }
-
-
-def _conditions(jacobians: Array, rows: int, places: Sequence[ArmPlace]) -> Array:
-    """Return the condition number of each arm's payload Jacobian, shape (runs, samples, m); NaN after NaN."""
-    parts = np.split(jacobians, rows * np.cumsum([len(place.drive) for place in places])[:-1], axis=2)
-    conditions = np.full((*jacobians.shape[:2], len(places)), np.nan)
-    for index, part in enumerate(parts):
-        is_finite = np.isfinite(part).all(axis=2)
-        conditions[is_finite, index] = np.linalg.cond(
-            part[is_finite].reshape(-1, rows, part.shape[2] // rows)
-        )
-    return conditions
-
-
-def _padded(parts: Sequence[Array]) -> Array:
-    """Return values of the joints or drives of each arm, NaN beyond its own, shape (runs, samples, m, k)."""
-    table = np.full((*parts[0].shape[:2], len(parts), max(part.shape[2] for part in parts)), np.nan)
-    for index, part in enumerate(parts):
-        table[:, :, index, : part.shape[2]] = part
-    return table

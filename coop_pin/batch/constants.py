@@ -10,16 +10,13 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
-from coop_pin.control import ArmMeasurement
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics
+from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.model.joint_limits import JointLimits
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.actuation import TorqueResponse
-from coop_pin.simulation.encoder import Encoders
+from coop_pin.simulation.actuation import CellDrives, DriveState
+from coop_pin.simulation.sensing import CellSensors
 from coop_pin.simulation.transmission import Friction, friction
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
@@ -44,66 +41,44 @@ class ArmConstants(NamedTuple):
         seen: the arm as its own kinematics have it, calibration errors included.
         drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
-        friction: of its joints or drives.
-        limit: of its drive torques, N m, shape (k,).
-        share: c_i.
-        encoders: of its drives; None if they are ideal.
-        carried: factor on its weight that the robot itself adds to the commands; None for nothing.
+        friction: friction of its joints or drives.
     """
 
     seen: SerialArm
     drive: Numbers
     to_joints: Numbers
     friction: Friction
-    limit: Numbers
-    share: Any
-    encoders: Encoders | None
-    carried: Any
 
-    def measurement(
-        self, rows: TaskRows, angles: Numbers, q: Numbers, v: Numbers, **others: Any
-    ) -> ArmMeasurement:
-        """Return the measurement of the arm: its own kinematics at angles, and what is given.
+    def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
+        """Return payload pose and Jacobian by the arm's own kinematics.
 
         Args:
-            rows: task rows of the cell.
-            angles: of the joints as measured, shape (n,).
-            q: measured drive coordinates, shape (n,).
-            v: measured drive velocities, shape (n,).
-            others: the remaining fields.
+            rows: Task rows of the cell.
+            angles: Angles of the joints as measured, shape (n,).
         """
         seen, X_WP = frames(self.seen, angles), np.eye(4).astype(object)
         X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
-        J = traced(rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints))
-        return ArmMeasurement(
-            q=traced(q),
-            v=traced(v),
-            payload_pose=traced(X_WP),
-            payload_twist=J.dot(traced(v)),
-            payload_jacobian=J,
-            **others,
-        )
+        J = rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints)
+        return PayloadKinematics(traced(X_WP), traced(J))
 
 
 class RunConstants(NamedTuple):
     """Numbers of a run.
 
     Attributes:
-        cell: its dynamics.
-        arms: the rest of each arm.
-        pole: p of the force path.
-        instants: of events, in order.
-        response: of all drives at the start; None if torques are held between ticks.
-        period: T, s.
-        controller: of all arms.
+        cell: dynamics of the cell.
+        arms: kinematics and friction of each arm.
+        sensors: sensors of all arms.
+        drives: drives of all arms.
+        instants: what events make of the cell, in order.
+        controller: controller of all arms.
     """
 
     cell: CellModel
     arms: tuple[ArmConstants, ...]
-    pole: Any
+    sensors: CellSensors
+    drives: CellDrives
     instants: tuple[Instant, ...]
-    response: TorqueResponse | None
-    period: Any
     controller: Any
 
 
@@ -113,50 +88,40 @@ class Start(NamedTuple):
     Attributes:
         q: joint positions of all arms, of continuous joints near the posture, shape (N,).
         holding: torques that the drives report, N m, shape (N,).
-        last: commands that hold the cell at rest, N m, shape (N,).
-        response: what of a TorqueResponse changes, shape (4, N).
+        drives: memory of the drives.
     """
 
     q: Array
     holding: Array
-    last: Array
-    response: Array
+    drives: DriveState
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """Return the numbers of a run.
 
     Args:
-        scenario: what is run.
-        run: of this scenario.
+        scenario: Scenario that is run.
+        run: Simulation of this scenario.
 
     Raises:
         TracingError: an arm is no serial chain.
     """
-    path = scenario.controller.force_path
-    pole = 0.0 if isinstance(path, NoForcePath) else path.pole
     return RunConstants(
         cell=CellModel.from_chain(run.plant.chain),
-        arms=tuple(
-            arm_constants(scenario, place)._replace(encoders=sensor.encoders, carried=drives.carried or None)
-            for place, sensor, drives in zip(
-                run.plant.chain.model.arms, run.sensing.arms, run.actuation.arms.values(), strict=True
-            )
-        ),
-        pole=pole,
+        arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
+        sensors=run.sensing.sensors,
+        drives=run.actuation.drives,
         instants=instants(scenario, run),
-        response=run.actuation.response,
-        period=scenario.clock.period,
         controller=run.controller,
     )
 
 
 def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
-    """Return the numbers of one arm with ideal sensors and drives.
+    """Return the numbers of one arm.
 
     Args:
-        scenario: for its cell.
-        place: of the arm in the cell's model.
+        scenario: Scenario with its cell.
+        place: Position of the arm in the cell's model.
 
     Raises:
         TracingError: the arm is no serial chain.
@@ -169,10 +134,6 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
         drive=place.drive,
         to_joints=np.linalg.inv(place.drive),
         friction=friction(cell.arms[name], name),
-        limit=JointLimits(cell.arms[name], name).torque,
-        share=float(cell.shares[list(cell.arms).index(name)]),
-        encoders=None,
-        carried=None,
     )
 
 
@@ -207,10 +168,7 @@ def start(scenario: Scenario, run: Simulation) -> Start:
         q.append(place.angles.near(run.plant.q[place.q_slice], near))
         assert seen.holding_torque is not None
         holding.append(seen.holding_torque)
-    last = run.actuation.holding_commands(run.plant.q)
-    held, response = np.concatenate(last), run.actuation.response
-    varying = np.zeros((4, len(held))) if response is None else np.array(response[3:])
-    return Start(np.concatenate(q), np.concatenate(holding), held, varying)
+    return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)
 
 
 def _inertia(payload: Payload) -> RigidInertia:
