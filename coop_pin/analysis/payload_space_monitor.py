@@ -15,7 +15,7 @@ import xarray as xr
 from coop_pin.analysis.recorded_ticks import Tick, recorded_ticks
 from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
-from coop_pin.control import PayloadSpaceController, ZeroedController
+from coop_pin.control import PayloadSpaceController
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
@@ -78,10 +78,10 @@ class _MonitoredCell:
 
     def __init__(self, result: RunResult) -> None:
         scenario = result.scenario
+        stated: Any = scenario.controller
         controller: Any = build_controller(scenario)
         self.simulation = Simulation(scenario, controller)
-        zeroed = any(isinstance(law, ZeroedController) for law in controller.controllers.values())
-        if zeroed or self.simulation.actuation.response is not None:
+        if stated.zero_at_grasp or self.simulation.actuation.response is not None:
             raise ArgumentError(
                 "the monitor of the payload-space law needs torques that are held over a tick and payload"
                 " frames without correction; run without lag, rate_limit, torque_lost_at and zero_at_grasp"

@@ -18,7 +18,6 @@ from coop_pin.analysis.proof_terms import ArmSample, ProofArm, ProofTerms, proof
 from coop_pin.arrays import Array, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
-from coop_pin.description.controller import PayloadSpace, SlidingMode
 from coop_pin.description.events import PayloadChange
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
@@ -82,10 +81,10 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
             f"clock.record_every is {scenario.clock.record_every}; the integrals need every tick: run again"
             " with 1"
         )
-    if isinstance(scenario.controller, PayloadSpace):
+    kind, rows = scenario.controller.kind, scenario.cell.task_rows.name
+    if kind == "payload-space":
         return payload_space_monitor(result)
-    if not isinstance(scenario.controller, SlidingMode) or scenario.cell.task_rows.name == "positional":
-        kind, rows = scenario.controller.kind, scenario.cell.task_rows.name
+    if kind != "sliding-mode" or rows == "positional":
         raise ArgumentError(
             f"controller.kind is {kind!r} with rows {rows!r}; the proofs are about 'payload-space', and about"
             " 'sliding-mode' with rows 'planar' or 'full'"

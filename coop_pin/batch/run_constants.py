@@ -11,7 +11,6 @@ from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellModel
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
 from coop_pin.control import ArmMeasurement
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics
@@ -133,8 +132,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     Raises:
         TracingError: an arm is no serial chain.
     """
-    path = scenario.controller.force_path
-    pole = 0.0 if isinstance(path, NoForcePath) else path.pole
+    pole = scenario.controller.force_path.pole
     return RunConstants(
         cell=CellModel.from_chain(run.plant.chain),
         arms=tuple(

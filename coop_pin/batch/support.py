@@ -11,7 +11,6 @@ from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
 from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement
-from coop_pin.description.controller import UserController
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -51,20 +50,22 @@ def plant_reason(plant: PlantOptions) -> str | None:
 
 
 def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstants) -> None:
-    """Refuse a user's controller whose steps at random ticks its traced code does not give.
+    """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 
     Raises:
-        TracingError: it cannot, or they are not.
+        TracingError: it does, or its steps at random ticks are not those of its code.
     """
     law = scenario.controller
-    if not isinstance(law, UserController):
+    if {"model", "regressor"} & {*law.needs}:
+        raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
+    if not law.user_code:
         return
     try:
         ticks = random_ticks(scenario, run, constants)
         code = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
         require_agreement(*code, ticks)
     except TracingError as error:
-        raise TracingError(f"its controller {law.target!r} cannot be traced: it {error}") from None
+        raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
 
 
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[Tick]]:

@@ -1,21 +1,14 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
+from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.law import PostureGains
+from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
+from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode, SlidingModeGains
 from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.controller import (
-    LateForcePath,
-    LowPassForcePath,
-    NoForcePath,
-    PayloadSpace,
-    PayloadSpaceGains,
-    PostureGains,
-    RedundantSlidingMode,
-    SlidingMode,
-    SlidingModeGains,
-    UserController,
-)
+from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
@@ -45,6 +38,7 @@ __all__ = [
     "LateForcePath",
     "LowPassForcePath",
     "Miscalibration",
+    "ModelFactors",
     "NoForcePath",
     "ObservedVelocity",
     "Payload",

@@ -12,10 +12,11 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.control.force_path import SampledWrist
+from coop_pin.control.law import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, NoForcePath
-from coop_pin.description.controller_checks import SampledWrist, controller_problems
+from coop_pin.description.controller import Controller
 from coop_pin.description.events import Event
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -106,8 +107,8 @@ class Scenario(Description):
     @classmethod
     def _suits_the_cell(cls, controller: Controller, earlier: ValidationInfo) -> Controller:
         if "cell" in earlier.data and not earlier.data.get("beyond_bound"):
-            problems = controller_problems(controller, list(earlier.data["cell"].arms))
-            if problems:
+            cell = earlier.data["cell"]
+            if problems := controller.problems(CellTiming(list(cell.arms), cell.task_rows.size)):
                 raise one_or_all(problems, "the controller")
         return controller
 
@@ -189,14 +190,11 @@ class Scenario(Description):
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
         path = self.controller.force_path
-        late = None if isinstance(path, NoForcePath) else late_delay(path.delay, self.clock, self.duration)
-        if late:
+        if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
             raise FieldError(late, "controller.force_path.delay")
-        if (self.wrists or self.actuator_lag) and not self.beyond_bound:
-            arms, lag = list(self.cell.arms), self.actuator_lag
-            problems = controller_problems(self.controller, arms, self.wrists, lag)
-            if problems:
-                raise one_or_all([problem.below("controller") for problem in problems], "the controller")
+        is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
+        if is_checked and (problems := self.controller.problems(self.timing)):
+            raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
     @property
@@ -204,6 +202,12 @@ class Scenario(Description):
         """Delay and sampling of the wrist sensors that the arms have, in ticks."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+
+    @property
+    def timing(self) -> CellTiming:
+        """Arms, wrists and drives, against which the controller is checked."""
+        rows, period = self.cell.task_rows.size, self.clock.period
+        return CellTiming(list(self.cell.arms), rows, period, self.wrists, self.actuator_lag)
 
     @property
     def actuator_lag(self) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
@@ -144,7 +143,7 @@ class Sensing:
         self._place = places[0]
         self._rows, self._shares = scenario.cell.task_rows, scenario.cell.shares
         path = scenario.controller.force_path
-        self._path = None if isinstance(path, NoForcePath) else ForcePath(path)
+        self._path = ForcePath(path) if path.measures else None
         self._has_wrists = any(sensor.has_wrist for sensor in self.arms)
         self._tick = 0
 

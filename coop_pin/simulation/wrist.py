@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.description.controller import LateForcePath, LowPassForcePath
+from coop_pin.control.force_path import ForcePath as ForcePathOptions
 from coop_pin.description.plant import Clock
 from coop_pin.description.sensors import WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
@@ -75,7 +75,7 @@ class ForcePath:
         taken: tick of the newest sample in it; -inf before the first.
     """
 
-    def __init__(self, path: LateForcePath | LowPassForcePath) -> None:
+    def __init__(self, path: ForcePathOptions) -> None:
         """Start without wrenches."""
         self._pole = path.pole
         self._delay = path.delay
