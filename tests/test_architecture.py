@@ -40,7 +40,9 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   to it; llvmlite, which compiles, is an extra;
 # - batch traces the laws and the plant of runs;
 # - limited_process runs readers that have no limits;
-# - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
+# - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
+#   controller, which loads when it is built: model_based controllers know the friction of simulation's
+#   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engines runs scenarios, by Pinocchio or by batch's compiled plant.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
@@ -63,8 +65,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
-    "build_controller": ({"schema", "control", "description", "model"}, set()),
+    "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
+    "build_controller": ({"control", "description", "model"}, set()),
     "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
@@ -118,6 +120,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "model",
             "results",
             "build_controller",
+            "schema",
             "simulation",
             "sweeps",
             "user_files",

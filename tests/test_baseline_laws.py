@@ -196,5 +196,5 @@ def test_an_integral_of_the_internal_wrench_moves_once_for_each_new_measurement(
 
 
 def test_what_the_laws_need():
-    assert LeaderFollowerController.needs == ("own wrench", "role")
-    assert PrescribedPerformanceController.needs == ()
+    assert LeaderFollower().needs == ("own wrench", "role")
+    assert PrescribedPerformance().needs == ()

@@ -1,9 +1,5 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
-from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.control.law import PostureGains
-from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
-from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode, SlidingModeGains
 from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
@@ -35,24 +31,15 @@ __all__ = [
     "GravityCompensation",
     "IdealVelocity",
     "JointFriction",
-    "LateForcePath",
-    "LowPassForcePath",
     "Miscalibration",
     "ModelFactors",
-    "NoForcePath",
     "ObservedVelocity",
     "Payload",
     "PayloadChange",
-    "PayloadSpace",
-    "PayloadSpaceGains",
     "PlantOptions",
     "Pose",
-    "PostureGains",
-    "RedundantSlidingMode",
     "Scenario",
     "Sensors",
-    "SlidingMode",
-    "SlidingModeGains",
     "Stabilisation",
     "TrustThresholds",
     "UserController",

@@ -25,7 +25,15 @@ from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
+from coop_pin.schema.base import (
+    Description,
+    Name,
+    Positive,
+    Text,
+    Vector,
+    check_arm_names,
+    overridden,
+)
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
@@ -222,6 +230,17 @@ class Scenario(Description):
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
         return self.squeeze.at(0.0, self.cell.grasps)
+
+    def override(self, changes: Mapping[str, Any]) -> Self:
+        """Return a copy with fields changed by dotted path; see Description.
+
+        Raises:
+            ScenarioError: a path does not exist, or the copy has mistakes.
+        """
+        require_type("changes", changes, Mapping)
+        is_stored = any(str(path).startswith("controller.options") for path in changes)
+        law = self.controller.stored_as if is_stored else self.controller
+        return type(self)(**overridden(self.model_copy(update={"controller": law}), changes))
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
