@@ -93,5 +93,6 @@ class Gains(Description):
         return self.model_copy(update=arrays)
 
     def feedback(self) -> tuple[float, float]:
-        """Return K_f, by which a measured wrench acts at once, and g, by which it moves an integral."""
-        return 0.0, 0.0
+        """Return K_f, by which a measured wrench acts at once, and g, by which it moves an integral, or 0."""
+        fields = dict(self)
+        return fields.get("force_gain", 0.0), fields.get("anchor_gain", 0.0)

@@ -200,10 +200,6 @@ class PayloadSpaceGains(SurfaceGains):
     anchor_gain: NotNegative = 0.1
     leak: NotNegative | None = None
 
-    def feedback(self) -> tuple[float, float]:
-        """Return K_f and g."""
-        return self.force_gain, self.anchor_gain
-
 
 class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     """The payload-space law, for any number of joints: PayloadSpaceController.

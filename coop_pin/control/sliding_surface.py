@@ -31,10 +31,6 @@ class SurfaceGains(Gains):
     force_gain: NotNegative = 0.0
     transient_rate: Positive
 
-    def feedback(self) -> tuple[float, float]:
-        """Return K_f, and 0 for no anchor."""
-        return self.force_gain, 0.0
-
 
 G = TypeVar("G", bound=SurfaceGains)
 

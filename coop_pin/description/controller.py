@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, cast, get_args
 
 from pydantic import BeforeValidator, Field
 
@@ -45,12 +45,13 @@ class AnchoredGains(Gains):
 
     anchor_gain: NotNegative = 0.1
 
-    def feedback(self) -> tuple[float, float]:
-        """Return 0, and g."""
-        return 0.0, self.anchor_gain
-
 
 G = TypeVar("G", bound=AnchoredGains)
+
+
+def _made(law: Any, gains: Gains, scenario: Any, seat: Any) -> Any:
+    """Return the controller of a law with sized gains, for an arm or for all arms."""
+    return load_class(law.controller)(law.model_copy(update={"gains": gains}), scenario, seat)
 
 
 class ModelBasedLaw(DecentralisedLaw[G], Generic[G]):
@@ -63,10 +64,7 @@ class ModelBasedLaw(DecentralisedLaw[G], Generic[G]):
 
     def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:
         """Return the controller of one arm."""
-        made: ArmController = load_class(self.controller)(
-            self.model_copy(update={"gains": gains}), scenario, arm
-        )
-        return made
+        return cast(ArmController, _made(self, gains, scenario, arm))
 
 
 class CentralisedLaw(ParametricLaw[G], Generic[G]):
@@ -82,12 +80,9 @@ class CentralisedLaw(ParametricLaw[G], Generic[G]):
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller; see Law."""
-        seated = list(arms)
-        gains = self.gains.sized(seated[0].rows.size, 0)
-        made: CellController = load_class(self.controller)(
-            self.model_copy(update={"gains": gains}), scenario, seated
-        )
-        return made
+        seats = list(arms)
+        gains = self.gains.sized(seats[0].rows.size, 0)
+        return cast(CellController, _made(self, gains, scenario, seats))
 
 
 class ComputedTorqueGains(AnchoredGains):
