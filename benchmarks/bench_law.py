@@ -152,7 +152,7 @@ int main(void)
 """
 
 
-def compiled_costs(law: cp.CLaw, folder: Path) -> tuple[float, float]:
+def compiled_costs(law: cp.batch.CLaw, folder: Path) -> tuple[float, float]:
     """Return instructions of a step, NaN without valgrind, and its time, s: the least of five."""
     name, flags = law.source.stem, ("-std=c99", "-O2", "-g", "-fno-inline")
     (folder / "driver.c").write_text(DRIVER.format(name=name, calls=CALLS))

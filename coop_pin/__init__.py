@@ -1,8 +1,9 @@
 """coop_pin: two or more URDF arms that rigidly hold one object, on Pinocchio.
 
-Every public name is listed here and loaded on first use, so that ``import coop_pin`` is fast and
+What a user calls or writes is listed here and loaded on first use, so that ``import coop_pin`` is fast and
 ``coop_pin.control`` can be used where Pinocchio is missing. The packages are attributes as well:
-``import coop_pin as cp`` gives ``cp.viz``, ``cp.analysis`` and so on.
+``import coop_pin as cp`` gives ``cp.viz``, ``cp.analysis`` and so on; types that are only returned stay in
+their packages (``cp.chain.Trajectory``).
 """
 
 from __future__ import annotations
@@ -20,26 +21,20 @@ _PUBLIC = {
     "ArmMeasurement": "coop_pin.control",
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
-    "BatchResult": "coop_pin.batch",
-    "CLaw": "coop_pin.batch",
     "Cell": "coop_pin.description",
+    "CellArm": "coop_pin.model",
     "CellChain": "coop_pin.chain",
     "CellCommand": "coop_pin.control",
     "CellController": "coop_pin.control",
-    "ChainDynamics": "coop_pin.chain",
-    "ChainState": "coop_pin.chain",
     "CircleMotion": "coop_pin.reference",
     "Clock": "coop_pin.description",
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
-    "ClosureError": "coop_pin.chain",
-    "Comparison": "coop_pin.comparison",
     "ConstantSqueeze": "coop_pin.reference",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.reference",
     "DifferencedVelocity": "coop_pin.description",
     "Encoder": "coop_pin.description",
-    "Energy": "coop_pin.chain",
     "ExponentialMotion": "coop_pin.reference",
     "FunctionMotion": "coop_pin.reference",
     "FunctionSqueeze": "coop_pin.reference",
@@ -67,7 +62,6 @@ _PUBLIC = {
     "RedundantSlidingModeController": "coop_pin.control",
     "RunResult": "coop_pin.results",
     "Sample": "coop_pin.sweeps",
-    "SampledStability": "coop_pin.analysis",
     "Saturation": "coop_pin.control",
     "Scenario": "coop_pin.description",
     "Sensors": "coop_pin.description",
@@ -79,18 +73,13 @@ _PUBLIC = {
     "Snapshot": "coop_pin.results",
     "Span": "coop_pin.sweeps",
     "Stabilisation": "coop_pin.description",
-    "StaticTorques": "coop_pin.analysis",
-    "StepSize": "coop_pin.analysis",
-    "Suggestion": "coop_pin.analysis",
     "SweepPlan": "coop_pin.sweeps",
     "SweepResult": "coop_pin.sweeps",
     "SwingMotion": "coop_pin.reference",
     "Tanh": "coop_pin.control",
-    "Trajectory": "coop_pin.chain",
     "TipForceSqueeze": "coop_pin.reference",
     "TipWrenchSqueeze": "coop_pin.reference",
     "TrustThresholds": "coop_pin.description",
-    "TuneResult": "coop_pin.sweeps",
     "TurnMotion": "coop_pin.reference",
     "UserController": "coop_pin.description",
     "Waypoint": "coop_pin.reference",
@@ -131,11 +120,12 @@ _PACKAGES = (
     "model",
     "model_based",
     "reference",
-    "report",
     "results",
+    "schema",
     "simulation",
     "spatial",
     "sweeps",
+    "tracing",
     "viz",
 )
 

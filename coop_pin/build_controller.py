@@ -30,15 +30,15 @@ def build_controller(scenario: Scenario, models: Mapping[str, ArmModel] | None =
 
 def controlled_arm(scenario: Scenario, name: str, model: ArmModel | None = None) -> ControlledArm:
     """Return what a law may know of an arm besides measurements."""
-    cell, place, path = scenario.cell, list(scenario.cell.arms).index(name), scenario.controller.force_path
+    cell, path = scenario.cell, scenario.controller.force_path
     model = model or ArmModel(cell.arms[name])
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(
         name=name,
-        place=place,
+        place=list(cell.arms).index(name),
         rows=cell.task_rows,
         period=scenario.clock.period,
-        load_share=float(cell.shares[place]),
+        load_share=cell.share(name),
         drives=model.nv,
         posture=posture,
         gravity=np.array(cell.gravity),

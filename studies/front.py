@@ -251,7 +251,7 @@ def doubled(urdf: str, folder: Path) -> Path:
     return path
 
 
-def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.TuneResult:
+def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.sweeps.TuneResult:
     """Search the gains of a law in the trial on which all laws are tuned."""
     scenario = cp.Scenario.load(cell.base, cell.changes | trial.changes | {"seed": TUNED_SEED})
     return cp.tune(

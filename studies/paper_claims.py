@@ -2,7 +2,7 @@
 
 Runs the paper's experiment with five laws under seven trials, the printed law over alpha and control rate,
 and over the force gain; finished runs are kept in out/studies/paper_claims. Writes the tables in
-studies/paper_claims, those in docs/concepts/paper-claims.md and docs/images/study-paper-claims.png with .svg.
+studies/paper_claims, those in docs/concepts/paper-claims.md and docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
@@ -18,17 +18,15 @@ import claims_figure
 import claims_tables
 import numpy as np
 import pandas as pd
-from pages import write_block
+from pages import IMAGES, save_image, write_block
 
 import coop_pin as cp
 from coop_pin.comparison import Trial, controllers_for
 from coop_pin.comparison.trials import changes_of
-from coop_pin.figures import save_figure
 
 HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
 PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
-IMAGES = HERE.parent / "docs" / "images"
 METRIC = "claims_window:judged"
 LAWS = {
     "printed": None,
@@ -146,7 +144,7 @@ def main() -> None:
     for name, text in blocks(tables).items():
         write_block(PAGE, name, text)
         print(text, end="\n\n")
-    save_figure(claims_figure.figure(tables, FORCE_GAIN, ALPHA, RATE), IMAGES / "study-paper-claims")
+    save_image(claims_figure.figure(tables, FORCE_GAIN, ALPHA, RATE), IMAGES / "study-paper-claims")
 
 
 if __name__ == "__main__":

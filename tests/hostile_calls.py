@@ -395,7 +395,14 @@ class Calls:
             self.RunResult,
             self.plan,
         ]
-        return [*hostile_values(), *objects, *self.descriptions, cp.ClosureError(0.0, 0.0), cp.Scenario, cp]
+        return [
+            *hostile_values(),
+            *objects,
+            *self.descriptions,
+            cp.chain.ClosureError(0.0, 0.0),
+            cp.Scenario,
+            cp,
+        ]
 
 
 def still(_time):

@@ -226,6 +226,14 @@ def test_links_and_images_of_pages_lead_somewhere():
     assert offenders == []
 
 
+def test_every_image_is_on_a_page_and_has_one_format():
+    images = sorted((DOCS / "images").iterdir())
+    pages = [REPOSITORY / "README.md", REPOSITORY / "studies" / "README.md", *PAGES]
+    shown = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    assert [image.name for image in images if f"images/{image.name})" not in shown] == []
+    assert len({image.stem for image in images}) == len(images)
+
+
 def test_every_page_is_in_a_table_of_contents():
     tables = re.findall(
         r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), re.DOTALL

@@ -15,13 +15,13 @@ from coop_pin.control import CellCommand
 from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
-from coop_pin.report.report import scenario_facts
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.noise import generator
 from coop_pin.simulation.wrist import Wrist
 from coop_pin.spatial import internal_wrenches, make_pose
 from coop_pin.viz.live_scene import LiveScene, initial_scene
+from coop_pin.viz.report import scenario_facts
 
 T = 0.0125
 CLOCK = cp.Clock(rate_hz=80.0)

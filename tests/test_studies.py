@@ -97,7 +97,7 @@ def test_the_command_runs_says_and_draws_a_study(draw, tiny, tmp_path, monkeypat
     assert capsys.readouterr().out.endswith(draw.STUDIES[name].numbers(results) + "\n")
     image = draw.STUDIES[name].image
     assert (FOLDER.parent / "docs" / "images" / f"{image}.png").is_file()
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{image}.png", f"{image}.svg"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{image}.png"]
 
 
 def test_another_name_is_answered_with_those_there_are(draw, monkeypatch):
@@ -162,7 +162,7 @@ def test_every_trial_of_the_front_changes_the_scenario_of_every_law(front, tmp_p
 def test_the_front_is_drawn_from_its_tables(front, tmp_path):
     names = ("study-front", "study-front-adept", "study-front-panda")
     assert {path.name for path in front.front_figures.draw(front.DATA, tmp_path)} == {
-        f"{name}.{kind}" for name in names for kind in ("png", "svg")
+        f"{name}.png" for name in names
     }
     assert_allclose(
         front.front_figures.pareto(np.array([[2.0, 1.0], [1.0, 3.0], [3.0, 2.0], [4.0, 0.5]])),

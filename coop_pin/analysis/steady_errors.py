@@ -15,7 +15,7 @@ from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _LARGEST_DELAY = 200
 """A loop that is stable at this delay, ticks, counts as stable at any."""
@@ -36,7 +36,7 @@ class SteadyErrors(NamedTuple):
     """Steady errors of a law at rest, and what it needs.
 
     Attributes:
-        needs: what the law measures, besides joint positions and velocities.
+        needs: quantities that the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
@@ -92,7 +92,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     The formulas are derived on the pages "The payload-space law" and "Which law" of the documentation.
 
     Args:
-        scenario: with a law of coop_pin.
+        scenario: scenario with a law of coop_pin.
         bias: kinematic bias of the position of one arm's tip, m; the worst arm and direction are taken.
         load: constant force on the payload that the law does not know, N: for the own-wrench law the error of
             the stated weight, for the leaky law what the holding torques did not carry.
@@ -150,8 +150,7 @@ def _joint_springs(scenario: Scenario) -> list[Array]:
     cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q, springs = chain.configuration(scenario.start.matrix), list[Array]()
     for arm in chain.model.arms:
-        J = cell.task_rows.select(ArmModel.from_cell(cell, arm.name).payload_jacobian(q[arm.q_slice]))
-        J = J @ np.linalg.inv(arm.drive)
+        J = CellArm(cell, arm.name).task_jacobian(q[arm.q_slice])
         if J.shape[0] != J.shape[1]:
             return []
         spring = scenario.controller.joint_spring(arm.name, jacobian_inverse(J, 0.0))

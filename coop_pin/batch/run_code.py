@@ -20,7 +20,7 @@ from coop_pin.batch.run_sensing import RunSensing
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.simulation.actuation import TORQUE_LIMIT, TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
-from coop_pin.spatial.scalars import inverse
+from coop_pin.spatial.generic_numbers import inverse
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number

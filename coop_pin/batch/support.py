@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.batch.law_code import Tick, require_agreement, trace_law
+from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.batch.run_constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import RunShape
 from coop_pin.build_controller import build_controller
@@ -15,6 +15,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.tree import structure
 
 _TICKS = 3
 """At which a user's controller is compared with its traced code."""
@@ -53,12 +54,12 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 
     Raises:
-        TracingError: it does, or its steps at random ticks are not those of its code.
+        TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
-    if {"model", "regressor"} & {*law.needs}:
-        raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
     if not law.user_code:
+        if {"model", "regressor"} & {*law.needs}:
+            raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
         return
     try:
         ticks = random_ticks(scenario, run, constants)
@@ -66,11 +67,12 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
+    structure(constants.controller)
 
 
-def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[Tick]]:
+def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
     """Return successive ticks of all arms under a controller, at random measurements near the start."""
-    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[Tick]]()
+    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
     state: Any = None
     shape, begun = RunShape.of(scenario), start(scenario, run)
     edges = np.cumsum([len(arm.drive) for arm in constants.arms])[:-1]
@@ -100,5 +102,5 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             torques, state = run.actuation.commanded(command), command.state
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([Tick(*given) for given in zip(measurements, references, torques, strict=True)])
+        ticks.append([LawTick(*given) for given in zip(measurements, references, torques, strict=True)])
     return ticks

@@ -92,7 +92,7 @@ class Run:
         formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if self.svg else ("png",)
         folder.write(result, timing, replay=self.replay, figures=formats if self.figures else ())
         if self.report:
-            from coop_pin.report import save_report  # slow to load
+            from coop_pin.viz import save_report  # slow to load
 
             save_report(result, folder.path / folder.REPORT)
         breaches = result.breaches()

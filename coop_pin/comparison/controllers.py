@@ -13,9 +13,10 @@ import numpy as np
 from coop_pin.analysis import suggest
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.schema.base import Description
 from coop_pin.spatial import weight_wrench
 from coop_pin.user_files import read_toml, read_user_file
@@ -141,7 +142,7 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
     rows = scenario.cell.task_rows
     if law.kind != "payload-space":
         law = suggest(scenario).scenario.controller  # proposes no other law
-    K = np.diagonal(np.array(law.gains.sliding_gain) * np.eye(rows.size))
+    K = gain_vector(law.gains.sliding_gain, rows.size)
     damping = _damping(scenario, K)
     redundant = any(part.size > rows.size for part in damping)
     # Arms with different numbers of joints share one number.
@@ -160,11 +161,7 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
 
 def _damping(scenario: Scenario, K: Array) -> list[Array]:
     """Return the diagonal of J^T (K / 2m) J of each arm at the start, N m s/rad, shape (k,)."""
-    cell, rows, diagonals = scenario.cell, scenario.cell.task_rows, []
-    chain = CellChain(cell, scenario.plant)
+    cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
-    for arm in chain.model.arms:
-        J = rows.select(ArmModel.from_cell(cell, arm.name).payload_jacobian(q[arm.q_slice]))
-        J = J @ np.linalg.inv(arm.drive)
-        diagonals.append(np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)))
-    return diagonals
+    jacobians = (CellArm(cell, arm.name).task_jacobian(q[arm.q_slice]) for arm in chain.model.arms)
+    return [np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)) for J in jacobians]

@@ -15,7 +15,7 @@ from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw
 from coop_pin.control.terms import spare_torque
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Interval, NotNegative, Positive
-from coop_pin.spatial.scalars import exp
+from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 

@@ -15,7 +15,7 @@ from coop_pin.control.law import ControlledArm, DecentralisedLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
-from coop_pin.spatial.scalars import exp
+from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 _EDGE = 0.99

@@ -20,7 +20,7 @@ from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
 from coop_pin.schema.base import NotNegative
-from coop_pin.spatial.scalars import exp
+from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, SingularJacobianError
-from coop_pin.spatial.scalars import identity, inverse, require_less
+from coop_pin.spatial.generic_numbers import identity, inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6

@@ -17,7 +17,8 @@ from coop_pin.control.law import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Event
+from coop_pin.description.events import Event, PayloadChange
+from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
@@ -225,6 +226,14 @@ class Scenario(Description):
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
+
+    def payload_at(self, time: float) -> Payload:
+        """Return the payload after the changes up to a time, s."""
+        payload = self.cell.payload
+        changes = [event for event in self.events if isinstance(event, PayloadChange)]
+        for change in sorted(changes, key=lambda change: change.time):
+            payload = change.apply(payload) if change.time <= time else payload
+        return payload
 
     @property
     def squeeze_wrenches(self) -> Array:

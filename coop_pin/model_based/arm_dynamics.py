@@ -12,7 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement
 from coop_pin.description.controller import ModelFactors
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
 from coop_pin.simulation.transmission import friction
 
@@ -57,7 +57,7 @@ class ArmDynamics:
             UrdfError, NameNotFoundError: the arm cannot be built.
         """
         cell, factor = scenario.cell, ModelFactors(**dict(factors or {}))
-        self._arm = ArmModel.from_cell(cell, arm)
+        self._arm = CellArm(cell, arm)
         self.model, self._rows = self._arm.model, cell.task_rows
         for joint in range(1, self.model.njoints):
             body = self.model.inertias[joint]
@@ -68,7 +68,7 @@ class ArmDynamics:
             self.model.gravity.linear = np.zeros(3)
         self._friction, self._friction_factor = friction(cell.arms[arm], arm), factor.friction
         self._data, self._payload_frame = self.model.createData(), frame_id(self.model, "payload")
-        self.from_drive = np.asarray(np.linalg.inv(self._arm.drive), dtype=np.float64)
+        self.from_drive = self._arm.from_drive
         self._gravity = np.array(cell.gravity, dtype=float)
         self._mass = factor.mass * cell.payload.mass
         self._inertia = factor.inertia * cell.payload.inertia_matrix

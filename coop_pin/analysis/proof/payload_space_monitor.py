@@ -12,13 +12,15 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
-from coop_pin.analysis.recorded_ticks import Tick, recorded_ticks
+from coop_pin.analysis.proof.monitored_quantities import monitor_dataset
+from coop_pin.analysis.proof.recorded_run import RecordedTick, recorded_ticks
 from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
 from coop_pin.control import PayloadSpaceController
+from coop_pin.control.terms import is_new
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError
-from coop_pin.model.arm_model import ArmKinematics, ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
 
@@ -26,28 +28,6 @@ _STEP = 1e-5
 """Half the span of central differences along the motion, s."""
 _POSITIVE = 1e-6
 """A rate of V above it is marked, W."""
-
-MONITORED = {
-    # name: (dimensions after time, unit, text)
-    "s": ("arm row", "m/s, rad/s", "sliding surface s_i"),
-    "Z": ("arm row", "N, N m", "integral Z_i, read off the commanded torque"),
-    "mu": ("arm row", "N, N m", "mu_i = a_i - c_i sum_j a_j"),
-    "ftilde": ("arm row", "N, N m", "error of the internal wrench, with f_d as the arm turns it"),
-    "balance_2": ("arm", "N", "|left side - right side| of eq. (2)"),
-    "disagreement": ("arm row", "N, N m", "Z_i - c_i Zbar"),
-    "disagreement_rate": ("arm row", "N/s, N m/s", "its change to the next tick over T"),
-    "predicted_rate": ("arm row", "N/s, N m/s", "what anchor, integral and leak make of it"),
-    "rate_defect": ("arm", "N/s", "|disagreement_rate - predicted_rate|"),
-    "anchor_sum": ("", "N", "|sum of the anchors|: zero where the measured errors sum to zero"),
-    "Zbar": ("row", "N, N m", "sum of the integrals"),
-    "d": ("row", "N, N m", "what Zbar must take over"),
-    "V": ("", "J", "sbar^T A sbar / 2 + (Zbar - d)^T (k_I K)^-1 (Zbar - d) / 2"),
-    "V_rate": ("", "W", "central difference of V along the motion at constant d"),
-    "V_rate_damping": ("", "W", "-sbar^T K sbar"),
-    "V_rate_memory": ("", "W", "of what else moves Zbar: limited integral, leak, anchors that do not cancel"),
-    "V_rate_load": ("", "W", "-(Zbar - d)^T (k_I K)^-1 ddot, by differences over the ticks"),
-    "V_rate_defect": ("", "W", "V_rate - V_rate_damping - V_rate_memory"),
-}
 
 
 def payload_space_monitor(result: RunResult) -> xr.Dataset:
@@ -60,7 +40,7 @@ def payload_space_monitor(result: RunResult) -> xr.Dataset:
     ``anchor_acts`` where it has a new measurement. V is NaN without an integral or without a layer.
 
     Args:
-        result: of the payload-space law, every tick kept.
+        result: run of the payload-space law, every tick kept.
 
     Raises:
         ArgumentError: the torques change between ticks, or the law is zeroed at grasp.
@@ -89,10 +69,7 @@ class _MonitoredCell:
         cell = scenario.cell
         self.rows, self.c, self.period = cell.task_rows, cell.shares[:, None], scenario.clock.period
         self.laws: list[PayloadSpaceController] = [controller.controllers[name] for name in cell.arms]
-        self.models = [ArmModel.from_cell(cell, name) for name in cell.arms]
-        self.kinematics = [
-            ArmKinematics(arm, cell.grasps[name].matrix, self.rows) for name, arm in cell.arms.items()
-        ]
+        self.models = [CellArm(cell, name) for name in cell.arms]
         law = self.laws[0]
         k_I = np.diag(law.sign_gain) / float(getattr(law.switching, "width", np.nan))
         has_layer = bool((k_I > 0.0).all())
@@ -101,28 +78,24 @@ class _MonitoredCell:
         self.start: list[tuple[Array, Array]] = []
         self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
 
-    def at_tick(self, now: Tick) -> dict[str, Any]:
+    def at_tick(self, now: RecordedTick) -> dict[str, Any]:
         """Return the monitored quantities of a tick; what needs the next tick comes later."""
         s, f_r = self._surfaces(now)
-        error, is_new, is_stale = self._measured(now, f_r)
-        w = np.array(
-            [
-                -np.linalg.pinv(m.payload_jacobian).T @ tau
-                for m, tau in zip(now.seen, now.commanded, strict=True)
-            ]
-        )
-        slid = self.c * np.array([law.sliding_gain @ own for law, own in zip(self.laws, s, strict=True)])
+        error, is_fresh, is_stale = self._measured(now, f_r)
+        w = np.array([-np.linalg.pinv(arm.measured.payload_jacobian).T @ arm.commanded for arm in now.arms])
+        F = np.array([self.rows.select(arm.F) for arm in now.arms])
+        slid = self.c * np.array([law.sliding_gain @ s_i for law, s_i in zip(self.laws, s, strict=True)])
         fed_back = f_r - self._each("force_gain") * error
         Z = w - slid - fed_back
-        self.Z_hold = np.where(is_new, Z, self.Z_hold if self.Z_hold.size else Z)
+        self.Z_hold = np.where(is_fresh, Z, self.Z_hold if self.Z_hold.size else Z)
         a = self._arm_wrenches(now, w)
-        ftilde, right = self._internal(now.F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
-        anchor = is_new * self._each("anchor_gain") * error
-        phi = np.array([law.switching(own) for law, own in zip(self.laws, s, strict=True)])
+        ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
+        anchor = is_fresh * self._each("anchor_gain") * error
+        phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
-            [law.sliding_gain @ law.sign_gain @ own for law, own in zip(self.laws, phi, strict=True)]
+            [law.sliding_gain @ law.sign_gain @ phi_i for law, phi_i in zip(self.laws, phi, strict=True)]
         )
-        cut = np.array([[m.saturated.any()] for m in now.seen])
+        cut = np.array([[arm.measured.saturated.any()] for arm in now.arms])
         rate = ~cut * integral - is_stale * self._each("leak") * (Z - self.Z_hold)
         Zbar = Z.sum(axis=0)
         return {
@@ -134,35 +107,32 @@ class _MonitoredCell:
             "disagreement": self._internal(Z),
             "anchor": anchor,
             "anchor_sum": np.linalg.norm(anchor.sum(axis=0)),
-            "anchor_acts": is_new[:, 0],
+            "anchor_acts": is_fresh[:, 0],
             "memory_rate": rate,
             "integral_is_limited": (np.abs(phi) >= 1.0).any(axis=1),
             "Zbar": Zbar,
             **self._lyapunov(
-                now, Zbar, (rate - anchor / self.period).sum(axis=0), (now.F - a - fed_back).sum(axis=0)
+                now,
+                Zbar,
+                (rate - anchor / self.period).sum(axis=0),
+                (F - a - fed_back).sum(axis=0),
             ),
         }
 
-    def _surfaces(self, now: Tick) -> tuple[Array, Array]:
+    def _surfaces(self, now: RecordedTick) -> tuple[Array, Array]:
         """Return s_i and f_r,i of every arm, shape (m, k_0) each; they start from the first tick."""
         if not self.start:
             self.start = [
-                (self._surface(i, m.payload_pose, m.payload_twist, now.t), r.internal_wrench)
-                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
+                (self._surface(i, x.payload_pose, x.payload_twist, now.t), arm.reference.internal_wrench)
+                for i, arm in enumerate(now.arms)
+                for x in (arm.measured,)
             ]
         e = self._remaining(now.t)
-        s = np.array(
-            [
-                self._surface(i, m.payload_pose, m.payload_twist, now.t) - self.start[i][0] * e
-                for i, m in enumerate(now.seen)
-            ]
-        )
-        f_r = np.array(
-            [
-                self.rows.turn(m.payload_pose, r.internal_wrench - self.start[i][1] * e)
-                for i, (m, r) in enumerate(zip(now.seen, now.references, strict=True))
-            ]
-        )
+        s, f_r = np.zeros((2, len(now.arms), self.rows.size))
+        for i, (arm, (s_0, f_0)) in enumerate(zip(now.arms, self.start, strict=True)):
+            X_WP, twist = arm.measured.payload_pose, arm.measured.payload_twist
+            s[i] = self._surface(i, X_WP, twist, now.t) - s_0 * e
+            f_r[i] = self.rows.turn(X_WP, arm.reference.internal_wrench - f_0 * e)
         return s, f_r
 
     def _each(self, gain: str) -> Array:
@@ -183,48 +153,48 @@ class _MonitoredCell:
         xtilde = self.rows.pose_error(X_WP, target.X_WP_d)
         return twist - self.rows.select(target.V_WP_d) + self.laws[arm].pose_gain @ xtilde
 
-    def _measured(self, now: Tick, f_r: Array) -> tuple[Array, Mask, Mask]:
+    def _measured(self, now: RecordedTick, f_r: Array) -> tuple[Array, Mask, Mask]:
         """Return fhat - f_r, shape (m, k_0), and whether it is new and whether it is stale, shape (m, 1)."""
         error, ages = np.zeros_like(f_r), np.full(len(self.laws), np.inf)
-        for i, (law, m) in enumerate(zip(self.laws, now.seen, strict=True)):
+        for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
+            m = arm.measured
             if m.internal_wrench is not None:
                 error[i], ages[i] = m.internal_wrench - f_r[i], m.internal_wrench_age
             elif m.interaction_wrench is not None and law.payload_weight is not None:
                 error[i] = m.interaction_wrench - self.c[i] * law.payload_weight - f_r[i]
                 ages[i] = m.interaction_wrench_age
-        is_new = ages < self.ages + 0.5
+        is_fresh = np.array([is_new(age, last) for age, last in zip(ages, self.ages, strict=True)])
         self.ages = ages
-        return error, is_new[:, None], ages[:, None] > self._each("stale_after")
+        return error, is_fresh[:, None], ages[:, None] > self._each("stale_after")
 
-    def _arm_wrenches(self, now: Tick, w: Array) -> Array:
+    def _arm_wrenches(self, now: RecordedTick, w: Array) -> Array:
         """Return a_i = Jdyn^T (M qdd + h - friction - tau - J^T w) by RNEA, shape (m, k_0).
 
         What of the torque is not -J^T w (posture, cuts, a Jacobian that the arm sees wrong) counts as load.
         """
         wrenches = []
-        for model, place, own in zip(self.models, self.simulation.plant.chain.model.arms, w, strict=True):
-            q, v, a = now.q[place.q_slice], now.v[place.v_slice], now.a[place.v_slice]
-            J = self.rows.select(model.payload_jacobian(q))
-            load = model.inverse_dynamics(q, v, a) - now.forces[place.v_slice] - J.T @ own
-            weighted = np.linalg.solve(model.mass_matrix(q), J.T)
+        for model, arm, w_i in zip(self.models, now.arms, w, strict=True):
+            J = self.rows.select(model.payload_jacobian(arm.q))
+            load = model.inverse_dynamics(arm.q, arm.v, arm.a) - arm.forces - J.T @ w_i
+            weighted = np.linalg.solve(model.mass_matrix(arm.q), J.T)
             wrenches.append(np.linalg.solve(J @ weighted, weighted.T @ load))
         return np.array(wrenches)
 
     def _motion(self, t: float, q: Array, v: Array, payload: Payload) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
-        places, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
-        first = self.models[0].payload_pose(q[places[0].q_slice])
+        slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        first = self.models[0].payload_pose(q[slots[0].q_slice])
         A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
-        for i, (model, place) in enumerate(zip(self.models, places, strict=True)):
-            own, view = q[place.q_slice], self.kinematics[i].view(q[place.q_slice])
-            twist = view.jacobian @ place.drive @ v[place.v_slice]
+        for i, (model, slot) in enumerate(zip(self.models, slots, strict=True)):
+            q_i, view = q[slot.q_slice], model.kinematics.view(q[slot.q_slice])
+            twist = view.jacobian @ slot.drive @ v[slot.v_slice]
             s = self._surface(i, view.pose, twist, t) - self.start[i][0] * self._remaining(t)
-            J = self.rows.select(model.payload_jacobian(own))
-            A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(own), J.T))
+            J = self.rows.select(model.payload_jacobian(q_i))
+            A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q_i), J.T))
             sbar = sbar + self.c[i] * s
         return sbar, A
 
-    def _lyapunov(self, now: Tick, Zbar: Array, Zbar_rate: Array, held: Array) -> dict[str, Any]:
+    def _lyapunov(self, now: RecordedTick, Zbar: Array, Zbar_rate: Array, held: Array) -> dict[str, Any]:
         """Return V and its rates; held is what the plant says K sbar + Zbar is."""
         model = self.simulation.plant.chain.mechanism.model
 
@@ -256,7 +226,7 @@ class _MonitoredCell:
 
 def _labelled(result: RunResult, cell: _MonitoredCell, values: dict[str, Array]) -> xr.Dataset:
     """Return the labelled quantities with what needs the next tick, and the marks."""
-    scenario, T = result.scenario, cell.period
+    T = cell.period
     anchor, rate = values.pop("anchor"), values.pop("memory_rate")
     predicted = rate - np.append(anchor[1:], np.full_like(anchor[:1], np.nan), axis=0) / T
     disagreement = values["disagreement"]
@@ -267,17 +237,6 @@ def _labelled(result: RunResult, cell: _MonitoredCell, values: dict[str, Array])
     )
     values |= {"disagreement_rate": change, "predicted_rate": predicted, "V_rate_load": load}
     values["rate_defect"] = np.linalg.norm(change - predicted, axis=2)
-    variables: dict[str, Any] = {
-        name: (("time", *dims.split()), values[name], {"units": unit, "long_name": text})
-        for name, (dims, unit, text) in MONITORED.items()
-    }
     grows = values["V_rate_damping"] + values["V_rate_memory"] + load > _POSITIVE
-    variables["V_may_grow"] = ("time", grows)
-    for mark in ("integral_is_limited", "anchor_acts"):
-        variables[mark] = (("time", "arm"), values[mark])
-    coordinates = {
-        "time": result.data["time"],
-        "arm": result.data["arm"],
-        "row": list(scenario.cell.task_rows.axes),
-    }
-    return xr.Dataset(variables, coordinates, {"title": f"theorem monitor of {scenario.name}"})
+    marks = {name: ("arm", values[name]) for name in ("integral_is_limited", "anchor_acts")}
+    return monitor_dataset(result, values, {"V_may_grow": ("", grows)} | marks)
