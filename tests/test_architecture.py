@@ -41,7 +41,9 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   to it; llvmlite, which compiles, is an extra;
 # - batch traces the laws and the plant of runs;
 # - limited_process runs readers that have no limits;
-# - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
+# - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
+#   controller, which loads when it is built: model_based controllers know the friction of simulation's
+#   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engines runs scenarios, by Pinocchio or by batch's compiled plant.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
@@ -64,8 +66,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
-    "build_controller": ({"schema", "control", "description", "model"}, set()),
+    "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
+    "build_controller": ({"control", "description", "model"}, set()),
     "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
@@ -120,6 +122,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "model",
             "results",
             "build_controller",
+            "schema",
             "simulation",
             "sweeps",
             "user_files",
@@ -288,15 +291,18 @@ def test_every_third_party_is_a_declared_dependency():
 
 BLIND_LAW = """
 import dataclasses, sys
-from types import SimpleNamespace
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, LeaderFollowerController, PayloadSpaceController, Posture,
-    PrescribedPerformanceController, RedundantSlidingModeController, Saturation, Sign, SlidingModeController,
-    ZeroedController,
+    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController,
+    Saturation, Sign, SlidingModeController, ZeroedController,
 )
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.leader_follower import LeaderFollower
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.prescribed_performance import PrescribedPerformance
+from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.spatial import make_pose, task_rows
 
 rows = task_rows("planar")
@@ -337,15 +343,21 @@ spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload
                              saturated=np.zeros(4, bool))
 torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
 assert torque.shape == (4,) and np.isfinite(torque).all()
-cell = SimpleNamespace(task_rows=rows, arms=("left", "right"), share=lambda arm: 0.5)
-# All that they may take of a scenario.
-told = SimpleNamespace(cell=cell, clock=SimpleNamespace(period=0.0125))
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)
-for kind in (PrescribedPerformanceController, LeaderFollowerController):
-    for arm in cell.arms:
-        blind = kind(told, arm)
-        for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
-            torque, _ = blind.step(seen, reference, blind.init(seen, reference))
+printed = {"pose_gain": 2.0, "sign_gain": 0.2, "damping_gain": 20.0, "transient_rate": 5.0}
+space = {"pose_gain": 2.0, "sign_gain": 0.2, "sliding_gain": 500.0, "transient_rate": 5.0}
+for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), PrescribedPerformance(),
+            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower()):
+    for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
+        k = len(seen.q)
+        if law.kind == "sliding-mode" and k > 3:
+            continue
+        # All that they may know.
+        arms = [ControlledArm(name, place, rows, 0.0125, 0.5, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
+                for place, name in enumerate(("left", "right"))]
+        blind = law.build(None, arms)
+        torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))
+        for torque in torques:
             assert torque.shape == seen.q.shape and np.isfinite(torque).all()
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))

@@ -210,7 +210,7 @@ def test_a_model_knows_nothing_of_the_trials(scenarios):
     nominal = ArmDynamics(scenario, arm).parameters()[0]
     for name in ("friction x0", "friction x3", "mass x2"):
         changed = scenario.override(changes_of(scenario, trials[name], controller))
-        known = ArmDynamics(changed, arm, changed.controller.options["model"]).parameters()[0]
+        known = ArmDynamics(changed, arm, changed.controller.model).parameters()[0]
         assert_allclose(known, nominal, rtol=1e-9)
         truth = ArmDynamics(changed, arm).parameters()[0]
         assert (name == "mass x2") == np.allclose(truth, nominal)

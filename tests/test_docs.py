@@ -86,7 +86,9 @@ def test_docstrings_of_values_name_all_their_fields():
             continue
         fields, below = [], []
         for entry, following in itertools.pairwise([*node.body, None]):
-            if isinstance(entry, ast.AnnAssign) and not re.match("_|kind$", entry.target.id):
+            if not isinstance(entry, ast.AnnAssign) or ast.unparse(entry.annotation).startswith("ClassVar"):
+                continue
+            if not re.match("_|kind$", entry.target.id):
                 fields.append(entry.target.id)
                 if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
                     below.append(entry.target.id)

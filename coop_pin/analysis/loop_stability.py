@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.control.bounds import lag_pole
-from coop_pin.control.switching import Sign
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Sensing
@@ -119,7 +118,6 @@ def _feedback(simulation: Simulation) -> tuple[Array, Array]:
         np.column_stack([chain.project_velocity(plant.q, row) for row in np.eye(len(rest))])
     )
     N = basis[:, singular > _NEUTRAL]
-    has_linear_integral = not isinstance(getattr(scenario.controller, "switching", Sign()), Sign)
 
     def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
         seen = [arm._replace(time=_SETTLED) for arm in sensing.start(q, v, references)]
@@ -129,7 +127,7 @@ def _feedback(simulation: Simulation) -> tuple[Array, Array]:
 
     def answer(q: Array, v: Array) -> Array:
         now, state = step(q, v, start)
-        kept = step(plant.q, rest, state)[0] if has_linear_integral else 0.0 * now
+        kept = step(plant.q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
         return np.concatenate((now, kept))
 
     start = law.init(first, references)

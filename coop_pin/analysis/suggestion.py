@@ -20,7 +20,7 @@ from coop_pin.analysis.statics import statics_along
 from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
-from coop_pin.description.controller import PayloadSpace
+from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.arrays import Array
-from coop_pin.description.controller import PostureGains
+from coop_pin.control.law import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.transmission import friction

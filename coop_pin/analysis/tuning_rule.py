@@ -12,16 +12,9 @@ import pinocchio as pin
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
 from coop_pin.arrays import Array
-from coop_pin.control.bounds import anchor_gain_bound
-from coop_pin.description.controller import (
-    ForcePath,
-    LateForcePath,
-    NoForcePath,
-    PayloadSpace,
-    PayloadSpaceGains,
-    PostureGains,
-)
-from coop_pin.description.controller_checks import sampled_loop
+from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
+from coop_pin.control.law import PostureGains
+from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 
@@ -132,12 +125,12 @@ def _at_rate(
     width = PayloadSpace.model_fields["switching"].default.width
     alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
     k_I, bound = alpha / width, None
-    if isinstance(path, NoForcePath):
+    if not path.measures:
         force, rest = None, wrenches.load_range / (K * gamma * (1.0 + k_I / _LEAK))
         tracking = np.maximum(wrenches.load_rate / (K * gamma * k_I), rest)
     else:
         lag = scenario.actuator_lag * scenario.clock.period / T
-        bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists, lag)._asdict())
+        bound = sampled_loop(path, scenario.wrists, lag).anchor_bound
         tracking = wrenches.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3
@@ -162,7 +155,7 @@ def _at_rate(
 def _rates(scenario: Scenario) -> Iterator[float]:
     """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
     stated, path = scenario.clock.rate_hz, scenario.controller.force_path
-    timed = bool(scenario.wrists) or (not isinstance(path, NoForcePath) and (path.delay or path.pole))
+    timed = bool(scenario.wrists or path.delay or path.pole)
     fastest = stated if timed else max(stated, _FASTEST_HZ)
     yield from (stated * count for count in range(1, int(fastest / stated) + 1))
 
@@ -179,7 +172,7 @@ def _lag(scenario: Scenario) -> float:
 def force_path_of(scenario: Scenario) -> ForcePath:
     """Return the scenario's force path; the latest wrench where it has none but all wrists have sensors."""
     path = scenario.controller.force_path
-    if isinstance(path, NoForcePath) and len(scenario.wrists) == len(scenario.cell.arms):
+    if not path.measures and len(scenario.wrists) == len(scenario.cell.arms):
         return LateForcePath()
     return path
 

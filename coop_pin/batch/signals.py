@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
@@ -49,7 +48,7 @@ class RunShape(NamedTuple):
         wrists, are_ideal = zip(*((own.wrist, own.joints_are_ideal) for own in sensors), strict=True)
         return cls(
             rows=scenario.cell.task_rows,
-            delay=None if isinstance(path, NoForcePath) else path.delay,
+            delay=path.delay if path.measures else None,
             wrist_delays=tuple(wrist.delay if wrist else 0 for wrist in wrists) if any(wrists) else None,
             has_wrist=tuple(wrist is not None for wrist in wrists),
             has_encoders=tuple(not is_ideal for is_ideal in are_ideal),

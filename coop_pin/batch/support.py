@@ -9,7 +9,6 @@ import numpy as np
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
-from coop_pin.description.controller import UserController
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -55,20 +54,22 @@ def plant_reason(plant: PlantOptions) -> str | None:
 
 
 def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstants) -> None:
-    """Refuse a user's controller whose steps at random ticks its traced code does not give.
+    """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 
     Raises:
         TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
-    if not isinstance(law, UserController):
+    if not law.user_code:
+        if {"model", "regressor"} & {*law.needs}:
+            raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
         return
     try:
         ticks = random_ticks(scenario, run, constants)
         code = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
         require_agreement(*code, ticks)
     except TracingError as error:
-        raise TracingError(f"its controller {law.target!r} cannot be traced: it {error}") from None
+        raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
     structure(constants.controller)
 
 

@@ -126,7 +126,7 @@ def _warn_of_start(scenario: Any, controller: Any) -> None:
     findings: list[str] = []
     with contextlib.suppress(Exception):  # what fails here fails in the run, which tells it with its time
         findings += map(str, start_torques(simulation).overloaded)
-        if scenario.controller.kind != "user" and not (held := start_stability(simulation)).ok:
+        if not scenario.controller.user_code and not (held := start_stability(simulation)).ok:
             findings.append(held.summary().removeprefix("! "))
         if not (steps := step_stability(simulation)).ok:
             findings.append(steps.summary().removeprefix("! "))

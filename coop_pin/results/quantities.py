@@ -16,7 +16,6 @@ import xarray as xr
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
@@ -234,7 +233,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (
-        not isinstance(path := scenario.controller.force_path, NoForcePath)
+        (path := scenario.controller.force_path).measures
         and (path.delay > 0 or any(s.wrist is not None for s in _sensors(scenario)))
     ),
 }

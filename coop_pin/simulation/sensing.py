@@ -10,7 +10,6 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, ArmModel, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
@@ -232,7 +231,7 @@ def cell_sensors(scenario: Scenario, places: Sequence[ArmPlace]) -> CellSensors:
         arms.append(ArmSensors(place.drive, to_joints, encoders, own.wrist is not None))
     at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
-    if not isinstance(path, NoForcePath):
+    if path.measures:
         transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
     return CellSensors(tuple(arms), at_rest, rows, shares, transport)
 

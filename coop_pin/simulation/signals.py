@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.plant import Clock
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
@@ -125,7 +124,7 @@ class SensorSignals:
         self._sampling = [Sampling.of_sensor(wrist, scenario.clock) for wrist in self._wrists]
         self._grasps = [scenario.cell.grasps[name].matrix for name in arms]
         path = scenario.controller.force_path
-        self._path_delay = None if isinstance(path, NoForcePath) else path.delay
+        self._path_delay = path.delay if path.measures else None
         self._encoder_noise = [
             self._normal(scenario, f"{name}/encoder", np.array(scenario.sensors_of(name).encoder.noise), size)
             for name, size in zip(arms, joints, strict=True)

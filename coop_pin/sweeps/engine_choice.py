@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 
-from coop_pin.description.controller import UserController
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, MissingExtraError
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
@@ -42,8 +41,7 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
             require_compiler()
             first = plan.scenario(0)
             # A user's code runs in workers only; if it cannot be traced, they tell why.
-            is_user = isinstance(first.controller, UserController)
-            reason = plant_reason(first.plant) if is_user else support(first)
+            reason = plant_reason(first.plant) if first.controller.user_code else support(first)
         except CoopPinError as error:
             reason = error
     if reason is None:

@@ -16,7 +16,7 @@ from coop_pin.analysis.proof.monitored_quantities import monitor_dataset
 from coop_pin.analysis.proof.recorded_run import RecordedTick, recorded_ticks
 from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
-from coop_pin.control import PayloadSpaceController, ZeroedController
+from coop_pin.control import PayloadSpaceController
 from coop_pin.control.terms import is_new
 from coop_pin.description.payload import Payload
 from coop_pin.errors import ArgumentError
@@ -58,10 +58,10 @@ class _MonitoredCell:
 
     def __init__(self, result: RunResult) -> None:
         scenario = result.scenario
+        stated: Any = scenario.controller
         controller: Any = build_controller(scenario)
         self.simulation = Simulation(scenario, controller)
-        zeroed = any(isinstance(law, ZeroedController) for law in controller.controllers.values())
-        if zeroed or not self.simulation.actuation.is_held:
+        if stated.zero_at_grasp or not self.simulation.actuation.is_held:
             raise ArgumentError(
                 "the monitor of the payload-space law needs torques that are held over a tick and payload"
                 " frames without correction; run without lag, rate_limit, torque_lost_at and zero_at_grasp"
