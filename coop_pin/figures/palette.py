@@ -19,3 +19,8 @@ SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 FLOOR = "#dfe3e8"
 FLOOR_LINES = "#b9c0ca"
+
+
+def series(number: int) -> str:
+    """Return the colour of a line by its number among others; they repeat after six."""
+    return SERIES[number % len(SERIES)]

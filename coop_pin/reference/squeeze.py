@@ -172,7 +172,7 @@ class RampSqueeze(SqueezeReference):
     Attributes:
         start: for each arm, before; zero when omitted.
         goal: for each arm, afterwards.
-        duration: of the ramp, s.
+        duration: time of the ramp, s.
         start_time: s.
     """
 
@@ -199,7 +199,7 @@ class FunctionSqueeze(SqueezeReference):
         target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six
             numbers} or an array of shape (m, 6) in the order of the arms, payload axes, N and N m, that sums
             to zero. In Python it may be given as the function itself.
-        options: its keyword arguments.
+        options: keyword arguments of the function.
     """
 
     kind: Literal["function"] = "function"

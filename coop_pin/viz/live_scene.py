@@ -88,7 +88,7 @@ def _initial_snapshot(
     """Return the snapshot of a cell at rest; the squeeze is in payload axes, shape (m, 6)."""
     chain = CellChain(cell, plant)
     q, arms = chain.configuration(X_WP), len(cell.arms)
-    joints = max(len(place.drive) for place in chain.model.arms)
+    joints = max(len(arm.drive) for arm in chain.model.arms)
     zero = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
     return Snapshot(
         time=0.0,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from coop_pin.description.controller import NoForcePath, PayloadSpace, UserController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, MissingExtraError
+from coop_pin.errors import CoopPinError, needs_extra
 from coop_pin.results import RunResult
 from coop_pin.viz.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live_view import open_view
@@ -94,7 +94,7 @@ class Panel:
 
     Attributes:
         run: the interactive run.
-        view: its live view.
+        view: live view of the run.
         widget: the whole panel, an ipywidget.
         sliders: widgets by dotted path of the gain in the scenario, and "mass", "squeeze" and "push".
         buttons: widgets "start", "reset" and "push".
@@ -113,10 +113,8 @@ class Panel:
             ScenarioError: the scenario has mistakes.
             UnreachablePoseError: an arm does not reach its grasp at the start.
         """
-        try:
+        with needs_extra("ipywidgets", "notebook", "for the panel"):
             import ipywidgets
-        except ImportError:
-            raise MissingExtraError("ipywidgets", "notebook", "for the panel") from None
         self._kit: Any = ipywidgets
         scenario = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
         self.view = open_view(scenario)

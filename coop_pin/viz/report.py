@@ -16,7 +16,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
-from coop_pin.atomic_write import write_atomically
 from coop_pin.figures.run_figures import (
     error_figure,
     internal_force_figure,
@@ -26,9 +25,9 @@ from coop_pin.figures.run_figures import (
     tracking_figure,
 )
 from coop_pin.results import RunResult
-from coop_pin.results.metrics import METRIC_TEXTS
+from coop_pin.results.metrics import METRIC_TEXTS, metric_text
 from coop_pin.viz.highlights import telling_instant, trust_text
-from coop_pin.viz.page import web_file
+from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
 
 
@@ -36,10 +35,10 @@ class MetricRow(NamedTuple):
     """Row of the table of metrics.
 
     Attributes:
-        name: of the metric.
-        text: what it is.
-        value: with its unit, or why there is none.
-        window: that it is taken over.
+        name: name of the metric.
+        text: description.
+        value: number with its unit, or why there is none.
+        window: times over which it is taken.
     """
 
     name: str
@@ -59,15 +58,13 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
     """
     metrics = result.metrics()
     return [
-        MetricRow(name, text, _number(metrics[name] * scale, unit), str(result.window_of(name)))
+        MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
         for name, (text, unit, scale) in METRIC_TEXTS.items()
     ]
 
 
-def _number(value: float, unit: str) -> str:
-    if math.isnan(value):
-        return "does not apply"
-    return "never" if math.isinf(value) else f"{value:.3g} {unit}"
+def _value_text(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" if math.isfinite(value) else metric_text(value)
 
 
 def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
@@ -83,10 +80,12 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
         ("plant", f"payload {plant.payload}, {plant.integrator}"),
     ]
-    for name, arm in cell.arms.items():
-        for what, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error)):
-            if stated := _stated(value):
-                facts.append((f"{what} of {name}", stated))
+    facts += [
+        (f"{part} of {name}", stated)
+        for name, arm in cell.arms.items()
+        for part, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error))
+        if (stated := _stated(value))
+    ]
     facts += [("event", _value(event.model_dump())) for event in scenario.events]
     return facts
 
@@ -110,15 +109,14 @@ def _controller(result: RunResult) -> str:
 
 def _stated(value: Any) -> str:
     """Return the fields of a value that are not their defaults, as text."""
-    given, fields = value.model_dump(exclude_none=True), type(value).model_fields
-    changed = {name: entry for name, entry in given.items() if getattr(value, name) != fields[name].default}
-    return _fields(changed)
+    entries, fields = value.model_dump(exclude_none=True), type(value).model_fields
+    return _fields({name: entries[name] for name in entries if getattr(value, name) != fields[name].default})
 
 
 def _fields(table: dict[str, object]) -> str:
     """Return the entries of a table as text, without the empty ones."""
-    given = {name: value for name, value in table.items() if value not in ({}, (), None)}
-    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in given.items())
+    entries = {name: value for name, value in table.items() if value not in ({}, (), None)}
+    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in entries.items())
 
 
 def _value(value: object) -> str:
@@ -179,8 +177,7 @@ def save_report(result: RunResult, path: str | Path) -> None:
         result: the run.
         path: the file, for example "report.html".
     """
-    page = report_html(result)
-    write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
+    save_page(report_html(result), path)
 
 
 def _broken_off(result: RunResult) -> str:
@@ -203,10 +200,10 @@ def _tiles(result: RunResult) -> str:
     tiles = []
     for name, part, unit in parts:
         arm = int(np.nan_to_num(np.abs(now[f"internal_{part}"].values)).argmax())
-        value, wanted = (float(now[f"{of}internal_{part}"].values[arm]) for of in ("", "desired_"))
+        value, desired = (float(now[f"{prefix}internal_{part}"].values[arm]) for prefix in ("", "desired_"))
         if part == "axial":
             name = "pull apart" if value > 0.0 else "squeeze"
-        tiles.append((name, value, unit, f"wanted {round(wanted, 3) + 0.0:g} {unit}"))
+        tiles.append((name, value, unit, f"wanted {round(desired, 3) + 0.0:g} {unit}"))
     distance, angle = (
         1e3 * np.linalg.norm(now["pose_error"].values[rows]) for rows in (slice(3), slice(3, 6))
     )
@@ -246,8 +243,7 @@ def _limits(result: RunResult) -> str:
         return "<p>No joint and no drive exceeded its limits.</p>"
     names = ("arm", "joint", "limit of", "worst", "limit", "first at, s")
     head = f"<tr>{''.join(f'<th>{name}</th>' for name in names)}</tr>"
-    table = f'<table class="list"><thead>{head}</thead><tbody>{rows}</tbody></table>'
-    return f'<div class="scroll">{table}</div>'
+    return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{rows}</tbody></table></div>'
 
 
 def _image(figure: Figure, text: str) -> str:
