@@ -40,6 +40,7 @@ _PUBLIC = {
     "DifferencedVelocity": "coop_pin.description",
     "Encoder": "coop_pin.description",
     "Energy": "coop_pin.chain",
+    "Execution": "coop_pin.sweeps",
     "ExponentialMotion": "coop_pin.reference",
     "FunctionMotion": "coop_pin.reference",
     "FunctionSqueeze": "coop_pin.reference",

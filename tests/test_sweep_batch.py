@@ -66,7 +66,7 @@ def test_a_finished_batch_is_kept_and_values_that_come_later_are_simulated(tmp_p
 def test_what_a_run_gives_does_not_depend_on_the_runs_beside_it(tmp_path):
     axes = {"controller.gains.pose_gain": [5.0, 6.0], "cell.payload.mass": [1.0, 2.0]}
     together, _ = swept(plan(axes=axes), tmp_path / "together")
-    batch_job._simulators.clear()  # as in another process
+    batch_job._simulator.__init__()  # as in another process
     (alone,), _ = swept(plan(axes={field: values[1:] for field, values in axes.items()}), tmp_path / "alone")
     assert bits([alone]) == bits(together[3:])
     assert bits([alone]) != bits(together[:1])
