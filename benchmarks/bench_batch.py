@@ -49,7 +49,7 @@ def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:
-            cp.sweep(plan, out=folder, workers=0, quiet=True)
+            cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
 
     return run
 

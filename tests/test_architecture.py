@@ -42,7 +42,8 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 # - limited_process runs readers that have no limits;
 # - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
-# - engines runs scenarios, by Pinocchio or by batch's compiled plant.
+# - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
+# - run_scenario runs one.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -65,7 +66,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"schema", "control", "description", "model"}, set()),
-    "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
+    "engine_choice": ({"batch", "description", "simulation"}, set()),
+    "run_scenario": ({"description", "engine_choice", "results", "build_controller", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
@@ -105,7 +107,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"batch", "run_scenario", "schema", "description", "results", "progress_bar", "user_files"},
+        {
+            "batch",
+            "description",
+            "engine_choice",
+            "progress_bar",
+            "results",
+            "run_scenario",
+            "schema",
+            "user_files",
+        },
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
@@ -115,6 +126,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "chain",
             "control",
             "description",
+            "engine_choice",
             "model",
             "results",
             "build_controller",
