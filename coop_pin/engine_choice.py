@@ -19,30 +19,18 @@ _WORTH_A_BATCH = 64
 """Runs from which "auto" compiles code for them."""
 
 
-class Reason(NamedTuple):
-    """Reason why a run cannot be, or is not worth being, in a batch.
-
-    Attributes:
-        obstacle: kind of the reason.
-        text: reason in words.
-        error: error for those who insist on a batch, where it says more than the text.
-    """
-
-    obstacle: Obstacle
-    text: str
-    error: MissingExtraError | None = None
-
-
 class EngineChoice(NamedTuple):
     """Engine of a run.
 
     Attributes:
         engine: "single", each run alone on Pinocchio, or "batch", many together by compiled code.
-        reason: why it is "single", if something else was asked for.
+        obstacle: kind of the reason why it is "single"; None if that was asked for.
+        reason: that reason in words.
     """
 
     engine: Literal["single", "batch"]
-    reason: Reason | None = None
+    obstacle: Obstacle | None = None
+    reason: str = ""
 
 
 def choose_engines(
@@ -64,33 +52,32 @@ def choose_engines(
     if engine == "single":
         return [EngineChoice("single")] * len(scenarios)
     if engine == "auto" and runs is not None and runs < _WORTH_A_BATCH:
-        reason = Reason("few runs", f"{runs} runs are fewer than {_WORTH_A_BATCH}")
-        return [EngineChoice("single", reason)] * len(scenarios)
+        few = f"{runs} runs are fewer than {_WORTH_A_BATCH}"
+        return [EngineChoice("single", "few runs", few)] * len(scenarios)
     from coop_pin.batch import require_compiler  # slow to load
 
     try:
         require_compiler()
     except MissingExtraError as error:
-        return [EngineChoice("single", Reason("compiler", str(error), error))] * len(scenarios)
-    reasons = [_reason(scenario, traces_user_code) for scenario in scenarios]
-    return [EngineChoice("single" if reason else "batch", reason) for reason in reasons]
+        return [EngineChoice("single", "compiler", str(error))] * len(scenarios)
+    return [_choice(scenario, traces_user_code) for scenario in scenarios]
 
 
-def _reason(scenario: Scenario | ScenarioError, traces_user_code: bool) -> Reason | None:
-    """Return why a scenario cannot run in a batch; None if it can."""
+def _choice(scenario: Scenario | ScenarioError, traces_user_code: bool) -> EngineChoice:
+    """Return the engine of a run that had better be in a batch."""
     from coop_pin.batch import plant_reason, support
 
     if isinstance(scenario, ScenarioError):
-        return Reason("scenario", str(scenario))
+        return EngineChoice("single", "scenario", str(scenario))
     if text := plant_reason(scenario.plant):
-        return Reason("plant", text)
+        return EngineChoice("single", "plant", text)
     if isinstance(scenario.controller, UserController) and not traces_user_code:
-        return None
+        return EngineChoice("batch")
     try:
         text = support(scenario)
     except Exception as error:  # a user's class may raise anything; the run itself reports it
-        return Reason("scenario", str(error))
-    return Reason("law", text) if text else None
+        return EngineChoice("single", "scenario", str(error))
+    return EngineChoice("single", "law", text) if text else EngineChoice("batch")
 
 
 def plant_of(engine: Engine) -> type[Plant]:

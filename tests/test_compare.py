@@ -252,8 +252,7 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
 def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
     """The engine is chosen by building it; the run reports the error."""
     (choice,) = choose_engines([scenarios[0].override(law("none", marker=3))], "auto")
-    assert choice.engine == "single"
-    assert choice.reason.obstacle == "scenario"
+    assert (choice.engine, choice.obstacle) == ("single", "scenario")
 
 
 STRANGE = """

@@ -205,9 +205,11 @@ def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only(monkeyp
     monkeypatch.setattr(Worker, "close", lambda worker: closed.append(worker))
     monkeypatch.setattr(backend, "_workers", {})
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
-        ((first,), (second,)) = (pool.submit(backend.compute, "a", []).result() for pool in (one, other))
-        assert one.submit(backend.compute, "a", []).result() == [first]
-        (third,) = one.submit(backend.compute, "b", []).result()
+        ((first,), (second,)) = (
+            pool.submit(backend.run_in_thread, "a", []).result() for pool in (one, other)
+        )
+        assert one.submit(backend.run_in_thread, "a", []).result() == [first]
+        (third,) = one.submit(backend.run_in_thread, "b", []).result()
         assert first in closed
         assert second not in closed
         backend.close_workers("a")

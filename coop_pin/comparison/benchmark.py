@@ -124,8 +124,8 @@ def engines_of(scenarios: Sequence[Scenario | ScenarioError], execution: Executi
         raise FieldError("is 'batch'; it must be 'single' or 'auto'", "engine")
     choices = choose_engines(scenarios, execution.engine or "single")
     for choice in choices[:1]:
-        if choice.reason is not None and choice.reason.obstacle == "compiler":
-            _LOG.warning("runs are simulated one by one: %s", choice.reason.text)
+        if choice.obstacle == "compiler":
+            _LOG.warning("runs are simulated one by one: %s", choice.reason)
     return [choice.engine for choice in choices]
 
 

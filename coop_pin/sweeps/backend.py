@@ -145,7 +145,7 @@ class Worker:
         limit_s, memory_limit = jobs[0].time_limit_s, jobs[0].memory_limit
         kill_s = limit_s + max(2.0, 0.5 * limit_s)  # most runs notice their limit by themselves
         arguments = pickle.dumps(jobs), memory_limit
-        error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
+        error, content = self._reply(kill_s, worker_host.run_pickled, arguments, {}, kill_s)
         if error is None:
             done = _with_singles(jobs, pickle.loads(content), lambda job: self.compute([job]))
             return list(itertools.chain.from_iterable(done))
@@ -219,7 +219,7 @@ _workers: dict[int, tuple[str, Worker]] = {}
 """The sweep and the worker of each thread of this process that computes jobs."""
 
 
-def compute(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
+def run_in_thread(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
     """Return the outcomes of jobs, by the worker that the calling thread keeps for a sweep."""
     thread = threading.get_ident()
     known, worker = _workers.get(thread, ("", Worker()))
@@ -254,7 +254,7 @@ class LocalBackend:
 
     def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
         """Send a batch to the next free worker."""
-        return self._threads.submit(compute, self._name, batch)
+        return self._threads.submit(run_in_thread, self._name, batch)
 
     def close(self) -> None:
         """End all workers, also those at work."""

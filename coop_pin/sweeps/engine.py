@@ -60,13 +60,17 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
             return kept
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
-    ((engine, reason),) = choose_engines([plan.resolved(0)], plan.engine, count, traces_user_code=False)
-    if reason is not None and plan.engine == "batch":
-        message = f"is 'batch', but the first run cannot be simulated in one: {reason.text}"
-        raise reason.error or FieldError(message, "engine")
-    if reason is not None:
-        _LOG.warning("runs are simulated one by one: %s", reason.text)
-    return plan.model_copy(update={"engine": engine})
+    (choice,) = choose_engines([plan.resolved(0)], plan.engine, count, traces_user_code=False)
+    if choice.obstacle is not None and plan.engine == "batch":
+        if choice.obstacle == "compiler":
+            from coop_pin.batch import require_compiler  # slow to load
+
+            require_compiler()
+        message = f"is 'batch', but the first run cannot be simulated in one: {choice.reason}"
+        raise FieldError(message, "engine")
+    if choice.obstacle is not None:
+        _LOG.warning("runs are simulated one by one: %s", choice.reason)
+    return plan.model_copy(update={"engine": choice.engine})
 
 
 class Session:
