@@ -18,7 +18,7 @@ from common import interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import prepare
+from coop_pin.batch.preparation import Prepared
 from coop_pin.build_controller import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.sweeps import SweepPlan
@@ -35,9 +35,10 @@ def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
 
 def loop(simulator: BatchSimulator, runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     """Return the compiled loop of runs, with its record and without what comes before and after."""
-    prepared = prepare(runs)
-    code = simulator._code(prepared)
-    block, loads = code.begin(prepared)
+    prepared = [simulator.prepare(run) for run in runs]
+    batch = Prepared.joined(prepared)
+    code = simulator.family(prepared[0], batch).code
+    block, loads = code.begin(batch)
     machine = LlvmMachine(code.program, width)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), code.uniforms, loads, out=memory)
@@ -60,7 +61,7 @@ def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:
-            cp.sweep(plan, out=folder, workers=0, quiet=True)
+            cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
 
     return run
 

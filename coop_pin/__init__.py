@@ -35,6 +35,7 @@ _PUBLIC = {
     "CsvMotion": "coop_pin.reference",
     "DifferencedVelocity": "coop_pin.description",
     "Encoder": "coop_pin.description",
+    "Execution": "coop_pin.sweeps",
     "ExponentialMotion": "coop_pin.reference",
     "FunctionMotion": "coop_pin.reference",
     "FunctionSqueeze": "coop_pin.reference",

@@ -14,7 +14,7 @@ from typing import Any
 
 from pages import IMAGES, markdown, save_image, write_block
 
-from coop_pin import Scenario
+from coop_pin import Execution, Scenario
 from coop_pin.comparison import BENCHMARK, Comparison, compare, controller_names, standard_trials
 from coop_pin.comparison.controllers import stored_gains
 from coop_pin.figures import comparison_figure
@@ -82,8 +82,9 @@ def main() -> None:
     cells = tuned_cells()
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
     wanted = asked.trials or list(known)
-    options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration, "workers": asked.workers}
-    found = compare(cells, controller_names(), wanted, out=asked.out, engine="auto", **options)
+    options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration}
+    execution = Execution(asked.workers, engine="auto")
+    found = compare(cells, controller_names(), wanted, out=asked.out, execution=execution, **options)
     found.write_csv(DATA)
     for cell in map(str, found.data["scenario"].values):
         save_image(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")

@@ -262,7 +262,7 @@ def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.sweeps.TuneResu
         out=folder,
         generations=GENERATIONS,
         population=SIZE // len(law.tuned),
-        workers=0,
+        execution=cp.Execution(workers=0),
     )
 
 
@@ -277,7 +277,7 @@ def medians(
         repeats=seeds if trial.random else 1,
         metrics=(METRIC,),
     )
-    result = cp.sweep(plan, out=folder, workers=0, quiet=True)
+    result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
     row: dict[str, Any] = {"runs": len(plan), "failed": result.counts()["failed"]}
     row["why"] = result.failures[0].kind if result.failures else ""
     for name in MEASURES:

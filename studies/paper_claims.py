@@ -97,7 +97,10 @@ def plans() -> dict[str, cp.SweepPlan]:
 
 def run(folder: Path) -> dict[str, pd.DataFrame]:
     """Run what is missing and return the tables."""
-    found = {name: cp.sweep(plan, out=folder / name, workers=0) for name, plan in plans().items()}
+    found = {
+        name: cp.sweep(plan, out=folder / name, execution=cp.Execution(workers=0))
+        for name, plan in plans().items()
+    }
     judged = found["laws"].table
     judged[["law", "trial"]] = judged["run"].str.split(" | ", regex=False, expand=True)
     numbers, shared = claims_tables.MEASURES, claims_tables.MEASURES[:-2]

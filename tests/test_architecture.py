@@ -45,7 +45,8 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   controller, which loads when it is built: model_based controllers know the friction of simulation's
 #   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
-# - engines runs scenarios, by Pinocchio or by batch's compiled plant.
+# - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
+# - run_scenario runs one.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -68,7 +69,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
-    "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
+    "engine_choice": ({"batch", "description", "simulation"}, set()),
+    "run_scenario": ({"description", "engine_choice", "results", "build_controller", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
@@ -109,7 +111,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"batch", "run_scenario", "schema", "description", "results", "progress_bar", "user_files"},
+        {
+            "batch",
+            "description",
+            "engine_choice",
+            "progress_bar",
+            "results",
+            "run_scenario",
+            "schema",
+            "user_files",
+        },
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
@@ -119,6 +130,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "chain",
             "control",
             "description",
+            "engine_choice",
             "model",
             "results",
             "build_controller",

@@ -7,9 +7,10 @@ from batches import require_same_bits, require_same_samples
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
-from coop_pin.batch import preparation, simulate_batch, support
+from coop_pin.batch import simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
 from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
+from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator, RecordMemory
 from coop_pin.chain.cell_chain import CellChain
@@ -181,12 +182,12 @@ def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
     base, masses = cp.Scenario.load("adept-paper").replace(duration=0.05, events=()), (1.0, 2.0)
     changes = [{"controller.gains.pose_gain": g, "cell.payload.mass": m} for g in (5.0, 6.0) for m in masses]
     scenarios = [base.override(change) for change in changes]
-    first = preparation.prepare(scenarios)
-    again = preparation.prepare(scenarios, first.plants)
+    simulator = BatchSimulator()
+    first, again = (Prepared.joined([simulator.prepare(each) for each in scenarios]) for _ in range(2))
     assert {*again.plants} == {*first.plants}
     assert len({*first.plants}) == len(masses)
     for run, scenario in enumerate(scenarios):
-        alone = preparation.prepare([scenario])
+        alone = BatchSimulator().prepare(scenario)
         for found in (first, again):
             assert_array_equal(found.values[run], alone.values[0])
             assert_array_equal(found.signals[run], alone.signals[0])
@@ -199,15 +200,17 @@ def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
 def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_other():
     scenarios = runs("adept-paper", 0.05, count=3)
     simulator = BatchSimulator(machine=NumpyMachine)
-    whole, code = simulator.run(scenarios).samples, simulator._program
+    whole, (family,) = simulator.run(scenarios).samples, simulator._families
     alone = simulator.run(scenarios[2:]).samples  # numbers that were inputs stay inputs
-    assert simulator._program is code
+    assert simulator._families[0] is family
     folded = BatchSimulator(machine=NumpyMachine).run(scenarios[2:]).samples  # no number is an input
     for name, values in folded.items():
         assert_array_equal(values[0], whole[name][2], err_msg=name)
         assert_array_equal(alone[name], values, err_msg=name)
     simulator.run([scenario.override({"controller.gains.damping_gain": 31.0}) for scenario in scenarios])
-    assert simulator._program is not code
+    (wider,) = simulator._families
+    assert wider.first is family.first
+    assert wider.code is not family.code
 
 
 def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):

@@ -242,7 +242,7 @@ def test_a_sweep_runs_such_controllers_singly_and_tells_why_once(tmp_path, caplo
         base=users("Law", mode="spring", stiffness=300.0), cases={"mode": cases}, axes=axes, engine="batch"
     )
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
-        table = cp.sweep(plan, out=tmp_path, workers=0, quiet=True).table
+        table = cp.sweep(plan, out=tmp_path, execution=cp.Execution(workers=0, quiet=True)).table
     engines = [record.engine for record in SweepStore(tmp_path).records()]
     assert sorted(engines) == ["batch"] * 2 + ["single"] * 4
     assert [REASONS[mode] in caplog.text for mode in ("branch", "hidden")] == [True, True]

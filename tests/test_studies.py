@@ -61,7 +61,9 @@ def tiny(draw, tmp_path_factory):
         if name not in known:
             folder = tmp_path_factory.mktemp(name)
             known[name] = {
-                part: cp.sweep(shortened(plan), out=folder / part, workers=0, quiet=True)
+                part: cp.sweep(
+                    shortened(plan), out=folder / part, execution=cp.Execution(workers=0, quiet=True)
+                )
                 for part, plan in draw.plans(name).items()
             }
         return known[name]
@@ -205,7 +207,9 @@ def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tm
     (plan,) = draw.plans("force_gain").values()
     axes = {"controller.force_path.pole": [0.0], "controller.gains.force_gain": [0.25, 0.5, 2.0]}
     result = cp.sweep(
-        plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}), out=tmp_path, workers=0, quiet=True
+        plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}),
+        out=tmp_path,
+        execution=cp.Execution(workers=0, quiet=True),
     )
     errors = result.values(ERROR).values.ravel()
     (row,) = draw.STUDIES["force_gain"].numbers({"force_gain": result}).splitlines()[1:]

@@ -202,10 +202,9 @@ def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
     """Yield all points of a plan with their keys; every file is looked at once."""
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     for point in plan.points():
-        try:
-            scenario = plan.base[point.base].override(point.changes)
-        except ScenarioError as error:
-            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), error)
+        scenario = plan.resolved(point.number)
+        if isinstance(scenario, ScenarioError):
+            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
         code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
         key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine)

@@ -1,4 +1,4 @@
-"""Tuning: search of scenario fields for the smallest value of a metric under constraints."""
+"""Optimisation: scenario fields with the smallest value of a metric under constraints, found with optuna."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
 from coop_pin.sweeps.dimensions import Sample, Span
-from coop_pin.sweeps.engine import open_session
-from coop_pin.sweeps.engine_choice import with_engine
-from coop_pin.sweeps.plan import Engine, SweepPlan
+from coop_pin.sweeps.engine import open_session, with_engine
+from coop_pin.sweeps.execution import HERE, Execution
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import PointResult
 
@@ -51,8 +51,8 @@ class Bound(NamedTuple):
         with contextlib.suppress(ValueError):
             if form is not None and np.isfinite(bound := float(form["bound"])):
                 return cls(form["metric"], 1 if form["sign"] == "<" else -1, bound)
-        wanted = "METRIC<NUMBER or METRIC>NUMBER, with a finite number"
-        raise FieldError(f"is {text!r}; it must read {wanted}", "subject_to")
+        expected = "METRIC<NUMBER or METRIC>NUMBER, with a finite number"
+        raise FieldError(f"is {text!r}; it must read {expected}", "subject_to")
 
     def excess(self, values: Array) -> Array:
         """Return the violations, relative to bounds above 1; inf for values that are not finite."""
@@ -186,10 +186,7 @@ def tune(
     generations: int = 10,
     population: int = 8,
     seed: int = 0,
-    engine: Engine = "single",
-    workers: int | None = None,
-    scheduler: str | None = None,
-    quiet: bool = False,
+    execution: Execution = HERE,
 ) -> TuneResult:
     """Return the values of a scenario's fields that minimise a metric, and every run of the search.
 
@@ -198,22 +195,19 @@ def tune(
     serves the whole search, which has the folder to itself.
 
     Args:
-        scenario: the scenario, its name or path.
+        scenario: scenario, its name or path.
         vary: lowest and highest value of each field.
         minimize: name of the metric.
         subject_to: one constraint on a metric, "settling_time_s<2.5", or several.
         out: folder of the runs.
-        metrics: the user's own, "module:function", as in a SweepPlan; ``minimize`` and ``subject_to`` may
-            name what they return.
+        metrics: functions of the user, "module:function", as in a SweepPlan; ``minimize`` and ``subject_to``
+            may name what they return.
         cases: changes by name, by dotted path, in each of which every point is run: the mean of the metric is
             minimised, and the constraints hold in each.
         generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: seed of the search.
-        engine: as of a SweepPlan; "auto" counts the runs of the whole search.
-        workers: number of processes; one for each processor when omitted, 0 for this process.
-        scheduler: address of a dask scheduler to use instead.
-        quiet: no progress bar.
+        execution: workers, engine, folders to merge; "auto" counts the runs of the whole search.
 
     Raises:
         FieldError: there is no such field, a range is empty, a constraint cannot be read, or the scheduler's
@@ -230,6 +224,7 @@ def tune(
     require_type("subject_to", subject_to, str, Sequence)
     require_type("metrics", metrics, Sequence)
     require_type("cases", cases, Mapping, type(None))
+    require_type("execution", execution, Execution)
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     generations, population = as_count("generations", generations), as_count("population", population, 1)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
@@ -238,9 +233,9 @@ def tune(
     try:
         first = Sample(fields=vary, count=size, method="latin-hypercube", seed=seed)
     except ScenarioError as error:
-        wanted = "names no field, or one with a range that is not two numbers, the lower first"
-        raise FieldError(f"{wanted}: {error}", "vary") from None
-    points: list[list[float]] = []
+        detail = f"names no field, or one with a range that is not two numbers, the lower first: {error}"
+        raise FieldError(detail, "vary") from None
+    points, engine = list[list[float]](), execution.engine or "single"
     trials = {} if cases is None else {"case": {name: dict(changes) for name, changes in cases.items()}}
     total = (generations + 1) * size * max(1, len(trials.get("case", ())))
 
@@ -249,14 +244,15 @@ def tune(
         return SweepPlan(base=base, cases=trials, zipped=(values,), metrics=tuple(metrics), engine=engine)
 
     lowest = plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
-    with open_session(out, workers, scheduler, total, quiet=quiet) as session:
+    with open_session(out, execution, total) as session:
         engine = with_engine(lowest, session.store, total).engine
 
         def evaluate(generation: list[list[float]]) -> tuple[Array, Array]:
             points.extend(generation)
+            newest = plan(generation)
             session.store.write_plan(plan(points))
-            session.compute(plan(generation))
-            metric, excess = objective.read(SweepResult(plan(generation), session.store))
+            session.compute(newest)
+            metric, excess = objective.read(SweepResult(newest, session.store, session.keys))
             least = np.where(excess > 0.0, np.inf, metric).min()
             session.bar.describe(f"best of the last {size}: {least:.4g}")
             return metric, excess

@@ -1,21 +1,23 @@
-"""Search of gains: every controller with the same search, seed and budget, into one table."""
+"""Tuned gains: every controller by the same search, seed and budget, in one table."""
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from coop_pin.comparison.benchmark import different, engine_of, with_batches
+from coop_pin.comparison.benchmark import different, engines_of
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
 from coop_pin.comparison.measures import tuning_cost
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NothingFeasibleError
-from coop_pin.sweeps import TuneResult, tune
+from coop_pin.sweeps import Execution, TuneResult, tune
+from coop_pin.sweeps.execution import HERE
 
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
@@ -31,9 +33,7 @@ def tune_controllers(
     generations: int = 4,
     size: int = 6,
     duration: float | None = None,
-    engine: Literal["single", "auto"] = "single",
-    workers: int | None = None,
-    quiet: bool = False,
+    execution: Execution = HERE,
 ) -> list[dict[str, Any]]:
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
 
@@ -43,46 +43,46 @@ def tune_controllers(
 
     Args:
         scenarios: scenarios, or their names or paths.
-        controllers: names; those without ranges are passed over.
+        controllers: names of controllers; those without ranges are passed over.
         out: folder of the runs; ``gains.csv`` is written there.
         generations: number of generations after the first one.
         size: points in a generation, at least 6.
-        duration: of every run, s; the scenarios' own when None.
-        engine: as for compare.
-        workers: as for compare.
-        quiet: no progress bar.
+        duration: duration of every run, s; the scenarios' own when None.
+        execution: workers, engine, folders to merge, as for compare.
 
     Raises:
         CoopPinError: whatever ``tune`` raises.
     """
-    rows, together = list[dict[str, Any]](), with_batches(engine)
+    rows = list[dict[str, Any]]()
     for scenario in different(scenarios):
         base = benchmark_scenario(scenario, duration)
         noise = standard_trials(base)["noise"].changes | {"seed": TUNED_SEED}
         trials = {"nominal": dict[str, Any](), "noise": noise}
-        for name, controller in controllers_for(scenario, controllers, tuned=False).items():
-            if not (ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}):
-                continue
-            changes = {"controller": controller}
+        chosen = controllers_for(scenario, controllers, tuned=False)
+        ranges = {
+            name: {f"controller.{path}": span for path, span in tuned_ranges(name).items()} for name in chosen
+        }
+        bases = {name: base.override({"controller": chosen[name]}) for name in chosen if ranges[name]}
+        for (name, law), engine in zip(bases.items(), engines_of([*bases.values()], execution), strict=True):
+            folder = Path(scenario.name, name)
+            merge = tuple(Path(other, folder) for other in execution.merge if Path(other, folder).is_dir())
             try:
-                found = tune(
-                    base.override(changes),
-                    ranges,
+                result = tune(
+                    law,
+                    ranges[name],
                     minimize="cost",
                     metrics=[tuning_cost],
                     cases=trials,
-                    out=Path(out) / scenario.name / name,
+                    out=Path(out) / folder,
                     generations=generations,
-                    population=max(1, size // len(ranges)),
+                    population=max(1, size // len(ranges[name])),
                     seed=TUNED_SEED,
-                    engine=engine_of(base, changes, together=together),
-                    workers=workers,
-                    quiet=quiet,
+                    execution=dataclasses.replace(execution, engine=engine, merge=merge),
                 )
             except NothingFeasibleError as error:
                 _LOG.warning("%s has no tuned gains in %s: %s", name, scenario.name, error)
             else:
-                rows += _rows(found, base, name, ranges)
+                rows += _rows(result, base, name, ranges[name])
     text = io.StringIO()
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -93,14 +93,14 @@ def tune_controllers(
 
 
 def _rows(
-    found: TuneResult, scenario: Scenario, name: str, ranges: dict[str, tuple[float, float]]
+    result: TuneResult, scenario: Scenario, name: str, ranges: dict[str, tuple[float, float]]
 ) -> list[dict[str, Any]]:
     """Return the rows of a controller: its best gains, with ranges, budget and cost."""
-    budget = {"runs": len(found.history.plan), "duration_s": scenario.duration, "seed": TUNED_SEED}
+    budget = {"runs": len(result.history.plan), "duration_s": scenario.duration, "seed": TUNED_SEED}
     rows: list[dict[str, Any]] = []
-    for path, value in found.tuned.items():
+    for path, value in result.tuned.items():
         low, high = ranges[path]
-        place = {"scenario": scenario.name, "controller": name, "field": path.removeprefix("controller.")}
-        row = place | {"value": f"{value:.6g}", "low": low, "high": high} | budget
-        rows.append(row | {"cost": f"{found.value:.6g}"})
+        field = {"scenario": scenario.name, "controller": name, "field": path.removeprefix("controller.")}
+        row = field | {"value": f"{value:.6g}", "low": low, "high": high} | budget
+        rows.append(row | {"cost": f"{result.value:.6g}"})
     return rows
