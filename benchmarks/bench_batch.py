@@ -18,7 +18,7 @@ from common import interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import prepare
+from coop_pin.batch.preparation import Prepared
 from coop_pin.build_controller import build_controller
 from coop_pin.simulation import Simulation
 from coop_pin.sweeps import SweepPlan
@@ -35,11 +35,24 @@ def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
 
 def loop(simulator: BatchSimulator, runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     """Return the compiled loop of runs, with its record and without what comes before and after."""
-    prepared = prepare(runs)
-    code = simulator._code(prepared)
-    block, loads = code.begin(prepared)
+    prepared = [simulator.prepare(run) for run in runs]
+    batch = Prepared.joined(prepared)
+    code = simulator.family(prepared[0], batch).code
+    block, loads = code.begin(batch)
     machine = LlvmMachine(code.program, width)
-    return lambda: machine.run(block.copy(), code.uniforms, loads)
+    memory = np.empty(machine.record_size(len(runs)))
+    return lambda: machine.run(block.copy(), code.uniforms, loads, out=memory)
+
+
+def measured(simulator: BatchSimulator, runs: list[cp.Scenario]) -> Callable[[], object]:
+    """Return a batch from scenarios to metrics, whose memory the next one has."""
+
+    def run() -> None:
+        batch = simulator.run(runs)
+        batch.metrics()
+        batch.release()
+
+    return run
 
 
 def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
@@ -48,7 +61,7 @@ def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:
-            cp.sweep(plan, out=folder, workers=0, quiet=True)
+            cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
 
     return run
 
@@ -93,7 +106,7 @@ def main() -> None:
         simulator, runs = BatchSimulator(), scenarios(base, chosen.runs)
         for width in widths:
             tasks[f"compiled loop, {width} lanes"] = loop(simulator, runs, width)
-        tasks["batch"] = lambda s=simulator, runs=runs: s.run(runs).metrics()
+        tasks["batch"] = measured(simulator, runs)
         tasks["sweep with table"] = swept(base, 8 * chosen.runs)
         counts["sweep with table"] = 8 * chosen.runs
         seconds = {

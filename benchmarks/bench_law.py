@@ -28,13 +28,13 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmCommand, ArmController, DecentralisedController
 from coop_pin.control.terms import right_inverse
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.model_based import ComputedTorqueController
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.transmission import friction
 from coop_pin.tracing.traced_array import traced
 
 CELLS = {3: "adept-anchored", 6: "three-ur5-plate", 7: "two-pandas-box"}
 CALLS = 300_000
+COMPUTED_TORQUE = {"kind": "computed-torque", "force_path": {"kind": "late"}}
 
 
 class TracedComputedTorque(ArmController):
@@ -44,10 +44,12 @@ class TracedComputedTorque(ArmController):
     an acceleration is never formed. Jdot qdot is the payload's acceleration at rest of the joints' rates.
     """
 
-    def __init__(self, scenario: cp.Scenario, arm: str, **options: Any) -> None:
-        law = ComputedTorqueController(scenario, arm, **options)
-        self._position_gain, self._velocity_gain, self._force = law._K_p, law._K_v, law._force
-        self._rows, self._load_share, self._spare_gains = law._rows, law._load_share, law._spare_gains
+    def __init__(self, scenario: cp.Scenario, arm: str) -> None:
+        laws: Any = build_controller(scenario.override({"controller": COMPUTED_TORQUE}))
+        law = laws.controllers[arm]
+        self._position_gain, self._velocity_gain = law._gains.position_gain, law._gains.velocity_gain
+        self._force, self._spare_gains = law._force, law._gains.spare_gains
+        self._rows, self._load_share = law._rows, law._load_share
         model = law._dynamics.model
         X_JP = model.frames[model.getFrameId("payload")].placement
         self._arm = SerialArm.from_model(
@@ -150,7 +152,7 @@ int main(void)
 """
 
 
-def compiled_costs(law: cp.CLaw, folder: Path) -> tuple[float, float]:
+def compiled_costs(law: cp.batch.CLaw, folder: Path) -> tuple[float, float]:
     """Return instructions of a step, NaN without valgrind, and its time, s: the least of five."""
     name, flags = law.source.stem, ("-std=c99", "-O2", "-g", "-fno-inline")
     (folder / "driver.c").write_text(DRIVER.format(name=name, calls=CALLS))
@@ -183,10 +185,12 @@ def compiled_costs(law: cp.CLaw, folder: Path) -> tuple[float, float]:
 
 def model_error(scenario: cp.Scenario) -> float:
     """Return how far torques of computed torque are off those by Pinocchio, relative, over 20 ticks."""
-    other = scenario.controller.replace(target="coop_pin.model_based:ComputedTorqueController")
     run = Simulation(scenario, build_controller(scenario))
     arm = next(iter(scenario.cell.arms))
-    traced_law, own = RecordedLaw(run.controller.controllers[arm]), scenario.replace(controller=other)
+    traced_law, own = (
+        RecordedLaw(run.controller.controllers[arm]),
+        scenario.override({"controller": COMPUTED_TORQUE}),
+    )
     run.controller = DecentralisedController({**run.controller.controllers, arm: traced_law})
     for _ in range(20):
         run.tick()

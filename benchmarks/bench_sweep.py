@@ -77,12 +77,12 @@ def cost(made: SweepPlan, workers: int) -> Cost:
             axes={"controller.gains.sign_gain": [0.5 + i / 100.0 for i in range(2 * max(workers, 1))]}
         )
         start = time.perf_counter()
-        sweep(first, out=folder, workers=workers, quiet=True)
+        sweep(first, out=folder, execution=cp.Execution(workers=workers, quiet=True))
         few = time.perf_counter() - start
         memory = Memory()
         memory.start()
         start, cpu = time.perf_counter(), time.process_time()
-        result = sweep(made, out=folder, workers=workers, quiet=True)
+        result = sweep(made, out=folder, execution=cp.Execution(workers=workers, quiet=True))
         wall, cpu = time.perf_counter() - start - few, time.process_time() - cpu
         samples = memory.stop()
         records = list(result.store.records())

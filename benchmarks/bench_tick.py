@@ -17,8 +17,10 @@ import pinocchio as pin
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
+from coop_pin.control import ArmMeasurement
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.sensing import measurement
 
 UNIT = "constraintDynamics"
 STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"
@@ -46,7 +48,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     run = Simulation(scenario, controller)
     for _ in range(TICK):
         run.tick()
-    plant, chain, sensor, t = run.plant, run.plant.chain, run.sensing.arms[0], run.timeline.time(TICK)
+    plant, chain, sensing, t = run.plant, run.plant.chain, run.sensing, run.timeline.time(TICK)
     target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.grasps), run.references(t)
     measured = run.sensing.start(plant.q, plant.v, references)
     law, state = controller.controllers["left"], run.controller_state
@@ -59,16 +61,22 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         plant.generalised_force(),
         run.timeline.period / scenario.clock.steps_per_tick,
     )
-    angles = q[chain.model.arms[0].q_slice]
+    place = chain.model.arms[0]
+    angles, rates = q[place.q_slice], v[place.v_slice]
+
+    def measured_by_one_arm() -> ArmMeasurement:
+        view, T = sensing._view(0, q, None), place.drive
+        return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
+
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force, plant.external)]
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),
         "one arm's tick of law (23), kinematics included": lambda: law.step(
-            sensor.measure(t, q, v, None, np.inf, free), references[0], state[0]
+            measured_by_one_arm(), references[0], state[0]
         ),
-        "  ArmSensor.measure": lambda: sensor.measure(t, q, v, None, np.inf, free),
-        "    ArmKinematics.view": lambda: sensor._kinematics.view(angles),
+        "  measurement of one arm": measured_by_one_arm,
+        "    ArmKinematics.view": lambda: sensing._kinematics[0].view(angles),
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),

@@ -31,7 +31,7 @@ from pathlib import Path
 
 import psutil
 
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.store import SweepStore
 
@@ -219,7 +219,7 @@ class Drill:
 
     def undisturbed(self) -> bytes:
         """Return the table of the same sweep in another folder without faults."""
-        sweep(self.plan, out=self.place / "undisturbed", workers=0, quiet=True)
+        sweep(self.plan, out=self.place / "undisturbed", execution=Execution(workers=0, quiet=True))
         return (self.place / "undisturbed" / "table.csv").read_bytes()
 
     def _here(self) -> Session:

@@ -7,11 +7,12 @@ errors to the main process) and also derives from the built-in exception that fi
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import difflib
 import sysconfig
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -67,8 +68,8 @@ class ShapeError(ArgumentError):
 
     def __init__(self, name: str, shape: tuple[int, ...], expected: tuple[int | str, ...]) -> None:
         self.name, self.shape, self.expected = name, shape, expected
-        wanted = "(" + ", ".join(map(str, expected)) + ("," if len(expected) == 1 else "") + ")"
-        super().__init__(f"{name} has shape {shape}; it must have shape {wanted}")
+        form = "(" + ", ".join(map(str, expected)) + ("," if len(expected) == 1 else "") + ")"
+        super().__init__(f"{name} has shape {shape}; it must have shape {form}")
 
 
 class OutOfRangeError(ArgumentError):
@@ -149,6 +150,21 @@ class MissingExtraError(CoopPinError, ImportError):
         super().__init__(f"{package} is not installed; {purpose}, run: pip install 'coop-pin[{extra}]'")
 
 
+@contextlib.contextmanager
+def needs_extra(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Raise a MissingExtraError for an import of an optional package that fails inside.
+
+    Args:
+        package: name of the package as pip knows it.
+        extra: extra of coop-pin that installs it.
+        purpose: reason to need it, such as "to draw images".
+    """
+    try:
+        yield
+    except ImportError:
+        raise MissingExtraError(package, extra, purpose) from None
+
+
 class MissingPinocchioError(CoopPinError, ImportError):
     """Pinocchio is missing, broken or unsupported; ``found`` says what was found instead."""
 
@@ -169,8 +185,8 @@ class FileReadError(CoopPinError, ValueError):
 
     def __init__(self, detail: str, path: str = "", line: int = 0) -> None:
         self.path, self.line = path, line
-        place = f"{path}, line {line}: " if line else f"{path}: " if path else ""
-        super().__init__(place + detail)
+        prefix = f"{path}, line {line}: " if line else f"{path}: " if path else ""
+        super().__init__(prefix + detail)
 
 
 class FileWriteError(CoopPinError, OSError):
@@ -480,10 +496,10 @@ class NothingFeasibleError(CoopPinError, ValueError):
         self, tried: int, failed: int, bounds: Sequence[str], folder: str, complaint: str = ""
     ) -> None:
         self.tried, self.failed, self.folder = tried, failed, folder
-        wanted = "satisfies " + ", ".join(bounds) if bounds else "has a finite metric"
+        condition = "satisfies " + ", ".join(bounds) if bounds else "has a finite metric"
         first = f"; the first that failed said: {complaint}" if complaint else ""
         super().__init__(
-            f"none of {tried} runs ({failed} failed), kept in {folder}, {wanted};"
+            f"none of {tried} runs ({failed} failed), kept in {folder}, {condition};"
             f" change the ranges, loosen the bounds or search longer{first}"
         )
 

@@ -1,36 +1,17 @@
-"""Run of a scenario by an engine that is chosen by name."""
+"""Run of a scenario with the controller that it names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NameNotFoundError
+from coop_pin.engine_choice import Engine, plant_of
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import simulate
-from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.simulate import Progress
-
-Engine: TypeAlias = Literal["pinocchio", "traced"]
-"""Pinocchio is the oracle; "traced" is compiled code, and needs the extra ``fast``."""
-
-
-def plant_of(engine: Engine) -> type[Plant]:
-    """Return the plant of an engine.
-
-    Raises:
-        NameNotFoundError: there is no such engine.
-    """
-    if engine not in get_args(Engine):
-        raise NameNotFoundError("engine", engine, get_args(Engine), "coop_pin.run")
-    if engine == "pinocchio":
-        return Plant
-    from coop_pin.batch.traced_plant import TracedPlant  # a run by Pinocchio does without its compiler
-
-    return TracedPlant
 
 
 def run(

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import coop_pin as cp
-from coop_pin.report import save_report
+from coop_pin.viz import save_report
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/save_and_load")
 result = cp.run("adept-paper", {"duration": 1.0, "events": []})

@@ -45,7 +45,13 @@ gains, poles, force_gains, workers = 6, 5, 12, 2  # number of values of each, an
 # %%
 quick = {"duration": 6.0, "events": []}
 alphas = {"controller.gains.sign_gain": cp.linspace(0.0, 0.5, gains)}
-line = cp.sweep("adept-paper", alphas, changes=quick, out="out/sweeps/sign-gain", workers=workers, quiet=True)
+line = cp.sweep(
+    "adept-paper",
+    alphas,
+    changes=quick,
+    out="out/sweeps/sign-gain",
+    execution=cp.Execution(workers=workers, quiet=True),
+)
 print(line.summary())
 
 # %%
@@ -65,7 +71,13 @@ for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), stric
 field, pole = "controller.gains.force_gain", "controller.force_path.pole"
 path = {"controller.force_path.kind": "low-pass", "beyond_bound": True, "duration": 2.0, "events": []}
 grid = {pole: cp.linspace(0.0, 0.8, poles), field: cp.logspace(0.4, 18.0, force_gains)}
-chart = cp.sweep("adept-paper", grid, changes=path, out="out/sweeps/force-gain", workers=workers, quiet=True)
+chart = cp.sweep(
+    "adept-paper",
+    grid,
+    changes=path,
+    out="out/sweeps/force-gain",
+    execution=cp.Execution(workers=workers, quiet=True),
+)
 stable = chart.data["status"] == "ok"
 p = np.linspace(0.0, 0.88, 60)
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -107,4 +119,4 @@ notebook_view(chart.open(best.number))
 # - two laws: `cases={"law": {"printed": {}, "payload-space": {"controller": cp.PayloadSpace(gains=...)}}}`.
 # - `sample={"fields": {...}, "count": 64, "method": "saltelli"}` and `result.sobol_indices(metric)`:
 #   sensitivity of a metric to each gain.
-# - on a cluster: `scheduler="tcp://...:8786"`.
+# - on a cluster: `execution=cp.Execution(scheduler="tcp://...:8786")`.

@@ -84,8 +84,7 @@ table = cp.compare(
     out="out/compare",
     seeds=3,
     duration=seconds,
-    workers=0,
-    quiet=True,
+    execution=cp.Execution(workers=0, quiet=True),
 )
 print(table.summary())
 

@@ -1,7 +1,7 @@
 """Benchmark of all controllers, from stored gains, in the cells that have them.
 
 Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
-docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png with .svg.
+docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png.
 
 Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N]
 """
@@ -12,17 +12,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pages import markdown, write_block
+from pages import IMAGES, markdown, save_image, write_block
 
-from coop_pin import Scenario
+from coop_pin import Execution, Scenario
 from coop_pin.comparison import BENCHMARK, Comparison, compare, controller_names, standard_trials
 from coop_pin.comparison.controllers import stored_gains
-from coop_pin.figures import comparison_figure, save_figure
+from coop_pin.figures import comparison_figure
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
-IMAGES = HERE.parent / "docs" / "images"
 INFORMATION = {
     "printed": "blind",
     "sliding-pid": "blind",
@@ -101,11 +100,12 @@ def main() -> None:
     cells = tuned_cells()
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
     wanted = asked.trials or list(known)
-    options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration, "workers": asked.workers}
-    found = compare(cells, controller_names(), wanted, out=asked.out, engine="auto", **options)
+    options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration}
+    execution = Execution(asked.workers, engine="auto")
+    found = compare(cells, controller_names(), wanted, out=asked.out, execution=execution, **options)
     found.write_csv(DATA)
     for cell in map(str, found.data["scenario"].values):
-        save_figure(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
+        save_image(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
     write_block(PAGE, "benchmark", text(found, asked.duration))
     print(found.summary())
 

@@ -1,6 +1,6 @@
 """Cost of a tick by controller, for arms of 3, 6 and 7 joints: time in Python as a ratio, and operations.
 
-Writes studies/costs.csv, the table in docs/concepts/benchmark.md and docs/images/study-costs.png with .svg.
+Writes studies/costs.csv, the table in docs/concepts/benchmark.md and docs/images/study-costs.png.
 The times are those of the machine that runs it. Usage: python studies/costs.py [--draw]
 """
 
@@ -13,17 +13,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
-from pages import markdown, write_block
+from pages import IMAGES, markdown, save_image, write_block
 
 import coop_pin as cp
 from coop_pin.comparison import controller_names, tick_costs
-from coop_pin.figures import palette, save_figure
+from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
 HERE = Path(__file__).parent
 DATA = HERE / "costs.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
-IMAGES = HERE.parent / "docs" / "images"
 CELLS = {3: "adept-anchored", 6: "kinova-pair", 7: "two-pandas-box"}
 """Cells of two arms, by the joints of an arm."""
 MARKS = {3: (palette.ACTUAL, "o"), 6: (palette.INTERNAL, "s"), 7: (palette.LOAD, "D")}
@@ -100,7 +99,7 @@ def main() -> None:
         measured().to_csv(DATA, index=False, float_format="%.6g", lineterminator="\n")
     costs = pd.read_csv(DATA)
     write_block(PAGE, "costs", table(costs))
-    save_figure(figure(costs), IMAGES / "study-costs")
+    save_image(figure(costs), IMAGES / "study-costs")
     print(table(costs))
 
 

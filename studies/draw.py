@@ -16,12 +16,11 @@ import internal_force
 import one_millimetre
 import payload
 from matplotlib.figure import Figure
+from pages import IMAGES, save_image
 
 import coop_pin as cp
-from coop_pin.figures import save_figure
 
 HERE = Path(__file__).parent
-IMAGES = HERE.parent / "docs" / "images"
 Results = Mapping[str, cp.SweepResult]
 
 
@@ -68,7 +67,7 @@ def main() -> None:
     for result in results.values():
         print(result.summary())
     print(STUDIES[name].numbers(results))
-    save_figure(STUDIES[name].figure(results), IMAGES / STUDIES[name].image)
+    save_image(STUDIES[name].figure(results), IMAGES / STUDIES[name].image)
 
 
 if __name__ == "__main__":

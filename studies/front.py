@@ -251,7 +251,7 @@ def doubled(urdf: str, folder: Path) -> Path:
     return path
 
 
-def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.TuneResult:
+def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.sweeps.TuneResult:
     """Search the gains of a law in the trial on which all laws are tuned."""
     scenario = cp.Scenario.load(cell.base, cell.changes | trial.changes | {"seed": TUNED_SEED})
     return cp.tune(
@@ -262,7 +262,7 @@ def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.TuneResult:
         out=folder,
         generations=GENERATIONS,
         population=SIZE // len(law.tuned),
-        workers=0,
+        execution=cp.Execution(workers=0),
     )
 
 
@@ -277,7 +277,7 @@ def medians(
         repeats=seeds if trial.random else 1,
         metrics=(METRIC,),
     )
-    result = cp.sweep(plan, out=folder, workers=0, quiet=True)
+    result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
     row: dict[str, Any] = {"runs": len(plan), "failed": result.counts()["failed"]}
     row["why"] = result.failures[0].kind if result.failures else ""
     for name in MEASURES:

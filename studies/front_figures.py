@@ -12,9 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pages import save_image
 
 from coop_pin.arrays import Array
-from coop_pin.figures import palette, save_figure
+from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
 LAWS: dict[str, tuple[str, str, bool]] = {
@@ -185,8 +186,8 @@ def numbers(data: Path) -> str:
 def draw(data: Path, images: Path) -> Iterable[Path]:
     """Save the figures of the tables in a folder, and return their files."""
     judged, tuning = read(data, "judged"), read(data, "tuning")
-    saved = [*save_figure(front_figure(judged, tuning), images / "study-front")]
+    saved = [save_image(front_figure(judged, tuning), images / "study-front")]
     for cell in TITLES:
         if cell in set(judged["cell"]):
-            saved += save_figure(map_figure(judged, cell), images / f"study-front-{cell}")
+            saved.append(save_image(map_figure(judged, cell), images / f"study-front-{cell}"))
     return saved

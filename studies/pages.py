@@ -1,10 +1,16 @@
-"""Tables that studies write into pages: a block between two comments is replaced."""
+"""Tables and images that studies write into the documentation; a table replaces the text of a block."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from coop_pin.figures import save_figure
+
+IMAGES = Path(__file__).parent.parent / "docs" / "images"
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -20,10 +26,21 @@ def with_block(page: str, name: str, text: str) -> str:
         ValueError: the page does not have both comments once.
     """
     form = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(\n<!-- end of {re.escape(name)} -->)", re.DOTALL)
-    page, count = form.subn(lambda found: f"{found[1]}\n{text}\n{found[2]}", page)
+    page, count = form.subn(lambda block: f"{block[1]}\n{text}\n{block[2]}", page)
     if count != 1:
         raise ValueError(f"the page has {count} blocks named {name!r}; it must have one")
     return page
+
+
+def save_image(figure: Figure, stem: Path) -> Path:
+    """Save a figure as PNG, the only format in git, and return the file.
+
+    Args:
+        figure: any figure.
+        stem: path of the file without its suffix.
+    """
+    (file,) = save_figure(figure, stem, formats=("png",))
+    return file
 
 
 def write_block(page: Path, name: str, text: str) -> None:

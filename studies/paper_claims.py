@@ -3,7 +3,7 @@
 Runs the paper's experiment with five laws under seven trials, the printed law over alpha and control rate,
 and over the force gain; finished runs are kept in out/studies/paper_claims. Writes the tables in
 studies/paper_claims, studies/losses.csv, the tables in docs/concepts/paper-claims.md and
-docs/images/study-paper-claims.png with .svg.
+docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
@@ -19,18 +19,16 @@ import claims_figure
 import claims_tables
 import numpy as np
 import pandas as pd
-from pages import write_block
+from pages import IMAGES, save_image, write_block
 
 import coop_pin as cp
 from coop_pin.comparison import Trial, controllers_for
 from coop_pin.comparison.trials import changes_of
-from coop_pin.figures import save_figure
 
 HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
 LOSSES = HERE / "losses.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
-IMAGES = HERE.parent / "docs" / "images"
 METRIC = "claims_window:judged"
 LAWS = {
     "printed": None,
@@ -101,7 +99,10 @@ def plans() -> dict[str, cp.SweepPlan]:
 
 def run(folder: Path) -> dict[str, pd.DataFrame]:
     """Run what is missing and return the tables."""
-    found = {name: cp.sweep(plan, out=folder / name, workers=0) for name, plan in plans().items()}
+    found = {
+        name: cp.sweep(plan, out=folder / name, execution=cp.Execution(workers=0))
+        for name, plan in plans().items()
+    }
     judged = found["laws"].table
     judged[["law", "trial"]] = judged["run"].str.split(" | ", regex=False, expand=True)
     numbers, shared = claims_tables.MEASURES, claims_tables.MEASURES[:-3]
@@ -153,7 +154,7 @@ def main() -> None:
     for name, text in blocks(tables).items():
         write_block(PAGE, name, text)
         print(text, end="\n\n")
-    save_figure(claims_figure.figure(tables, FORCE_GAIN, ALPHA, RATE), IMAGES / "study-paper-claims")
+    save_image(claims_figure.figure(tables, FORCE_GAIN, ALPHA, RATE), IMAGES / "study-paper-claims")
 
 
 if __name__ == "__main__":

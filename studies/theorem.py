@@ -1,18 +1,17 @@
 """Terms of the convergence proofs along the paper's experiment, and where they break.
 
-Saves docs/images/theorem.png and theorem-anchored.png, with .svg, and prints how often each mark is set.
+Saves docs/images/theorem.png and theorem-anchored.png, and prints how often each mark is set.
 Usage: python studies/theorem.py
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from pages import IMAGES, save_image
 
 import coop_pin as cp
 from coop_pin.analysis import theorem_monitor
-from coop_pin.figures import save_figure, theorem_figure
+from coop_pin.figures import theorem_figure
 
-IMAGES = Path(__file__).parent.parent / "docs" / "images"
 MARKS = ("V_rate_3_is_positive", "V_may_grow", "sliding_is_not_assured", "signs_differ")
 STEADY = slice(4.0, 10.0)
 
@@ -31,7 +30,7 @@ def main() -> None:
         print(f"  mean u': {total:.3g} in the sum, {arms:.3g} in one arm")
         print(f"  mean V_rate_3 {float(steady['V_rate_3_sum'].mean()):.3g} W")
         if alpha:
-            save_figure(theorem_figure(result, monitor), IMAGES / "theorem")
+            save_image(theorem_figure(result, monitor), IMAGES / "theorem")
     result = cp.run("adept-anchored", {"events": (), "duration": 10.0})
     monitor = theorem_monitor(result)
     for defect, of in (
@@ -40,7 +39,7 @@ def main() -> None:
         ("V_rate_defect", "V_rate"),
     ):
         print(f"anchored: {defect} {float(monitor[defect].max()):.2g} of {float(abs(monitor[of]).max()):.3g}")
-    save_figure(theorem_figure(result, monitor), IMAGES / "theorem-anchored")
+    save_image(theorem_figure(result, monitor), IMAGES / "theorem-anchored")
 
 
 if __name__ == "__main__":

@@ -28,15 +28,14 @@ def description(scenario: cp.Scenario, name: str) -> dict[str, Any]:
 
 def damped(law: dict[str, Any], factor: float) -> dict[str, Any]:
     """Return a controller with another joint damping."""
-    part = "gains" if "gains" in law else "options"
-    K_d = [factor * value for value in law[part]["damping_gain"]]
-    return law | {part: law[part] | {"damping_gain": K_d}}
+    K_d = [factor * value for value in law["gains"]["damping_gain"]]
+    return law | {"gains": law["gains"] | {"damping_gain": K_d}}
 
 
 def without_spring(law: dict[str, Any]) -> dict[str, Any]:
     """Return a baseline whose spare joints are damped and not pulled back to where they started."""
-    spring = {"spare_gain": 0.0} if "adaptation" in law["options"] else {"spare_gains": (0.0, 10.0)}
-    return law | {"options": law["options"] | spring}
+    spring = {"spare_gain": 0.0} if law["kind"] == "adaptive" else {"spare_gains": (0.0, 10.0)}
+    return law | {"gains": law["gains"] | spring}
 
 
 def errors(scenario: cp.Scenario, law: dict[str, Any]) -> str:

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import prepare
-from coop_pin.tracing.kernel import NumpyMachine
+from coop_pin.batch.preparation import Prepared
 from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.numpy_machine import NumpyMachine
 
 
 def require_same_samples(found, wanted):
@@ -24,8 +24,10 @@ def require_same_samples(found, wanted):
 
 def require_same_bits(scenarios):
     """Require the bits of all vector widths, of the numpy oracle and of a smaller batch, and return them."""
-    prepared = prepare(scenarios)
-    code = BatchSimulator()._code(prepared)
+    simulator = BatchSimulator()
+    runs = [simulator.prepare(scenario) for scenario in scenarios]
+    prepared = Prepared.joined(runs)
+    code = simulator.family(runs[0], prepared).code
     program, uniforms, (block, loads) = code.program, code.uniforms, code.begin(prepared)
     machines = [LlvmMachine(program, width) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.chain import ClosedChain
-from coop_pin.description import Arm, JointFriction
-from coop_pin.description.cell import Cell
-from coop_pin.description.controller import (
+from coop_pin.control import (
     LateForcePath,
     PayloadSpace,
     PayloadSpaceGains,
     SlidingMode,
     SlidingModeGains,
 )
+from coop_pin.description import Arm, JointFriction
+from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference import HoldMotion

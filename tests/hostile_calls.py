@@ -250,7 +250,7 @@ class Calls:
 
     @functools.cached_property
     def SweepResult(self):
-        return cp.sweep(self.plan, out=self.folder / "sweep", workers=0, quiet=True)
+        return cp.sweep(self.plan, out=self.folder / "sweep", execution=cp.Execution(workers=0, quiet=True))
 
     def _arguments(self):
         """Good arguments by the name of what is called."""
@@ -357,12 +357,11 @@ class Calls:
             "simulate": {"scenario": self.scenario, "controller": controller, "progress": None,
                 "view": None},
             "sweep": {"base": self.scenario, "axes": {"duration": [0.02]}, "out": self.folder / "s",
-                "workers": 0,
-                      "retry_failed": False, "quiet": True},
+                "execution": cp.Execution(workers=0, quiet=True), "retry_failed": False},
             "tune": {"scenario": self.scenario, "vary": ranges, "minimize": metric,
                 "out": self.folder / "t",
-                     "generations": 1, "population": 1, "workers": 0, "subject_to": (), "seed": 0,
-                         "metrics": (), "quiet": True},
+                     "generations": 1, "population": 1, "subject_to": (), "seed": 0,
+                         "metrics": (), "execution": cp.Execution(workers=0, quiet=True)},
         }  # fmt: skip
         for name in ("joint_angles", "mass_matrix", "tip_pose", "payload_pose", "payload_jacobian"):
             good[f"ArmModel.{name}"] = {"q": arm_state["q"]}
@@ -395,7 +394,14 @@ class Calls:
             self.RunResult,
             self.plan,
         ]
-        return [*hostile_values(), *objects, *self.descriptions, cp.ClosureError(0.0, 0.0), cp.Scenario, cp]
+        return [
+            *hostile_values(),
+            *objects,
+            *self.descriptions,
+            cp.chain.ClosureError(0.0, 0.0),
+            cp.Scenario,
+            cp,
+        ]
 
 
 def still(_time):
@@ -408,7 +414,7 @@ def random_call(calls: Calls, seed: int, number: int):
     chance = random.Random(f"{seed} {number}")
     name = chance.choice(sorted(calls.recipes))
     target, arguments = calls.recipes[name]()
-    names = [parameter for parameter in arguments if parameter not in ("out", "workers")]
+    names = [parameter for parameter in arguments if parameter not in ("out", "execution")]
     replaced = chance.sample(names, min(len(names), chance.choice((0, 1, 1, 1, 1, 2, 2, 3))))
     for parameter in replaced:
         arguments[parameter] = chance.choice(calls.hostile)

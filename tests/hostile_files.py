@@ -216,7 +216,12 @@ class Files:
         result.save(folder / "result.nc")
         read = functools.partial(read_result, result)
         self._add("result.nc", (folder / "result.nc").read_bytes(), (*BYTES, *BYTES, foreign), read)
-        sweep = cp.sweep(scenario, {"duration": [0.02, 0.03]}, out=folder / "sweep", workers=0, quiet=True)
+        sweep = cp.sweep(
+            scenario,
+            {"duration": [0.02, 0.03]},
+            out=folder / "sweep",
+            execution=cp.Execution(workers=0, quiet=True),
+        )
         files = sorted(path for path in (folder / "sweep").rglob("*.json*"))
         self.kinds |= {
             f"sweep/{path.relative_to(folder / 'sweep')}": (

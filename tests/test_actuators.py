@@ -128,24 +128,25 @@ def test_lag_with_rate_limit_solves_its_differential_equation():
     rng = np.random.default_rng(0)
     lag, rate = np.array([0.02, 0.0, 0.02, 0.05, 0.0]), np.array([40.0, 40.0, np.inf, 100.0, np.inf])
     found = torque = rng.normal(size=5)
-    response = TorqueResponse.at_rest(lag, rate, torque)
+    response = TorqueResponse.of_drives(lag, rate)
+    state = response.start(torque)
     for tick in range(6):
         target = rng.normal(scale=3.0, size=5)
-        response = response.follow(0.03 if tick else 0.0, target)
+        state = response.step(state, 0.03 if tick else 0.0, target)
 
         def slope(_s, tau, u=target):
             return np.clip((u - tau) / np.maximum(lag, 1e-5), -rate, rate)
 
         for s in (0.004, 0.03):
             expected = solve_ivp(slope, (0.0, s), torque, method="LSODA", rtol=1e-10, atol=1e-12).y[:, -1]
-            found = response.at(s)
+            found = response.at(state, s)
             assert_allclose(found[[0, 2, 3]], expected[[0, 2, 3]], rtol=0, atol=1e-7)
             assert_allclose(found[1], expected[1], rtol=0, atol=1e-3)  # the oracle has a short lag
             assert found[4] == target[4]
-            exact = [quad(lambda t, i=i, now=response: now.at(t)[i], s / 2, s)[0] for i in range(5)]
-            assert_allclose(response.mean(s / 2, s / 2), np.array(exact) / (s / 2), rtol=0, atol=1e-6)
+            exact = [quad(lambda t, i=i, now=state: response.at(now, t)[i], s / 2, s)[0] for i in range(5)]
+            assert_allclose(response.mean(state, s / 2, s / 2), np.array(exact) / (s / 2), rtol=0, atol=1e-6)
         late = np.abs(target - torque) > rate * (lag + 0.03)
-        assert (response.is_limited(0.03) == late).all()
+        assert (response.is_limited(state, 0.03) == late).all()
         torque = expected if tick == 0 else found
         torque = found
     with pytest.raises(FieldError) as caught:

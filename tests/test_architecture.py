@@ -1,6 +1,7 @@
 """The direction of imports between packages, and that controllers cannot reach a model."""
 
 import ast
+import collections
 import functools
 import graphlib
 import importlib
@@ -40,9 +41,12 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   to it; llvmlite, which compiles, is an extra;
 # - batch traces the laws and the plant of runs;
 # - limited_process runs readers that have no limits;
-# - model_based controllers know the friction of simulation's transmission; nothing imports them but by name;
+# - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
+#   controller, which loads when it is built: model_based controllers know the friction of simulation's
+#   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
-# - engines runs scenarios, by Pinocchio or by batch's compiled plant.
+# - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
+# - run_scenario runs one.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -63,9 +67,10 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"schema", "control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
-    "build_controller": ({"schema", "control", "description", "model"}, set()),
-    "run_scenario": ({"batch", "description", "results", "build_controller", "simulation"}, set()),
+    "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
+    "build_controller": ({"control", "description", "model"}, set()),
+    "engine_choice": ({"batch", "description", "simulation"}, set()),
+    "run_scenario": ({"description", "engine_choice", "results", "build_controller", "simulation"}, set()),
     "analysis": (
         {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
         {"pinocchio", "scipy", "xarray"},
@@ -98,6 +103,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {
             "imageio_ffmpeg",
             "ipywidgets",
+            "matplotlib",
             "playwright",
             "tornado",
             "trimesh",
@@ -105,7 +111,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
     ),
     "sweeps": (
-        {"batch", "run_scenario", "schema", "description", "results", "progress_bar", "user_files"},
+        {
+            "batch",
+            "description",
+            "engine_choice",
+            "progress_bar",
+            "results",
+            "run_scenario",
+            "schema",
+            "user_files",
+        },
         {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
     ),
     "comparison": (
@@ -115,9 +130,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "chain",
             "control",
             "description",
+            "engine_choice",
             "model",
             "results",
             "build_controller",
+            "schema",
             "simulation",
             "sweeps",
             "user_files",
@@ -125,7 +142,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pandas", "xarray"},
     ),
     "run_folder": ({"results", "figures", "viz"}, set()),
-    "report": ({"results", "figures", "viz"}, {"matplotlib"}),
     "cli": (
         {
             "analysis",
@@ -135,7 +151,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "run_scenario",
             "figures",
             "progress_bar",
-            "report",
             "results",
             "run_folder",
             "build_controller",
@@ -264,6 +279,15 @@ def test_there_are_no_cycles_between_packages_or_files():
     assert cycle({"control": {"model"}, "model": {"control"}})
 
 
+def test_no_class_name_stands_twice_in_the_package():
+    files = collections.defaultdict(list)
+    for file, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                files[node.name].append(str(file.relative_to(PACKAGE)))
+    assert {name: names for name, names in files.items() if len(names) > 1} == {}
+
+
 def test_every_third_party_is_a_declared_dependency():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"].values()
@@ -279,15 +303,18 @@ def test_every_third_party_is_a_declared_dependency():
 
 BLIND_LAW = """
 import dataclasses, sys
-from types import SimpleNamespace
 sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, LeaderFollowerController, PayloadSpaceController, Posture,
-    PrescribedPerformanceController, RedundantSlidingModeController, Saturation, Sign, SlidingModeController,
-    ZeroedController,
+    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController,
+    Saturation, Sign, SlidingModeController, ZeroedController,
 )
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.leader_follower import LeaderFollower
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.prescribed_performance import PrescribedPerformance
+from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.spatial import make_pose, task_rows
 
 rows = task_rows("planar")
@@ -328,15 +355,21 @@ spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload
                              saturated=np.zeros(4, bool))
 torque, state = redundant.step(spare, reference, redundant.init(spare, reference))
 assert torque.shape == (4,) and np.isfinite(torque).all()
-cell = SimpleNamespace(task_rows=rows, arms=("left", "right"), shares=np.array((0.5, 0.5)))
-# All that they may take of a scenario.
-told = SimpleNamespace(cell=cell, clock=SimpleNamespace(period=0.0125))
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)
-for kind in (PrescribedPerformanceController, LeaderFollowerController):
-    for arm in cell.arms:
-        blind = kind(told, arm)
-        for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
-            torque, _ = blind.step(seen, reference, blind.init(seen, reference))
+printed = {"pose_gain": 2.0, "sign_gain": 0.2, "damping_gain": 20.0, "transient_rate": 5.0}
+space = {"pose_gain": 2.0, "sign_gain": 0.2, "sliding_gain": 500.0, "transient_rate": 5.0}
+for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), PrescribedPerformance(),
+            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower()):
+    for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
+        k = len(seen.q)
+        if law.kind == "sliding-mode" and k > 3:
+            continue
+        # All that they may know.
+        arms = [ControlledArm(name, place, rows, 0.0125, 0.5, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
+                for place, name in enumerate(("left", "right"))]
+        blind = law.build(None, arms)
+        torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))
+        for torque in torques:
             assert torque.shape == seen.q.shape and np.isfinite(torque).all()
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))

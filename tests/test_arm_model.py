@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from coop_pin.description import Arm, Pose
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import NameNotFoundError, OutOfRangeError, ShapeError, UrdfError
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.model.arm_model import ArmKinematics
 from coop_pin.spatial import inverse_pose, make_pose, pose_error, task_rows
 
@@ -332,3 +332,30 @@ def test_kinematic_errors_of_base_joints_and_links_move_the_payload_that_an_arm_
         numeric = (after[:3, 3] - before[:3, 3]) / (2 * h)
         assert_allclose((links.view(q).jacobian @ truth.drive @ v)[:3], numeric, rtol=0, atol=1e-7)
         assert np.abs(links.view(q).jacobian @ truth.drive - J).max() > 1e-4
+
+
+@pytest.mark.parametrize("cell", [planar_scenario().cell, spatial_cell()], ids=["planar", "spatial"])
+def test_the_task_jacobian_of_a_cell_arm_maps_drive_velocities_to_the_rows_of_the_payload_twist(cell):
+    T = np.tril(np.ones((len(cell.arms["right"].posture),) * 2))
+    cell = cell.replace(arms=cell.arms | {"right": cell.arms["right"].replace(drive=T, torque_limits="none")})
+    arm = CellArm(cell, "right")
+    assert_allclose(arm.from_drive @ T, np.eye(arm.nv), rtol=0, atol=1e-12)
+    for _, v, _ in states(arm, count=3):
+        q = arm.configuration(v)
+        twist = cell.task_rows.select(arm.payload_jacobian(q) @ v)
+        assert_allclose(arm.task_jacobian(q) @ T @ v, twist, rtol=0, atol=1e-9)
+        assert_allclose(arm.task_jacobian(q) @ arm.null_space(q), 0.0, rtol=0, atol=1e-9)
+
+
+def test_a_cell_arm_has_the_share_the_posture_and_the_payload_frame_that_its_cell_gives_it():
+    cell = planar_scenario().cell.replace(load_shares={"left": 0.75, "right": 0.25})
+    left, right = (CellArm(cell, name) for name in cell.arms)
+    assert (left.share, right.share) == (0.75, 0.25) == tuple(cell.shares)
+    assert_allclose(
+        left.joint_angles(left.posture_configuration), cell.arms["left"].posture, rtol=0, atol=1e-15
+    )
+    q = right.posture_configuration
+    grasp = inverse_pose(cell.grasps["right"].matrix)
+    assert_allclose(right.payload_pose(q), right.tip_pose(q) @ grasp, rtol=0, atol=1e-12)
+    with pytest.raises(NameNotFoundError):
+        CellArm(cell, "middle")

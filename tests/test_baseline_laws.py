@@ -1,26 +1,32 @@
 """Laws of other papers, tick by tick, against their equations written out by hand."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from close import assert_close
 from test_payload_space import inputs
 
-from coop_pin.control import LeaderFollowerController, PrescribedPerformanceController
-from coop_pin.control.leader_follower import LeaderFollowerState
-from coop_pin.control.terms import InternalForceIntegral, gain_vector, is_new, spare_torque
-from coop_pin.errors import OutOfRangeError, ShapeError
+from coop_pin.control.gains import gain_vector
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerState
+from coop_pin.control.prescribed_performance import PrescribedPerformance
+from coop_pin.control.terms import InternalForceIntegral, is_new, spare_torque
+from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.spatial import task_rows
 
 ROWS = ["planar", "full"]
 PERIOD, SHARES = 0.02, (0.3, 0.7)
 
 
-def cell_of(rows, arm):
-    """What the laws take from a scenario, and the place of the arm in it."""
-    cell = SimpleNamespace(task_rows=rows, arms={"left": None, "right": None}, shares=np.array(SHARES))
-    return SimpleNamespace(cell=cell, clock=SimpleNamespace(period=PERIOD)), ["left", "right"].index(arm)
+def arm_of(rows, name, drives):
+    """What the laws may know of an arm."""
+    place = ["left", "right"].index(name)
+    start, gravity = np.eye(4), np.zeros(3)
+    return ControlledArm(name, place, rows, PERIOD, SHARES[place], drives, None, gravity, start, 0)
+
+
+def controller_of(law, arm):
+    """The controller of one arm, built as a scenario's is."""
+    return law.build(None, [arm]).controllers[arm.name]
 
 
 def spare(m, start, stiffness, damping):
@@ -39,12 +45,13 @@ def test_spare_joints_return_to_where_they_started():
 
 
 def test_a_gain_is_one_number_or_one_for_each_row():
-    assert gain_vector("K", 2, 3).tolist() == [2.0, 2.0, 2.0]
-    assert gain_vector("K", (1.0, 2.0, 3.0), 3).tolist() == [1.0, 2.0, 3.0]
-    with pytest.raises(ShapeError):
-        gain_vector("K", (1.0, 2.0), 3)
-    with pytest.raises(OutOfRangeError):
-        gain_vector("K", np.nan, 3)
+    assert gain_vector(2, 3).tolist() == [2.0, 2.0, 2.0]
+    assert gain_vector((1.0, 2.0, 3.0), 3).tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(FieldError) as refused:
+        PrescribedPerformance(gains={"pose_gain": (1.0, 2.0)}).gains.sized(3, 6)
+    assert refused.value.path == "controller.gains.pose_gain"
+    with pytest.raises(ScenarioError):
+        PrescribedPerformance(gains={"pose_gain": np.nan})
 
 
 LEADER_FOLLOWER = {
@@ -92,8 +99,8 @@ def test_leader_and_follower_by_hand(name, arm, stated):
     if stated:
         options = {key: rng.uniform(0.5, 3.0, k_0) for key in LEADER_FOLLOWER}
         options |= {"integral_rate": 0.7, "admittance_rate": 9.0, "spare_gains": (3.0, 0.4)}
-    scenario, place = cell_of(rows, arm)
-    law = LeaderFollowerController(scenario, arm, **options)
+    seated = arm_of(rows, arm, k_0 + 1)
+    law, place = controller_of(LeaderFollower(gains=options), seated), seated.place
     m, r = inputs(rows, k_0 + 1)
     first = law.init(m, r)
     assert_close(np.concatenate((first.integral, first.velocity)), np.zeros(2 * k_0), atol=0.0)
@@ -140,8 +147,8 @@ def test_prescribed_performance_by_hand(name, arm, stated, near):
     if stated:
         options = {key: rng.uniform(0.5, 0.9, k_0) for key in PRESCRIBED}
         options |= {"pose_floor": 0.1, "velocity_floor": 0.3, "funnel_rate": 2.5, "spare_gains": (3.0, 0.4)}
-    scenario, place = cell_of(rows, arm)
-    law = PrescribedPerformanceController(scenario, arm, **options)
+    seated = arm_of(rows, arm, k_0 + 1)
+    law, place = controller_of(PrescribedPerformance(gains=options), seated), seated.place
     gain = PRESCRIBED | options
     m, r = inputs(rows, k_0 + 1, time=1.7)
     if near:
@@ -189,5 +196,5 @@ def test_an_integral_of_the_internal_wrench_moves_once_for_each_new_measurement(
 
 
 def test_what_the_laws_need():
-    assert LeaderFollowerController.needs == ("own wrench", "role")
-    assert PrescribedPerformanceController.needs == ()
+    assert LeaderFollower().needs == ("own wrench", "role")
+    assert PrescribedPerformance().needs == ()

@@ -127,7 +127,7 @@ def test_errors_stay_in_their_funnels_under_a_push_whatever_the_payload(name):
     options |= {"velocity_gain": [4.0, 4.0, 0.3] if name == "planar" else [12.0] * 3 + [0.15] * 3}
     scenario = still(
         name,
-        stated("coop_pin.control:PrescribedPerformanceController", **options),
+        stated("prescribed-performance", **options),
         step=0.04,
         rate=500.0,
         duration=1.5,
@@ -160,7 +160,7 @@ def test_followers_reach_their_wrench_whatever_their_kinematics_are_off_by(name)
         "follower_stiffness": [10.0 * b for b in B],
         "admittance_damping": B,
     }
-    leader_follower = stated("coop_pin.control:LeaderFollowerController", **options)
+    leader_follower = stated("leader-follower", **options)
     bias = {f"cell.arms.{follower}.calibration_error.tip.xyz": [1e-3, 0.0, 0.0], "sensors.wrist": {}}
     result = cp.run(still(name, leader_follower, duration=2.0, **CARRIED, **bias))
     assert np.abs(force_error(result)).max() > 0.01

@@ -19,8 +19,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.description import scenario_names
-from coop_pin.report import save_report
-from coop_pin.viz import open_view, save_replay
+from coop_pin.viz import open_view, save_replay, save_report
 from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.highlights import telling_instant
 from coop_pin.viz.live_scene import LiveScene, initial_scene

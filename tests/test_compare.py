@@ -1,5 +1,7 @@
 """Comparison of controllers: three controllers in two cells under four trials, resumed, and a stranger's."""
 
+import dataclasses
+import functools
 import re
 import shutil
 from pathlib import Path
@@ -21,11 +23,11 @@ from coop_pin.comparison import (
     tick_costs,
     tune_controllers,
 )
-from coop_pin.comparison.benchmark import engine_of
 from coop_pin.comparison.controllers import stored_gains, tuned_ranges
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
+from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
@@ -49,8 +51,10 @@ def folder(tmp_path_factory):
 
 
 def run(scenarios, folder, **options):
-    quick = {"seeds": 2, "duration": SHORT, "workers": 0, "quiet": True} | options
-    return cp.compare(scenarios, CONTROLLERS, TRIALS, out=folder, **quick)
+    execution = cp.Execution(workers=0, quiet=True, **options)
+    return cp.compare(
+        scenarios, CONTROLLERS, TRIALS, out=folder, seeds=2, duration=SHORT, execution=execution
+    )
 
 
 @pytest.fixture(scope="module")
@@ -119,22 +123,24 @@ def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_
 
 @pytest.mark.usefixtures("table")
 def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenarios, folder, tmp_path):
-    quick = {"workers": 0, "quiet": True}
     names = ["anchored"], ["nominal"]
-    found = cp.compare(scenarios[0], *names, out=tmp_path, duration=0.1, merge=[folder], **quick)
-    alone = cp.compare(scenarios[0], *names, out=tmp_path / "alone", duration=0.1, **quick)
+    here = cp.Execution(workers=0, quiet=True)
+    merging = dataclasses.replace(here, merge=[folder])
+    found = cp.compare(scenarios[0], *names, out=tmp_path, duration=0.1, execution=merging)
+    alone = cp.compare(scenarios[0], *names, out=tmp_path / "alone", duration=0.1, execution=here)
     assert found.data.identical(alone.data)
+    merging = dataclasses.replace(here, merge=[folder, tmp_path / "nothing"])
     with pytest.raises(FileReadError) as caught:
-        cp.compare(scenarios, *names, out=tmp_path, merge=[folder, tmp_path / "nothing"], **quick)
+        cp.compare(scenarios, *names, out=tmp_path, execution=merging)
     assert caught.value.path == str(tmp_path / "nothing")
 
 
 def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
     """A law that can be traced, with noise and without; one that calls Pinocchio runs singly beside it."""
     names, trials = ["computed-torque", "anchored"], ["noise", "nominal"]
-    quick = {"duration": 0.1, "seeds": 2, "workers": 0, "quiet": True}
+    quick, execution = {"duration": 0.1, "seeds": 2}, functools.partial(cp.Execution, 0, None, quiet=True)
     single, auto = (
-        cp.compare(scenarios[0], names, trials, out=tmp_path / engine, engine=engine, **quick)
+        cp.compare(scenarios[0], names, trials, out=tmp_path / engine, execution=execution(engine), **quick)
         for engine in ("single", "auto")
     )
     for name in COLUMNS:
@@ -147,20 +153,25 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
         assert store.read_plan().engine == engine
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):
-        cp.compare(scenarios[0], names, trials, out=tmp_path, engine="both", **quick)
+        cp.compare(scenarios[0], names, trials, out=tmp_path, execution=cp.Execution(engine="both"), **quick)
 
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
     names = ["payload-pd", "printed"]
     rows = tune_controllers(
-        scenarios, names[:1], out=tmp_path, generations=0, duration=0.02, workers=0, quiet=True
+        scenarios,
+        names[:1],
+        out=tmp_path,
+        generations=0,
+        duration=0.02,
+        execution=cp.Execution(workers=0, quiet=True),
     )
     assert [row["scenario"] for row in rows] == ["planar", "spatial"]
     assert all(row["runs"] == 12 and row["duration_s"] == 0.02 for row in rows)
     gains = tmp_path / "gains.csv"
     chosen = controllers_for(scenarios[1], names, gains=gains)
     assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
-    quick = {"duration": 0.02, "workers": 0, "quiet": True}
+    quick = {"duration": 0.02, "execution": cp.Execution(workers=0, quiet=True)}
     found = cp.compare(scenarios[1], names, ["nominal"], out=tmp_path / "out", gains=gains, **quick)
     assert found.table["gains"].tolist() == ["tuned", "untuned"]
     assert "printed (untuned)" in found.summary()
@@ -210,7 +221,7 @@ def test_a_model_knows_nothing_of_the_trials(scenarios):
     nominal = ArmDynamics(scenario, arm).parameters()[0]
     for name in ("friction x0", "friction x3", "mass x2"):
         changed = scenario.override(changes_of(scenario, trials[name], controller))
-        known = ArmDynamics(changed, arm, changed.controller.options["model"]).parameters()[0]
+        known = ArmDynamics(changed, arm, changed.controller.model).parameters()[0]
         assert_allclose(known, nominal, rtol=1e-9)
         truth = ArmDynamics(changed, arm).parameters()[0]
         assert (name == "mass x2") == np.allclose(truth, nominal)
@@ -227,8 +238,7 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
         {"calm": {}, "tilted": Trial({"cell.gravity": [1.0, 0.0, 0.0]})},
         out=tmp_path / "out",
         duration=SHORT,
-        workers=0,
-        quiet=True,
+        execution=cp.Execution(workers=0, quiet=True),
     )
     assert found.data.finished.sel(controller="mine").values.tolist() == [[1, 1]]
     assert found.data.finished.sel(controller="stiff").values.tolist() == [[0, 0]]
@@ -241,7 +251,8 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
 
 def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
     """The engine is chosen by building it; the run reports the error."""
-    assert engine_of(scenarios[0], law("none", marker=3), together=True) == "single"
+    (choice,) = choose_engines([scenarios[0].override(law("none", marker=3))], "auto")
+    assert (choice.engine, choice.obstacle) == ("single", "scenario")
 
 
 STRANGE = """
@@ -277,13 +288,15 @@ def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys)
 def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
     for controllers, trials in ((["printd"], None), (["printed"], ["nominel"])):
         with pytest.raises(NameNotFoundError):
-            cp.compare(scenarios, controllers, trials, out=tmp_path, quiet=True)
+            cp.compare(scenarios, controllers, trials, out=tmp_path, execution=cp.Execution(quiet=True))
     for wrong in ({"controllers": {"mine": 3}}, {"controllers": []}, {"trials": []}, {"scenarios": []}):
         given = {"scenarios": scenarios, "controllers": ["printed"], "trials": ["nominal"]} | wrong
         with pytest.raises(FieldError):
-            cp.compare(**given, out=tmp_path, quiet=True)
+            cp.compare(**given, out=tmp_path, execution=cp.Execution(quiet=True))
     with pytest.raises(FieldError):
-        cp.compare([scenarios[0], scenarios[0]], ["printed"], out=tmp_path, quiet=True)
+        cp.compare(
+            [scenarios[0], scenarios[0]], ["printed"], out=tmp_path, execution=cp.Execution(quiet=True)
+        )
 
 
 def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
@@ -297,7 +310,7 @@ def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
 
 
 def test_the_cost_of_gains_is_the_mean_of_the_runs_with_noise_and_without_it(scenarios, tmp_path):
-    quick = {"generations": 0, "duration": 0.05, "workers": 0, "quiet": True}
+    quick = {"generations": 0, "duration": 0.05, "execution": cp.Execution(workers=0, quiet=True)}
     (row,) = tune_controllers(scenarios[0], ["payload-pd"], out=tmp_path, **quick)
     scenario = benchmark_scenario(scenarios[0], 0.05)
     law = controllers_for(scenario, ["payload-pd"], gains=tmp_path / "gains.csv")["payload-pd"]
@@ -324,7 +337,9 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
 def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
     """Planar, redundant and with three arms: nominal, 1 s at rest and 1 s in motion."""
     names = controller_names()
-    found = cp.compare(name, names, ["nominal"], out=tmp_path, duration=2.0, workers=0, quiet=True)
+    found = cp.compare(
+        name, names, ["nominal"], out=tmp_path, duration=2.0, execution=cp.Execution(workers=0, quiet=True)
+    )
     print(found.summary())
     assert (found.data.finished == 1).all()
     assert (found.data.tracking_rms_mm < 100.0).all()
@@ -338,7 +353,7 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
     assert len(code.strip().splitlines()) <= 25
     (tmp_path / "template_law.py").write_text(code)
     monkeypatch.syspath_prepend(str(tmp_path))
-    quick = {"duration": 0.2, "workers": 0, "quiet": True}
+    quick = {"duration": 0.2, "execution": cp.Execution(workers=0, quiet=True)}
     found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
     assert found.data.trustworthy.item() == 1
     assert found.table["gains"].item() == "given"

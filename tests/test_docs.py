@@ -86,7 +86,9 @@ def test_docstrings_of_values_name_all_their_fields():
             continue
         fields, below = [], []
         for entry, following in itertools.pairwise([*node.body, None]):
-            if isinstance(entry, ast.AnnAssign) and not re.match("_|kind$", entry.target.id):
+            if not isinstance(entry, ast.AnnAssign) or ast.unparse(entry.annotation).startswith("ClassVar"):
+                continue
+            if not re.match("_|kind$", entry.target.id):
                 fields.append(entry.target.id)
                 if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
                     below.append(entry.target.id)
@@ -222,6 +224,14 @@ def test_links_and_images_of_pages_lead_somewhere():
                 headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
                 offenders += [(page.name, target)] if heading not in map(anchor, headings) else []
     assert offenders == []
+
+
+def test_every_image_is_on_a_page_and_has_one_format():
+    images = sorted((DOCS / "images").iterdir())
+    pages = [REPOSITORY / "README.md", REPOSITORY / "studies" / "README.md", *PAGES]
+    shown = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    assert [image.name for image in images if f"images/{image.name})" not in shown] == []
+    assert len({image.stem for image in images}) == len(images)
 
 
 def test_every_page_is_in_a_table_of_contents():

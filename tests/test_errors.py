@@ -83,6 +83,19 @@ def test_errors_are_caught_as_the_builtin_exceptions_that_fit_them():
     assert not issubclass(errors.RunInterruptedError, Exception)
 
 
+def test_an_optional_package_that_is_missing_names_its_extra():
+    with (
+        pytest.raises(
+            errors.MissingExtraError, match=r"to test this, run: pip install 'coop-pin\[test\]'"
+        ) as caught,
+        errors.needs_extra("no-such", "test", "to test this"),
+    ):
+        import no_such_package  # noqa: F401
+    assert (caught.value.package, caught.value.extra) == ("no-such", "test")
+    with pytest.raises(ZeroDivisionError), errors.needs_extra("no-such", "test", "to test this"):
+        1 / 0  # noqa: B018
+
+
 def test_every_error_class_is_used():
     """No class without a place that raises it, or children that are raised."""
     files = [file for file in Path(errors.__file__).parent.rglob("*.py") if file.name != "errors.py"]

@@ -15,14 +15,18 @@ from coop_pin.model_based import ArmDynamics
 STEP = 0.02
 
 
-def stated(target, **options):
-    """Changes that name a controller of the package."""
-    path = {"kind": "late"}
-    return {"controller": {"kind": "user", "target": target, "options": options, "force_path": path}}
+OUTSIDE_GAINS = ("model", "tracking_weight", "friction_coefficient")
+
+
+def stated(kind, **fields):
+    """Changes that name a law of the package."""
+    gains = {name: value for name, value in fields.items() if name not in OUTSIDE_GAINS}
+    rest = {name: value for name, value in fields.items() if name in OUTSIDE_GAINS}
+    return {"controller": {"kind": kind, "gains": gains, "force_path": {"kind": "late"}, **rest}}
 
 
 def computed_torque(**options):
-    return stated("coop_pin.model_based:ComputedTorqueController", **options)
+    return stated("computed-torque", **options)
 
 
 def still(name, controller, *, step=0.0, rate=250.0, duration=0.5, **changes):
@@ -73,10 +77,13 @@ def test_the_internal_force_integral_takes_out_what_a_wrong_model_leaves(name):
     assert left[0.2] < 0.2 * left[0.0]
 
 
-def test_options_that_the_class_does_not_take_are_refused_with_their_path():
+def test_gains_and_factors_that_a_law_does_not_have_are_refused_with_their_path():
     with pytest.raises(FieldError) as refused:
         cp.run("adept-paper", computed_torque(gain=1.0))
-    assert refused.value.path == "controller.options"
+    assert refused.value.path == "controller.gains.gain"
+    with pytest.raises(FieldError) as refused:
+        cp.run("adept-paper", computed_torque(position_gain=[1.0, 2.0]))
+    assert refused.value.path == "controller.gains.position_gain"
     with pytest.raises(ScenarioError):
         cp.run("adept-paper", computed_torque(model={"mas": 2.0}))
 
@@ -87,7 +94,7 @@ def test_the_payload_answers_a_push_like_the_stated_mass_spring_and_damper(name)
     M_d, D, K, push = 15.0, 240.0, 1500.0, 30.0
     linear, angular = (2, 1) if name == "planar" else (3, 3)
     controller = stated(
-        "coop_pin.model_based:ObjectImpedanceController",
+        "object-impedance",
         **{
             field: [value] * linear + [value / M_d] * angular
             for field, value in {"inertia": M_d, "damping": D, "stiffness": K}.items()
@@ -169,13 +176,13 @@ def lyapunov(scenario, laws, kept):
         exact = ArmDynamics(scenario, arm)
         theta, phi = exact.parameters()
         xtilde = law._rows.pose_error(m.payload_pose, reference.pose)
-        s_0 = m.payload_twist - reference.twist + law._gamma * xtilde
+        s_0 = m.payload_twist - reference.twist + law._gains.pose_gain * xtilde
         s = np.linalg.solve(m.payload_jacobian, s_0)
         V += s @ exact.terms(m).M @ s / 2.0
         share = scenario.cell.shares[index]
         V += share * s_0 @ exact.payload_inertia(m.payload_pose) @ s_0 / 2.0
-        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law._G)
-        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law._G_0)
+        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law._gains.adaptation)
+        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law._gains.payload_adaptation)
     return V
 
 
@@ -188,15 +195,13 @@ def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
     }[name]
     options = {"damping_gain": K_d, "model": {"mass": 0.5}}
     options |= {"adaptation": gain, "payload_adaptation": gain}
-    scenario = moving(
-        name, stated("coop_pin.model_based:AdaptiveController", **options), 1.0, **{"clock.rate_hz": rate}
-    )
+    scenario = moving(name, stated("adaptive", **options), 1.0, **{"clock.rate_hz": rate})
     keeper = Keeper(build_controller(scenario))
     result = cp.simulate(scenario, keeper)
     V = np.array([lyapunov(scenario, keeper.law.controllers, kept) for kept in keeper.kept[::25]])
     assert np.diff(V).max() < 2e-4 * V[0]
     assert V[-1] < V[0]
-    frozen = {"controller.options.adaptation": 0.0, "controller.options.payload_adaptation": 0.0}
+    frozen = {"controller.gains.adaptation": 0.0, "controller.gains.payload_adaptation": 0.0}
     without = cp.run(scenario, frozen)
     last = np.linalg.norm(result.data.pose_error.values[-100:], axis=1).max()
     assert last < 0.5 * np.linalg.norm(without.data.pose_error.values[-100:], axis=1).max()
@@ -204,7 +209,7 @@ def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
 
 def torque_qp(**options):
     pytest.importorskip("proxsuite", reason="proxsuite is not installed (extra 'compare')")
-    return stated("coop_pin.model_based:TorqueQpController", **options)
+    return stated("torque-qp", **options)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -252,7 +257,7 @@ def test_the_disturbance_estimate_takes_out_a_constant_push(name):
     event = {"kind": "wrench-pulse", "time": 0.0, "duration": 2.0, "wrench": [20.0, 0, 0, 0, 0, 0]}
     left = {}
     for rate in (0.0, 100.0):
-        controller = stated("coop_pin.model_based:AdaptiveController", **options, disturbance_rate=rate)
+        controller = stated("adaptive", **options, disturbance_rate=rate)
         left[rate] = np.abs(x_error(cp.run(still(name, controller, duration=2.0, events=[event])))[-1])
     assert left[0.0] > 1e-3
     assert left[100.0] < 0.05 * left[0.0]

@@ -12,6 +12,7 @@ import matplotlib
 import pytest
 from browser import chromium
 from matplotlib import pyplot as plt
+from test_architecture import PACKAGES
 
 import coop_pin
 from coop_pin.cli import main
@@ -31,6 +32,20 @@ def commands():
     """The words of every command line, comments left out."""
     lines = "\n".join(blocks("sh")).splitlines()
     return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def test_table_and_import_line_name_every_package_and_imports_follow_the_line():
+    (line,) = re.findall(r"^Imports go in one direction.*?\n\n", README, re.DOTALL | re.MULTILINE)
+    layers = [set(re.findall(r"`(\w+)`", layer)) for layer in line.split("→")]
+    layer_of = {package: number for number, layer in enumerate(layers) for package in layer}
+    packages = {path.parent.name for path in (REPOSITORY / "coop_pin").glob("*/__init__.py")}
+    assert sum(map(len, layers)) == len(layer_of)
+    assert set(layer_of) == packages
+    for package, number in layer_of.items():
+        imported = PACKAGES[package][0] & packages
+        assert {name for name in imported if layer_of[name] > number} == set(), package
+    rows = re.findall(r"^\| \[`(\w+)`\]\(coop_pin/(\w+)\) \|", README, re.MULTILINE)
+    assert sorted(rows) == [(package, package) for package in sorted(packages)]
 
 
 def test_every_command_is_coop_pin_or_a_tool_that_exists_and_is_sound_shell():

@@ -13,8 +13,8 @@ import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.errors import DivergedError
 from coop_pin.figures import internal_force_figure, motion_figure, singularity_figure
-from coop_pin.report import metrics_table, report_html, save_report
 from coop_pin.results import RunResult
+from coop_pin.viz import metrics_table, report_html, save_report
 
 SHORT = {"duration": 0.5, "events": ()}
 SECTIONS = [

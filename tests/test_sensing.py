@@ -15,13 +15,13 @@ from coop_pin.control import CellCommand
 from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
-from coop_pin.report.report import scenario_facts
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders
-from coop_pin.simulation.noise import generator
+from coop_pin.simulation.signals import SensorSignals, generator
 from coop_pin.simulation.wrist import Wrist
 from coop_pin.spatial import internal_wrenches, make_pose
 from coop_pin.viz.live_scene import LiveScene, initial_scene
+from coop_pin.viz.report import scenario_facts
 
 T = 0.0125
 CLOCK = cp.Clock(rate_hz=80.0)
@@ -60,15 +60,16 @@ def of_arm(measurements, arm, field):
 
 
 def encoders(rng_name="test", **fields):
-    joints = 6
-    return Encoders.of_sensors(cp.Sensors(**fields), T, joints, "sensors"), generator(0, rng_name)
+    sensors, joints = cp.Sensors(**fields), 6
+    deviation = np.array(sensors.encoder.noise)
+    return Encoders.of_sensors(sensors, T, joints, "sensors"), deviation, generator(0, rng_name)
 
 
 def readings(sensor, count, speed=0.0):
-    (encoders, rng), v, state, pairs = sensor, np.full(6, speed), None, []
+    (encoders, deviation, rng), v, state, pairs = sensor, np.full(6, speed), None, []
     for k in range(count):
-        noise = encoders.noise * rng.standard_normal(6)
-        *pair, state = encoders.read(0.3 + v * T * k, v, noise, state)
+        q, noise = 0.3 + v * T * k, deviation * rng.standard_normal(6)
+        pair, state = encoders.step(state or encoders.start(q, noise), q, v, noise)
         pairs.append(pair)
     return tuple(np.array(values) for values in zip(*pairs, strict=True))
 
@@ -122,14 +123,15 @@ def test_velocities_from_encoders_start_at_rest_and_reach_a_constant_speed(kind)
 # ---------------------------------------------------------------- wrist sensor
 
 
-def wrist_readings(sensor, count, F_P, X_PE, R_WP=None, name="wrist"):
-    wrist = Wrist(sensor, X_PE, CLOCK, generator(0, name))
-    taken, wrenches = [], []
-    for tick in range(count):
-        wrist.read(tick, tick * T, F_P, np.eye(3) if R_WP is None else R_WP)
-        taken.append(tick - wrist.taken)
+def wrist_readings(sensor, count, F_P, R_WP=None, **grasp):
+    """Ages and values at successive ticks of an arm that sees the payload turned by R_WP."""
+    changes = {"arm_sensors.left.wrist": sensor.model_dump(), "cell.grasps.left": grasp}
+    signals = SensorSignals(scenario_of("spatial", changes), [6, 6]).draw(count).arms[0]
+    wrist, wrenches = Wrist.at_rest(sensor.delay), []
+    for error, arrived in zip(signals.wrist_error, signals.wrist_arrived, strict=True):
+        wrist = wrist.step(F_P, error, np.eye(3) if R_WP is None else R_WP, arrived)
         wrenches.append(wrist.wrench)
-    return np.array(taken), np.array(wrenches)
+    return signals.wrist_age, np.array(wrenches)
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -139,9 +141,10 @@ def test_wrist_errors_are_as_stated_in_sensor_axes_about_the_tip(count):
         offset={"force": (5.0, 0.0, 0.0), "moment": (0.0, 0.0, 2.0)},
         drift={"force": 0.01, "moment": (0.0, -0.02, 0.0)},
     )
-    X_PE, R_WP = make_pose((0.1, -0.2, 0.3), (0.4, -0.9, 1.3)), make_pose(rpy=(0.2, 0.5, -0.7))[:3, :3]
+    grasp, R_WP = {"xyz": (0.1, -0.2, 0.3), "rpy": (0.4, -0.9, 1.3)}, make_pose(rpy=(0.2, 0.5, -0.7))[:3, :3]
+    X_PE = make_pose(*grasp.values())
     F_P = np.array((10.0, -5.0, 3.0, 0.3, 0.2, -0.4))
-    age, wrenches = wrist_readings(sensor, count, F_P, X_PE, R_WP)
+    age, wrenches = wrist_readings(sensor, count, F_P, R_WP, **grasp)
     assert_allclose(age, 0.0)
     X_WE = pin.SE3(R_WP, np.zeros(3)) * pin.SE3(X_PE)  # a second formulation: Pinocchio's forces
     in_sensor = np.array([X_WE.actInv(pin.Force(wrench)).vector for wrench in wrenches])
@@ -158,7 +161,7 @@ def test_wrist_errors_are_as_stated_in_sensor_axes_about_the_tip(count):
 def test_ages_of_a_delayed_slow_sensor_that_is_lost_and_returns():
     """Samples at ticks 0, 4, 8, ...; those of [0.1 s, 0.2 s), ticks 8 and 12, are lost; two ticks late."""
     sensor = cp.WristSensor(delay=2, rate_hz=20.0, lost=[(0.1, 0.2)], noise={"force": 1.0})
-    age, wrenches = wrist_readings(sensor, 24, np.ones(6), np.eye(4))
+    age, wrenches = wrist_readings(sensor, 24, np.ones(6))
     expected = [np.inf] * 2 + [2, 3, 4, 5] + list(range(2, 14)) + [2, 3, 4, 5] + [2, 3]
     assert age.tolist() == expected
     assert_allclose(wrenches[:2], 0.0)
@@ -166,7 +169,7 @@ def test_ages_of_a_delayed_slow_sensor_that_is_lost_and_returns():
     fresh = [age[k] < age[k - 1] + 1 for k in range(3, 24)]
     assert held == [not new for new in fresh]
     whole = cp.WristSensor(delay=2, rate_hz=20.0, noise={"force": 1.0})
-    assert_allclose(wrenches[-1], wrist_readings(whole, 24, np.ones(6), np.eye(4))[1][-1])
+    assert_allclose(wrenches[-1], wrist_readings(whole, 24, np.ones(6))[1][-1])
 
 
 @pytest.mark.parametrize("path", ["late", "low-pass"])
@@ -524,7 +527,7 @@ def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, rob
     first = simulation.sensing.start(plant.q, plant.v, simulation.references(0.0))
     torques = [measurement.holding_torque for measurement in first]
     assert max(np.abs(torque).max() for torque in torques) > 1.0
-    plant.hold(simulation.actuation.apply(0.0, CellCommand(torques, None), plant.q).force)
+    plant.drive(simulation.actuation.apply(0.0, CellCommand(torques, None), plant.q).torques)
     acceleration = plant.chain.mechanism.solver.acceleration(plant.q, plant.v, plant.generalised_force())
     assert np.abs(acceleration).max() < 1e-10
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.analysis import steady_errors
 from coop_pin.cli import main
-from coop_pin.description.controller import RedundantSlidingMode, SlidingModeGains
+from coop_pin.control import RedundantSlidingMode, SlidingModeGains
 from coop_pin.description.events import WrenchPulse
 from coop_pin.errors import ArgumentError, OutOfRangeError
 

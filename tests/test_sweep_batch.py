@@ -8,8 +8,9 @@ import pytest
 from faulty import law
 
 import coop_pin as cp
+from coop_pin import engine_choice
 from coop_pin.errors import FieldError, MissingExtraError
-from coop_pin.sweeps import SweepPlan, batch_job, engine_choice
+from coop_pin.sweeps import SweepPlan, batch_job, engine
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
@@ -24,7 +25,7 @@ def plan(**fields):
 
 def swept(chosen, folder):
     """The runs of a sweep, and the engine of each."""
-    result = cp.sweep(chosen, out=folder, workers=0, quiet=True)
+    result = cp.sweep(chosen, out=folder, execution=cp.Execution(workers=0, quiet=True))
     engines = {record.key: record.engine for record in SweepStore(folder).records()}
     return [result.point(n) for n in range(len(chosen))], [engines[p.key] for p in keyed_points(result.plan)]
 
@@ -66,7 +67,7 @@ def test_a_finished_batch_is_kept_and_values_that_come_later_are_simulated(tmp_p
 def test_what_a_run_gives_does_not_depend_on_the_runs_beside_it(tmp_path):
     axes = {"controller.gains.pose_gain": [5.0, 6.0], "cell.payload.mass": [1.0, 2.0]}
     together, _ = swept(plan(axes=axes), tmp_path / "together")
-    batch_job._simulators.clear()  # as in another process
+    batch_job._simulator.__init__()  # as in another process
     (alone,), _ = swept(plan(axes={field: values[1:] for field, values in axes.items()}), tmp_path / "alone")
     assert bits([alone]) == bits(together[3:])
     assert bits([alone]) != bits(together[:1])
@@ -88,12 +89,12 @@ def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(t
 def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 3)
     store = SweepStore(tmp_path)
-    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "batch"
+    assert engine.with_engine(plan(engine="auto"), store).engine == "batch"
     with caplog.at_level(logging.WARNING):
-        assert engine_choice.with_engine(plan(engine="auto", axes={}), store).engine == "single"
+        assert engine.with_engine(plan(engine="auto", axes={}), store).engine == "single"
     assert "1 runs are fewer than 3" in caplog.text
     store.write_plan(plan(engine="single"))  # as decided when llvmlite was not there
-    assert engine_choice.with_engine(plan(engine="auto"), store).engine == "single"
+    assert engine.with_engine(plan(engine="auto"), store).engine == "single"
 
 
 @pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])
@@ -101,19 +102,17 @@ def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, monkeypatch, 
     monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
     wanted = plan(changes=changes | {"plant.payload": "free"}, axes={})
     with caplog.at_level(logging.WARNING):
-        assert (
-            engine_choice.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
-        )
+        assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
     assert "free" in caplog.text
     with pytest.raises(FieldError, match="free") as caught:
-        engine_choice.with_engine(wanted, SweepStore(tmp_path))
+        engine.with_engine(wanted, SweepStore(tmp_path))
     assert caught.value.path == "engine"
 
 
 @pytest.mark.parametrize("mode", ["raise", "SystemExit", "KeyboardInterrupt"])
 def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its_own_run(mode, tmp_path):
     wanted = plan(changes=law(mode), axes={})
-    assert engine_choice.with_engine(wanted, SweepStore(tmp_path)).engine == "batch"
+    assert engine.with_engine(wanted, SweepStore(tmp_path)).engine == "batch"
     (run,), engines = swept(wanted, tmp_path)
     assert engines == ["single"]
     assert run.kind == {"raise": "UserCodeError"}.get(mode, mode)
@@ -136,9 +135,9 @@ def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypa
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
-    assert engine_choice.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
+    assert engine.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
     with pytest.raises(MissingExtraError):
-        engine_choice.with_engine(plan(), SweepStore(tmp_path))
+        engine.with_engine(plan(), SweepStore(tmp_path))
 
 
 def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():
@@ -151,5 +150,5 @@ def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():
 def test_workers_simulate_batches_with_the_bits_of_this_process(tmp_path):
     axes = {"controller.gains.pose_gain": list(np.linspace(5.0, 9.0, 150))}
     here, _ = swept(plan(axes=axes), tmp_path / "here")
-    there = cp.sweep(plan(axes=axes), out=tmp_path / "there", workers=2, quiet=True)
+    there = cp.sweep(plan(axes=axes), out=tmp_path / "there", execution=cp.Execution(workers=2, quiet=True))
     assert bits([there.point(n) for n in range(150)]) == bits(here)

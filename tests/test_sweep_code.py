@@ -170,7 +170,7 @@ def test_every_function_of_a_motion_and_every_metric_is_in_the_key(place, field)
 SWEEP = """
 import coop_pin as cp
 short = {"duration": 0.1, "events": [], "controller": {"kind": "user", "target": "own_law:Push"}}
-result = cp.sweep("adept-paper", out="kept", workers=WORKERS, quiet=True, changes=short)
+result = cp.sweep("adept-paper", out="kept", changes=short, execution=cp.Execution(WORKERS, quiet=True))
 print(repr(result.values("torque_peak_Nm").item()))
 """
 
@@ -197,21 +197,33 @@ def test_whoever_edits_a_controller_and_resumes_gets_the_new_one_and_keeps_the_o
 def test_a_process_that_loaded_the_old_code_does_not_compute_what_is_kept_as_the_new_code_s(place):
     write(place, {"own_old.py": LAW.format(gains="own_older"), "own_older.py": "TORQUE = 1.0\n"})
     plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_old:Push"))
-    assert sweep(plan, out=place / "kept", workers=0, quiet=True).values("torque_peak_Nm") == 1.0
+    assert (
+        sweep(plan, out=place / "kept", execution=cp.Execution(workers=0, quiet=True)).values(
+            "torque_peak_Nm"
+        )
+        == 1.0
+    )
     write(place, {"own_older.py": "TORQUE = 2.0\n", "own_newer.py": "from own_old import Push\n"})
     for name in ("own_old:Push", "own_newer:Push"):
         with pytest.raises(CodeChangedError, match=name):
-            sweep(plan.replace(changes=SHORT | user(name)), out=place / "kept", workers=0, quiet=True)
+            sweep(
+                plan.replace(changes=SHORT | user(name)),
+                out=place / "kept",
+                execution=cp.Execution(workers=0, quiet=True),
+            )
     assert stored(place) == 1
     assert (
-        sweep(plan, out=place / "kept", workers=1, quiet=True).values("torque_peak_Nm") == 2.0
+        sweep(plan, out=place / "kept", execution=cp.Execution(workers=1, quiet=True)).values(
+            "torque_peak_Nm"
+        )
+        == 2.0
     )  # its process is new
 
 
 def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(place, monkeypatch):
     write(place, {"own_race.py": LAW.format(gains="own_racing"), "own_racing.py": "TORQUE = 1.0\n"})
     plan = SweepPlan(base="adept-paper", changes=SHORT | user("own_race:Push"))
-    sweep(plan, out=place / "kept", workers=0, quiet=True)
+    sweep(plan, out=place / "kept", execution=cp.Execution(workers=0, quiet=True))
 
     def edited_meanwhile(*read):
         code = code_digests(*read)
@@ -219,7 +231,12 @@ def test_an_edit_between_two_readings_does_not_put_old_code_under_the_new_key(pl
         return code
 
     monkeypatch.setattr(keys, "code_digests", edited_meanwhile)
-    assert sweep(plan, out=place / "kept", workers=0, quiet=True).values("torque_peak_Nm") == 1.0
+    assert (
+        sweep(plan, out=place / "kept", execution=cp.Execution(workers=0, quiet=True)).values(
+            "torque_peak_Nm"
+        )
+        == 1.0
+    )
     assert SweepResult.load(place / "kept").counts() == {"ok": 0, "failed": 0, "missing": 1}
     assert stored(place) == 1
 
@@ -238,7 +255,8 @@ def mine(result):
     return {"mine": 1.0}
 try:
     short = {"duration": 0.1, "events": []}
-    cp.sweep("adept-paper", out="kept", workers=0, quiet=True, changes=short, metrics=(mine,))
+    here = cp.Execution(workers=0, quiet=True)
+    cp.sweep("adept-paper", out="kept", execution=here, changes=short, metrics=(mine,))
 except cp.CoopPinError as error:
     print(type(error).__name__, error)
 """
@@ -308,12 +326,12 @@ def test_failures_name_file_and_line_of_the_users_code_in_any_process(place, mon
     named = {at: user("own_laws.failing:Law")["controller"] | {"options": {"at": at}} for at in KINDS}
     cases = {"law": {at: {"controller": controller} for at, controller in named.items()}}
     plan = SweepPlan(base="adept-paper", changes=SHORT, cases=cases, metrics=("own_laws.failing:metric",))
-    found = sweep(plan, out=place / "here", quiet=True, workers=0).table
+    found = sweep(plan, out=place / "here", execution=cp.Execution(quiet=True, workers=0)).table
     lines = [next(n for n, line in enumerate(FAILING.splitlines(), 1) if f"# {at}" in line) for at in KINDS]
     for message, line, (at, (function, kind)) in zip(found["message"], lines, KINDS.items(), strict=True):
         assert f" at own_laws/failing.py:{line} in {function}: " in f" {message}", at
         assert found.loc[found["law"] == at, "failure"].item() == kind
-    there = sweep(plan, out=place / "there", quiet=True, workers=1).table
+    there = sweep(plan, out=place / "there", execution=cp.Execution(quiet=True, workers=1)).table
     assert there["message"].tolist() == found["message"].tolist()
 
     monkeypatch.chdir(place / "here")

@@ -45,8 +45,7 @@ def small(out, axes=None, **fields):
         "adept-paper",
         axes or {GAIN: [0.0, 0.1, 0.2]},
         out=out,
-        workers=0,
-        quiet=True,
+        execution=cp.Execution(workers=0, quiet=True),
         changes=SHORT,
         **fields,
     )
@@ -186,7 +185,7 @@ def test_values_that_a_scenario_refuses_are_failures_and_are_not_tried(tmp_path,
 
 def test_a_run_beyond_its_time_limit_is_given_up_and_tried_again_on_request(tmp_path, computed):
     plan = SweepPlan(base="adept-paper", changes=SHORT | law("slow"), time_limit_s=0.12)
-    options = {"out": tmp_path, "workers": 0, "quiet": True}
+    options = {"out": tmp_path, "execution": cp.Execution(workers=0, quiet=True)}
     (failure,) = sweep(plan, **options).failures
     assert failure.kind == "RunTimeoutError"
     sweep(plan, **options)
@@ -229,12 +228,17 @@ def test_ctrl_c_in_user_code_ends_the_sweep_and_is_no_failure_of_its_run(tmp_pat
 
 def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(FieldError, match="workers cannot import"):
-        sweep("adept-paper", out=tmp_path, workers=1, metrics=("__main__:mine",))
+        sweep("adept-paper", out=tmp_path, execution=cp.Execution(workers=1), metrics=("__main__:mine",))
 
 
 def test_an_absent_scheduler_is_a_typed_error(tmp_path):
     with pytest.raises(WorkersLostError, match="no dask scheduler"):
-        sweep("adept-paper", out=tmp_path, scheduler="tcp://127.0.0.1:9", quiet=True, changes=SHORT)
+        sweep(
+            "adept-paper",
+            out=tmp_path,
+            execution=cp.Execution(scheduler="tcp://127.0.0.1:9", quiet=True),
+            changes=SHORT,
+        )
 
 
 # ---------------------------------------------------------------- what is kept
@@ -309,11 +313,13 @@ WITHOUT_DASK = """
 import sys
 sys.modules["distributed"] = sys.modules["dask"] = None  # importing it raises from here on
 from coop_pin.errors import MissingExtraError
-from coop_pin.sweeps import sweep
+from coop_pin.sweeps import Execution, sweep
 short = {"duration": 0.1, "events": []}
-assert sweep("adept-paper", out="here", workers=0, quiet=True, changes=short).counts()["ok"] == 1
+here = Execution(workers=0, quiet=True)
+assert sweep("adept-paper", out="here", execution=here, changes=short).counts()["ok"] == 1
 try:
-    sweep("adept-paper", {"clock.rate_hz": [100]}, out="here", scheduler="tcp://127.0.0.1:9", quiet=True)
+    there = Execution(scheduler="tcp://127.0.0.1:9", quiet=True)
+    sweep("adept-paper", {"clock.rate_hz": [100]}, out="here", execution=there)
 except MissingExtraError as error:
     print(error)
 """

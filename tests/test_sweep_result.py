@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
-from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
+from coop_pin.sweeps import Execution, SweepPlan, SweepResult, linspace, sweep
 from coop_pin.sweeps.job import Outcome, Record
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
@@ -251,7 +251,7 @@ def test_the_posture_of_six_joint_arms_is_told_to_have_no_effect_and_that_of_sev
     spring = "controller.posture.stiffness"
     axes = {spring: [0.0, 30.0], "controller.gains.pose_gain": [0.5, 1.0]}
     short = {"duration": 0.02, "events": []}
-    result = sweep(scenario, axes, out=tmp_path, workers=0, quiet=True, changes=short)
+    result = sweep(scenario, axes, out=tmp_path, execution=Execution(workers=0, quiet=True), changes=short)
     assert result.counts()["ok"] == 4
     assert result.fields_without_effect() == [spring] * idle
     assert (f"no effect on any metric here: {spring}" in result.summary()) == idle

@@ -239,7 +239,11 @@ def test_a_folder_of_an_older_version_is_refused_with_words_and_left_alone(store
     old = store.folder / "runs" / "ab" / f"{KEY}.json"
     old.parent.mkdir(parents=True)
     old.write_text("{}")
-    for use in (SweepStore, SweepResult.load, lambda folder: sweep("adept-paper", out=folder, workers=0)):
+    for use in (
+        SweepStore,
+        SweepResult.load,
+        lambda folder: sweep("adept-paper", out=folder, execution=cp.Execution(workers=0)),
+    ):
         with pytest.raises(FileReadError, match="older version"):
             use(store.folder)
     assert [path for path in store.folder.rglob("*") if path.is_file()] == [old]

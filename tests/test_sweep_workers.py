@@ -39,7 +39,7 @@ def tables(folder):
 @pytest.fixture(scope="module")
 def in_process(tmp_path_factory):
     folder = tmp_path_factory.mktemp("in-process")
-    return sweep(PLAN, out=folder, workers=0, quiet=True), tables(folder)
+    return sweep(PLAN, out=folder, execution=cp.Execution(workers=0, quiet=True)), tables(folder)
 
 
 def descendants(mark="", process=None):
@@ -91,7 +91,7 @@ def test_workers_give_the_bits_of_a_single_process_and_listen_nowhere(tmp_path, 
     result, table = in_process
     watcher = Watcher()
     watcher.start()
-    found = sweep(PLAN, out=tmp_path, workers=workers, quiet=True)
+    found = sweep(PLAN, out=tmp_path, execution=cp.Execution(workers=workers, quiet=True))
     watcher.done.set()
     watcher.join()
     assert found.data.identical(result.data)
@@ -131,7 +131,7 @@ def test_runs_that_hang_exit_crash_or_eat_memory_are_recorded_and_the_rest_goes_
     plan = SweepPlan(
         base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=1.5
     )
-    result = sweep(plan, out=tmp_path, workers=2, quiet=True)
+    result = sweep(plan, out=tmp_path, execution=cp.Execution(workers=2, quiet=True))
     seen = {failure.number: failure.kind for failure in result.failures}
     assert [seen.get(i) for i in range(len(modes))] == [KINDS[mode] for mode in modes]
     assert result.counts()["missing"] == 0
@@ -205,9 +205,11 @@ def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only(monkeyp
     monkeypatch.setattr(Worker, "close", lambda worker: closed.append(worker))
     monkeypatch.setattr(backend, "_workers", {})
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
-        ((first,), (second,)) = (pool.submit(backend.compute, "a", []).result() for pool in (one, other))
-        assert one.submit(backend.compute, "a", []).result() == [first]
-        (third,) = one.submit(backend.compute, "b", []).result()
+        ((first,), (second,)) = (
+            pool.submit(backend.run_in_thread, "a", []).result() for pool in (one, other)
+        )
+        assert one.submit(backend.run_in_thread, "a", []).result() == [first]
+        (third,) = one.submit(backend.run_in_thread, "b", []).result()
         assert first in closed
         assert second not in closed
         backend.close_workers("a")
@@ -276,7 +278,7 @@ def test_a_worker_stopped_for_ever_is_killed_at_its_time_limit_and_its_run_repea
     plan = SweepPlan(
         base="adept-paper", changes={"duration": 0.05, "events": []}, cases={"law": laws}, time_limit_s=1.0
     )
-    result = sweep(plan, out=tmp_path / "out", workers=1, quiet=True)
+    result = sweep(plan, out=tmp_path / "out", execution=cp.Execution(workers=1, quiet=True))
     assert (tmp_path / "stopped").exists()
     assert result.failures == []
     assert result.counts() == {"ok": 2, "failed": 0, "missing": 0}

@@ -188,6 +188,38 @@ def test_what_the_page_says_is_what_is_found(measure):
         assert 0.1 < max(now.difference, 1e-15) / max(written, 1e-15) < 10.0, name
 
 
+# ---------------------------------------------------------------- tools/statements.py
+
+
+def test_statements_are_counted_inside_others_and_docstrings_are_not():
+    source = '''"""Module."""
+X = 1
+"""Meaning of X."""
+
+
+def f(a):
+    """Return a."""
+    if a:
+        return a
+'''
+    assert tool("statements").statements(source) == 4
+
+
+def test_statements_of_every_package_are_in_the_table():
+    table = tool("statements").table()
+    entries = {file.stem for file in (REPOSITORY / "coop_pin").glob("*.py")}
+    entries |= {file.parent.name for file in (REPOSITORY / "coop_pin").glob("*/__init__.py")}
+    assert set(table) == entries
+    assert all(files >= 1 and size >= 1 for files, size in table.values())
+    done = subprocess.run(
+        [sys.executable, str(REPOSITORY / "tools" / "statements.py")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split()[-2:] == [str(sum(column)) for column in zip(*table.values(), strict=True)]
+
+
 # ---------------------------------------------------------------- tools/mutate.py
 
 

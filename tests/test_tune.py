@@ -33,15 +33,20 @@ from coop_pin.errors import (
     UnknownFieldError,
 )
 from coop_pin.sweeps import Sample, SweepResult, backend, engine
+from coop_pin.sweeps.optimisation import Bound, Objective
+from coop_pin.sweeps.optimisation import search as find
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.tuner import Bound, Objective
-from coop_pin.sweeps.tuner import search as find
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})
 PEAK, RMS = "torque_peak_Nm", "internal_shear_rms_N"
 RANGES = {GAIN: (0.5, 6.0)}
-OPTIONS = {"minimize": PEAK, "generations": 1, "population": 5, "workers": 0, "quiet": True}
+OPTIONS = {
+    "minimize": PEAK,
+    "generations": 1,
+    "population": 5,
+    "execution": cp.Execution(workers=0, quiet=True),
+}
 
 
 @pytest.fixture
@@ -250,7 +255,9 @@ def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_pro
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Objective, "read", read)
-        found = cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"workers": 2})
+        found = cp.tune(
+            SHORT, RANGES, out=tmp_path, **OPTIONS | {"execution": cp.Execution(workers=2, quiet=True)}
+        )
     assert killed
     assert pools == [2]
     assert found.history.data.identical(undisturbed.history.data)
@@ -260,7 +267,7 @@ def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_pro
 
 def test_a_search_that_finds_all_its_runs_starts_no_workers(tmp_path, search, pools):
     shutil.copytree(search[1], tmp_path, dirs_exist_ok=True)
-    cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"workers": 2})
+    cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS | {"execution": cp.Execution(workers=2, quiet=True)})
     assert pools == []
 
 
@@ -315,7 +322,12 @@ def test_a_metric_that_runs_do_not_have_is_refused_with_those_they_have(tmp_path
 def test_code_that_workers_cannot_import_is_refused_in_the_package_s_own_words(tmp_path):
     mine = SHORT.override({"controller": {"kind": "user", "target": "__main__:Law"}})
     with pytest.raises(FieldError, match="workers cannot import"):
-        cp.tune(mine, {"cell.payload.mass": (1.0, 2.0)}, out=tmp_path, **OPTIONS | {"workers": 1})
+        cp.tune(
+            mine,
+            {"cell.payload.mass": (1.0, 2.0)},
+            out=tmp_path,
+            **OPTIONS | {"execution": cp.Execution(workers=1, quiet=True)},
+        )
 
 
 def test_without_optuna_tune_says_what_to_install(tmp_path, monkeypatch):

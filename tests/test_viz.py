@@ -465,7 +465,7 @@ def test_the_page_refers_to_nothing_outside_itself(replay: Replay) -> None:
     style = re.search(r"<style>(.*?)</style>", replay.page, re.DOTALL)[1]
     assert "url(" not in style
     assert "@import" not in style
-    ours = "".join(Path(viz.__file__).parent.joinpath("page", name).read_text() for name in SCRIPTS)
+    ours = "".join(Path(viz.__file__).parent.joinpath("web", name).read_text() for name in SCRIPTS)
     assert not re.search(r"fetch\(|XMLHttpRequest|import\(|https?://", ours)
     assert replay.data["live"] is False  # so that no WebSocket is opened
 

@@ -124,9 +124,9 @@ def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wh
     assert {
         "coop_pin/py.typed",
         "coop_pin/urdf/adept_3dof.urdf",
-        "coop_pin/viz/page/player.js",
-        "coop_pin/viz/page/uplot/uPlot.iife.min.js",
-        "coop_pin/report/page/report.html",
+        "coop_pin/viz/web/player.js",
+        "coop_pin/viz/web/uplot/uPlot.iife.min.js",
+        "coop_pin/viz/web/report.html",
     } <= names
     assert {f"coop_pin/description/scenarios/{name}.toml" for name in scenario_names()} <= names
 

@@ -3,10 +3,9 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
-from coop_pin.analysis.gain_suggestion import Suggestion, suggest
-from coop_pin.analysis.gain_tuning import GainProposal, gain_proposal
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
+from coop_pin.analysis.proof import theorem_monitor
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
@@ -25,8 +24,9 @@ from coop_pin.analysis.statics import (
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
 from coop_pin.analysis.step_size import StepSize, fewest_steps
+from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
-from coop_pin.analysis.theorem_monitor import theorem_monitor
+from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 
 __all__ = [
     "ArmReach",

@@ -13,7 +13,7 @@ from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _APPROACH_POSES = 20
 _BISECTIONS = 20
@@ -27,8 +27,8 @@ class Unreachable(NamedTuple):
     """Part of the path that is out of an arm's reach.
 
     Attributes:
-        time: when the arm first cannot follow, s.
-        gap_time: when the gap is largest, s.
+        time: time from which the arm cannot follow, s.
+        gap_time: time of the largest gap, s.
         gap_m: the least distance between tip and grasp then.
         gap_rad: the angle between them at that distance.
         other_branch: the pose is reachable, but not on the branch of the path; then the gap is that of its
@@ -61,7 +61,7 @@ class JointLimitMargin(NamedTuple):
     """Joint near or beyond a position limit.
 
     Attributes:
-        joint: its name.
+        joint: joint name.
         time: s.
         value: joint position, rad or m.
         lower: lower limit.
@@ -86,10 +86,10 @@ class FastestJoint(NamedTuple):
     """Joint that comes closest to its velocity limit, or exceeds it most.
 
     Attributes:
-        joint: its name.
+        joint: joint name.
         time: s.
         speed: rad/s or m/s.
-        limit: of its speed.
+        limit: limit of the speed.
         unit: "rad/s" or "m/s".
     """
 
@@ -166,26 +166,25 @@ class PathFollowing:
         q: configurations, shape (n, nq).
         sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
             (n,).
-        condition: its condition number, shape (n,).
+        condition: condition number of it, shape (n,).
     """
 
-    def __init__(self, scenario: Scenario, model: ArmModel, path: PayloadPath, q: Array) -> None:
+    def __init__(self, model: CellArm, path: PayloadPath, q: Array) -> None:
         """Follow the path.
 
         Args:
-            scenario: of the arm.
-            model: the arm, with its grasp.
-            path: of the payload.
-            q: a configuration that holds it at the first pose, shape (nq,).
+            model: The arm, with its grasp.
+            path: Path of the payload.
+            q: Configuration that holds it at the first pose, shape (nq,).
         """
         self._model, self._path, self._solver = model, path, IKSolver(model)
-        posture = scenario.cell.arms[model.name].posture
+        posture = model.description.posture
         self._near = q if posture is None else model.posture(posture)
         self._solutions = self._solver.follow(list(path.poses), q, self._near)
         self.q = frozen(np.stack([solution.q for solution in self._solutions]))
         self._reached = np.array([solution.is_closed for solution in self._solutions])
-        rows, from_drive = scenario.cell.task_rows, np.linalg.inv(model.drive)
-        self._jacobians = np.stack([rows.select(model.payload_jacobian(q)) @ from_drive for q in self.q])
+        rows = model.rows
+        self._jacobians = np.stack([model.task_jacobian(q) for q in self.q])
         sigma = np.zeros((len(self.q), rows.size))
         sigma[:, : model.nv] = np.linalg.svd(self._jacobians, compute_uv=False)
         self.sigma_min = frozen(sigma[:, -1])
@@ -194,7 +193,7 @@ class PathFollowing:
         drive_rates = [
             np.linalg.pinv(J) @ rows.select(V) for J, V in zip(self._jacobians, path.twists, strict=True)
         ]
-        self._rates = np.stack(drive_rates) @ from_drive.T
+        self._rates = np.stack(drive_rates) @ model.from_drive.T
 
     def unreachable(self) -> Unreachable | None:
         """Return when the arm first cannot follow, to a millionth of the spacing, and the largest gap."""

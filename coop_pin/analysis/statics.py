@@ -9,9 +9,8 @@ import numpy as np
 
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.arrays import Array, frozen
-from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 
 
@@ -19,9 +18,9 @@ class DriveTorque(NamedTuple):
     """Largest static torque of one drive, with the part of each cause.
 
     Attributes:
-        arm: its name.
+        arm: arm name.
         joint: the joint with the same index as the drive.
-        time: when the torque is largest, s.
+        time: time of the largest torque, s.
         weight: part for the arm's own weight; the parts have the sign of the torque, a negative one relieves
             the drive.
         load: part for the arm's share of the payload's weight.
@@ -64,13 +63,13 @@ class ArmStatics:
     """Static torques of the drives of one arm along the motion, N m (N at a prismatic joint).
 
     Attributes:
-        arm: its name.
+        arm: arm name.
         joints: names of its joints, in the order of its drives.
-        units: of the torques.
+        units: units of the torques.
         times: s, shape (n,).
-        weight: for the arm's own weight, shape (n, k).
-        load: for its share of the payload's weight, shape (n, k).
-        squeeze: for its desired internal wrench, shape (n, k).
+        weight: torque for the arm's own weight, shape (n, k).
+        load: torque for its share of the payload's weight, shape (n, k).
+        squeeze: torque for its desired internal wrench, shape (n, k).
         limit: torques at which the drives saturate, shape (k,).
     """
 
@@ -87,6 +86,11 @@ class ArmStatics:
     def torque(self) -> Array:
         """The whole static torque, shape (n, k)."""
         return self.weight + self.load + self.squeeze
+
+    @property
+    def used(self) -> Array:
+        """Parts of the limits that weight and load share need, shape (n, k)."""
+        return np.abs(self.weight + self.load) / self.limit
 
     def drives(self) -> tuple[DriveTorque, ...]:
         """Return the largest torque of each drive; none if the arm has no configurations."""
@@ -116,7 +120,7 @@ class StaticTorques:
     """Static torques of a cell along its motion.
 
     Attributes:
-        arms: in the order of the cell.
+        arms: torques in the order of the cell.
     """
 
     arms: tuple[ArmStatics, ...]
@@ -171,8 +175,8 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     are.
 
     Args:
-        scenario: what would be run.
-        poses: as for reachability.
+        scenario: scenario that would be run.
+        poses: number of poses, as for reachability.
 
     Raises:
         ArgumentError: fewer than two poses.
@@ -181,16 +185,16 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     return statics_along(scenario, reachability(scenario, poses=poses))
 
 
-def statics_along(scenario: Scenario, found: Reachability) -> StaticTorques:
+def statics_along(scenario: Scenario, cell_reach: Reachability) -> StaticTorques:
     """Return the static torques at the configurations of a scenario's reachability.
 
     Out of reach these are the nearest ones; an arm that cannot hold the start has none.
 
     Args:
-        scenario: what is asked of the arms.
-        found: its reachability.
+        scenario: motion, payload and squeeze.
+        cell_reach: reachability of the scenario.
     """
-    return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in found.arms))
+    return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in cell_reach.arms))
 
 
 def start_torques(simulation: Simulation) -> StaticTorques:
@@ -205,22 +209,15 @@ def start_torques(simulation: Simulation) -> StaticTorques:
 
 
 def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Array) -> ArmStatics:
-    cell, model = scenario.cell, ArmModel.from_cell(scenario.cell, name)
-    index, rows, rest = list(cell.arms).index(name), cell.task_rows, np.zeros(model.nv)
-    share = float(cell.shares[index])
+    cell, model = scenario.cell, CellArm(scenario.cell, name)
+    index, rows, rest = list(cell.arms).index(name), model.rows, np.zeros(model.nv)
     parts = np.zeros((3, len(times), model.nv))
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
-        F_load = share * _mass(scenario, float(time)) * np.array(cell.gravity)
+        F_load = model.share * scenario.payload_at(float(time)).mass * np.array(cell.gravity)
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
-    weight, load, squeeze = (frozen(part) for part in parts @ np.linalg.inv(model.drive))
+    weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)
     joints = model.limits.joints
     units = tuple("N m" if unit == "rad" else "N" for unit in joints.units)
     return ArmStatics(name, tuple(joints.names), units, times, weight, load, squeeze, model.limits.torque)
-
-
-def _mass(scenario: Scenario, time: float) -> float:
-    """Return the payload's mass after the changes up to a time, kg."""
-    past = [event for event in scenario.events if isinstance(event, PayloadChange) and event.time <= time]
-    return max(past, key=lambda change: change.time).mass if past else scenario.cell.payload.mass

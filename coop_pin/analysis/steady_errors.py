@@ -10,26 +10,33 @@ import numpy as np
 
 from coop_pin.arrays import Array, as_positive, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control import Switching
-from coop_pin.control.bounds import force_loop_is_stable
+from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
 from coop_pin.control.terms import jacobian_inverse
-from coop_pin.description.controller import Law, NoForcePath, PayloadSpace, SlidingMode, UserController
-from coop_pin.description.controller_checks import sampled_loop
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 
 _LARGEST_DELAY = 200
 """A loop that is stable at this delay, ticks, counts as stable at any."""
-_LARGEST_SAG = 1.0
-"""A load that is not carried within it counts as dropped, m."""
+_NEEDED = {
+    "internal wrench": "the internal wrench",
+    "own wrench": "each arm's own wrist wrench",
+    "wrenches of all arms": "the wrist wrenches of all arms",
+    "states of all arms": "the states of all arms",
+    "model": "a model of arms and payload",
+    "regressor": "the regressors of arms and payload",
+    "role": "who leads",
+}
+"""Needs of laws as text."""
+_EXCHANGED = {"internal wrench", "wrenches of all arms"}
 
 
 class SteadyErrors(NamedTuple):
     """Steady errors of a law at rest, and what it needs.
 
     Attributes:
-        needs: what the law measures, besides joint positions and velocities.
+        needs: quantities that the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
@@ -38,7 +45,7 @@ class SteadyErrors(NamedTuple):
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
-            all loads up to D, if arms act each on its own view; force times sag of a linear one is this, N m.
+            all loads up to D; force times sag of a linear one is exactly this, N m.
         balanced: the anchor gain with which the load sags as far as the bias moves the payload, c b, which
             leaves (1 - c) D of internal force; NaN but for the own-wrist law.
     """
@@ -58,7 +65,8 @@ class SteadyErrors(NamedTuple):
         crossing = f"{self.wrenches} wrenches cross" if self.wrenches else "nothing crosses"
         further = f"with {self.delay:g} more ticks of" if math.isfinite(self.delay) else "at any"
         stable = f"; stable {further} delay" if "wrench" in self.needs else ""
-        lines = [f"the law needs {self.needs}, no model; {crossing} between the arms at each tick{stable}"]
+        model = "" if "model" in self.needs or "regressors" in self.needs else ", no model"
+        lines = [f"the law needs {self.needs}{model}; {crossing} between the arms at each tick{stable}"]
         if not math.isnan(self.force):
             force = (
                 f"{self.force:.3g} N of internal force" if math.isfinite(self.force) else "a growing force"
@@ -73,7 +81,7 @@ class SteadyErrors(NamedTuple):
             )
         if self.product:
             lines.append(
-                "no equal laws of these measurements, each on its own view, have force times (sag + bias)"
+                f"no equal laws of these measurements, each on its own view, have force times (sag + bias)"
                 f" below {self.product:.3g} N m"
             )
         return "\n".join(lines)
@@ -85,7 +93,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     The formulas stand on the pages "Proofs of the payload-space law" and "Choose a law" of the documentation.
 
     Args:
-        scenario: with a law of coop_pin.
+        scenario: scenario with a law of coop_pin.
         bias: kinematic bias of the position of one arm's tip, m; the worst arm and direction are taken.
         load: constant force on the payload that the law does not know, N: for the own-wrench law the error of
             the stated weight, for the leaky law what the holding torques did not carry.
@@ -95,131 +103,74 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         SingularJacobianError, UnreachablePoseError: of law (23), where an arm cannot hold the start.
     """
     require_type("scenario", scenario, Scenario)
-    bias, load, law = as_positive("bias", bias), as_positive("load", load), scenario.controller
-    if isinstance(law, UserController):
+    bias, load = as_positive("bias", bias), as_positive("load", load)
+    law: Any = scenario.controller
+    if law.user_code:
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
-    internal = not isinstance(law.force_path, NoForcePath)
-    own = isinstance(law, PayloadSpace) and law.payload_mass is not None and not internal
-    exchanges = internal and (isinstance(law, PayloadSpace) or law.gains.force_gain > 0.0)
-    needs = "forward kinematics and Jacobians"
-    if isinstance(law, PayloadSpace):
-        needs += ", the holding torque once"
-    if exchanges or own:
-        needs += " and the internal wrench" if exchanges else " and each arm's own wrist wrench"
-    shares, force, sag, balanced = [float(c) for c in scenario.cell.shares], math.nan, math.nan, math.nan
-    if isinstance(law, PayloadSpace):
-        directions = _directions(scenario, law, internal=internal, own=own)
+    exchanges, own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
+    shares, (force, sag), balanced = scenario.cell.shares.tolist(), (math.nan, math.nan), math.nan
+    loop = law.loop(scenario.timing)
+    period = loop.every * scenario.clock.period
+    if directions := law.steady_directions(scenario.cell.task_rows, period):
         force = max(direction.force(share, bias) for direction in directions for share in shares)
-        sag = max(direction.sag(load) for direction in directions)
+        sag = max(_sag(direction, load) for direction in directions)
         if own:
-            beta = min(direction.integral_of(min(shares) * bias) for direction in directions) / load
-            balanced = beta * _anchor_period(scenario, law)
-    elif isinstance(law, SlidingMode):
-        force, sag = _joint_space(scenario, law, bias, load)
+            rate = min(direction.integral(min(shares) * bias) for direction in directions)
+            balanced = rate / load * period
+    elif springs := _joint_springs(scenario):
+        force, sag = _held_by_springs(scenario, springs, bias, load, loop.force_gain)
     return SteadyErrors(
-        needs=needs,
+        needs=" and ".join(["forward kinematics and Jacobians", *(_NEEDED[need] for need in law.needs)]),
         wrenches=len(shares) if exchanges else 0,
-        delay=_largest_delay(scenario, law) if exchanges or own else math.inf,
+        delay=_largest_delay(loop) if exchanges or own else math.inf,
         bias=bias,
         load=load,
         force=force,
         sag=sag,
-        product=0.0 if internal else max(c * (1.0 - c) for c in shares) * bias * load,
+        product=0.0
+        if law.force_path.measures or "role" in law.needs
+        else max(c * (1.0 - c) for c in shares) * bias * load,
         balanced=balanced,
     )
 
 
-class _Direction(NamedTuple):
-    """The payload-space law at rest in one direction of the position.
+def _sag(direction: SteadyDirection, load: float) -> float:
+    """Return the error at which a load is held, m."""
+    from scipy.optimize import brentq  # slow to load
 
-    Attributes:
-        spring: K gamma, N/m; 0 where an anchor takes its part out of the internal force or the load.
-        integral: K alpha, N/s.
-        gamma: 1/s.
-        switching: phi.
-        internal_rate: beta, or lambda where nothing is measured, 1/s.
-        load_rate: at which the integral's sum loses the load, 1/s; 0 if it does not.
-    """
-
-    spring: float
-    integral: float
-    gamma: float
-    switching: Switching
-    internal_rate: float
-    load_rate: float
-
-    def held(self, error: float, rate: float) -> float:
-        """Return spring x + K alpha phi(gamma x) / rate, N: what an arm with the whole share holds."""
-        integral = self.integral_of(error)
-        return self.spring * error + (integral / rate if rate else math.inf if integral else 0.0)
-
-    def integral_of(self, error: float) -> float:
-        """Return K alpha phi(gamma x), N/s."""
-        return self.integral * float(self.switching(np.array(self.gamma * error)))
-
-    def force(self, share: float, bias: float) -> float:
-        """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
-        return share * self.held((1.0 - share) * bias, self.internal_rate)
-
-    def sag(self, load: float) -> float:
-        """Return the error at which the load is held, m."""
-        from scipy.optimize import brentq  # slow to load
-
-        if not self.load_rate and self.integral:
-            return 0.0
-        if self.held(_LARGEST_SAG, self.load_rate) < load:
-            return math.inf
-        return float(brentq(lambda x: self.held(x, self.load_rate) - load, 0.0, _LARGEST_SAG, xtol=1e-12))
+    if not direction.load_rate and direction.integral(LARGEST_SAG):
+        return 0.0
+    if direction.held(LARGEST_SAG, direction.load_rate) < load:
+        return math.inf
+    missing = lambda x: direction.held(x, direction.load_rate) - load  # noqa: E731
+    return float(brentq(missing, 0.0, LARGEST_SAG, xtol=1e-12))
 
 
-def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: bool) -> list[_Direction]:
-    """Return the law in each linear task row."""
-    rows, gains = scenario.cell.task_rows, law.gains
-    gamma, K, alpha = (
-        np.diagonal(_matrix(gain, rows.size))
-        for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
-    )
-    beta, leak = (
-        gains.anchor_gain / _anchor_period(scenario, law),
-        law.leak_of(next(iter(scenario.cell.arms))),
-    )
-    anchored = (internal or own) and beta > 0.0
-    return [
-        _Direction(
-            spring=0.0 if anchored else float(K[row] * gamma[row]),
-            integral=float(K[row] * alpha[row]),
-            gamma=float(gamma[row]),
-            switching=law.switching,
-            internal_rate=beta if internal or own else leak,
-            load_rate=0.0 if internal else beta if own else leak,
-        )
-        for row, index in enumerate(rows.indices)
-        if index < 3
-    ]
+def _joint_springs(scenario: Scenario) -> list[Array]:
+    """Return the spring of each arm at the start, for square Jacobians; none where its law knows none."""
+    cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
+    q, springs = chain.configuration(scenario.start.matrix), list[Array]()
+    for arm in chain.model.arms:
+        J = CellArm(cell, arm.name).task_jacobian(q[arm.q_slice])
+        if J.shape[0] != J.shape[1]:
+            return []
+        spring = scenario.controller.joint_spring(arm.name, jacobian_inverse(J, 0.0))
+        if spring is None:
+            return []
+        springs.append(spring)
+    return springs
 
 
-def _anchor_period(scenario: Scenario, law: PayloadSpace) -> float:
-    """Return the time from one anchor to the next, s."""
-    return sampled_loop(law.force_path, scenario.wrists, 0.0).every * scenario.clock.period
+def _held_by_springs(
+    scenario: Scenario, springs: list[Array], bias: float, load: float, force_gain: float
+) -> tuple[float, float]:
+    """Return force and sag of arms that are springs B_i against the pose that each sees.
 
-
-def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float) -> tuple[float, float]:
-    """Return force and sag of law (23) at the start, for square Jacobians.
-
-    Without its integrals arm i is a spring B_i = J_i^-T K_d J_i^-1 gamma against the pose that it sees:
     sum_i B_i (x + b_i) = 0 and (1 + K_f) ftilde_i = B_i (x + b_i).
     """
-    rows, chain = scenario.cell.task_rows, CellChain(scenario.cell, scenario.plant)
-    q = chain.configuration(scenario.start.matrix)
-    springs = []
-    for place in chain.model.arms:
-        gains, k = law.gains_of(place.name), place.drive.shape[0]
-        if np.any(gains.sign_gain):
-            return math.inf, 0.0
-        J = ArmModel.from_cell(scenario.cell, place.name).payload_jacobian(q[place.q_slice])
-        J_inverse = jacobian_inverse(rows.select(J) @ np.linalg.inv(place.drive), 0.0)
-        K_d, gamma = (_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
-        springs.append(J_inverse.T @ K_d @ J_inverse @ gamma)
+    if not np.isfinite(springs).all():
+        return math.inf, 0.0
+    rows = scenario.cell.task_rows
     linear = np.ix_(*[[row for row, index in enumerate(rows.indices) if index < 3]] * 2)
     compliance, eye = np.linalg.inv(sum(springs)), np.eye(rows.size)
     force = max(
@@ -228,25 +179,14 @@ def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float)
         for j, B_j in enumerate(springs)
     )
     sag = float(np.linalg.norm(compliance[linear], 2)) * load
-    return force * bias / (1.0 + law.gains.force_gain), sag
+    return force * bias / (1.0 + force_gain), sag
 
 
-def _matrix(gain: Any, size: int) -> Array:
-    """Return a gain as a matrix, shape (size, size): a number or a diagonal stands for one."""
-    return np.array(gain) * np.eye(size) if np.ndim(gain) < 2 else np.array(gain)
-
-
-def _largest_delay(scenario: Scenario, law: Law) -> float:
+def _largest_delay(loop: SampledLoop) -> float:
     """Return the largest delay beyond the stated ones at which force feedback is stable, ticks; -1 for none.
 
     Found by bisection: a loop that is stable at a delay is stable at every smaller one.
     """
-    loop = sampled_loop(law.force_path, scenario.wrists, scenario.actuator_lag)._asdict()
-    stated, loop["force_gain"] = loop.pop("delay"), law.gains.force_gain
-    anchor_gain = law.gains.anchor_gain if isinstance(law, PayloadSpace) else 0.0
-
-    def unstable(further: int) -> bool:
-        return not force_loop_is_stable(anchor_gain, delay=stated + further, **loop)
-
-    found = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
-    return math.inf if found == _LARGEST_DELAY else float(found)
+    delays = range(_LARGEST_DELAY + 1)
+    largest = bisect_left(delays, True, key=lambda further: not loop.is_stable(further)) - 1
+    return math.inf if largest == _LARGEST_DELAY else float(largest)

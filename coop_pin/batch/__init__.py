@@ -5,7 +5,6 @@ numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast``
 """
 
 from coop_pin.batch.c_export import CLaw, export_c
-from coop_pin.batch.preparation import families
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
 from coop_pin.batch.support import plant_reason, support
 from coop_pin.tracing.llvm_machine import require_compiler
@@ -15,7 +14,6 @@ __all__ = [
     "BatchSimulator",
     "CLaw",
     "export_c",
-    "families",
     "plant_reason",
     "require_compiler",
     "simulate_batch",

@@ -8,6 +8,7 @@ import numpy as np
 
 from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
+from coop_pin.chain.integrators import RK4
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.simulation.transmission import Friction
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
@@ -15,8 +16,8 @@ from coop_pin.tracing.tape import Number
 from coop_pin.tracing.traced_array import parts, traced
 from coop_pin.tracing.tree import SharedFunctions, rebuilt
 
-STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
-"""Of the classical Runge-Kutta method: nodes, also the coefficients of the stage before, and weights."""
+_STAGES = tuple(zip(RK4.c, RK4.b.tolist(), strict=True))
+"""Nodes and weights; a stage starts from the one before alone, whose coefficient is the node."""
 
 STEPS_AT_ONCE = 64
 """Plant steps of one call."""
@@ -88,7 +89,7 @@ def write_step(kernel: Kernel, functions: SharedFunctions, plant: PlantNumbers) 
     q, v, force = state = PlantState.of(kernel)
     h, rates, work, N = kernel.uniform("h"), kernel.read("rates"), kernel.read("work"), len(q)
     q_end, v_end = q, v
-    for node, weight in STAGES:
+    for node, weight in _STAGES:
         if node > 0.0:
             state = PlantState(q + node * h * state.v, v + node * h * rates[:N], force)
             rates = traced(functions.call(kernel.tape, rates_at, plant, state))

@@ -2,46 +2,43 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.run_constants import run_constants, start
-from coop_pin.batch.signals import RunShape, errors, references, signal_layout
+from coop_pin.batch.constants import run_constants, start
+from coop_pin.batch.signals import RunShape, columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
-from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.results.dataset import without_time
-from coop_pin.results.quantities import quantities
+from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import leaves, structure
 
-_OTHERS = {"controller", "beyond_bound", "seed"}
-"""Fields of a scenario that reach its controller and signals only."""
-_PLANT = set(Scenario.model_fields) - _OTHERS - {"name", "summary", "trust"}
-"""Fields that make its plant."""
-_NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
-"""Of JSON without blanks."""
+_PLANT = set(Scenario.model_fields) - {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
+"""Fields of a scenario that make the plant; of the controller, its class and force path do."""
 
 
 class Plant:
     """Plant of one or more runs, before they run.
 
     Attributes:
-        scenario: of the newest of them.
-        run: a simulation of the first, at its start.
-        constants: its numbers, the controller's last.
-        values: leaves of the others.
-        start: of the runs.
-        shape: of the runs.
-        layout: of the signals of a tick.
+        run: simulation of the first run, at its start.
+        models: models of the arms, for controllers.
+        constants: numbers of the first run, the controller's last.
+        values: leaves of the constants, the controller's apart.
+        start: initial state of the runs.
+        shape: shape of the runs.
+        desired: desired motion and squeeze at all ticks.
+        example: signals of a tick.
         table: quantities of the runs.
+        read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
+            batch.
         labels: names and limits of arms and joints.
         kind: what the runs of a batch must share besides numbers, the controller apart.
     """
@@ -55,45 +52,37 @@ class Plant:
         """
         if reason := plant_reason(scenario.plant):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
-        self.scenario, self.run = scenario, Simulation(scenario, build_controller(scenario))
-        self._models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}
+        self.run = Simulation(scenario, build_controller(scenario))
+        self.models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}
         self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
         others = self.constants._replace(controller=None)
         self.values, self.shape = leaves(others), RunShape.of(scenario)
-        self.kind = structure(others), self.shape, _times(scenario)
-        self._references, self._signals = references(self.run), dict[int, Array]()
-        self._joints = [len(place.drive) for place in self.run.plant.chain.model.arms]
-        self.layout = signal_layout(len(self._joints), sum(self._joints))
+        self.kind = structure(others), self.shape, tuple(scenario.cell.arms), _times(scenario)
+        self.desired = desired_of(self.run)
+        self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
+        drawn = run_signals(scenario, self.desired, self._joints)
+        self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
         recorder, self.table = self.run.recorder, quantities(scenario)
-        self.labels = without_time(scenario, [own for _, own in recorder.joints], recorder.limit_table())
-
-    def controller(self, scenario: Scenario) -> CellController:
-        """Return the controller of a run of this plant."""
-        return build_controller(scenario, self._models)
+        self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
+        self.labels = without_time(scenario, [names for _, names in recorder.joints], recorder.limit_table())
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
         if scenario.seed not in self._signals:
-            self._signals = {scenario.seed: self._drawn(scenario)}  # those of one seed are kept
+            drawn = run_signals(scenario, self.desired, self._joints)
+            self._signals = {scenario.seed: columns(drawn)}  # those of one seed are kept
         return self._signals[scenario.seed]
-
-    def _drawn(self, scenario: Scenario) -> Array:
-        time = self._references["time"]
-        values = np.zeros((len(time), self.layout.size))
-        for name, entries in {**self._references, **errors(scenario, self.shape, self._joints, time)}.items():
-            values[:, self.layout.slots(name).ravel()] = entries.reshape(len(time), -1)
-        return values
 
 
 class Prepared(NamedTuple):
-    """A batch before it runs.
+    """Batch before it runs.
 
     Attributes:
-        scenarios: to run.
-        plants: of each; runs with equal plants share the first one's.
-        signals: of each at all ticks, shape (ticks + 1, entries).
+        scenarios: scenarios to run.
+        plants: plant of each; runs with equal plants share one.
+        signals: signals of each at all ticks, shape (ticks + 1, entries).
         values: leaves of the constants, shape (runs, leaves).
-        kind: what they share besides numbers.
+        kind: family of the runs: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
@@ -102,58 +91,38 @@ class Prepared(NamedTuple):
     values: Array
     kind: Hashable
 
+    @classmethod
+    def of_run(cls, scenario: Scenario, plant: Plant) -> Prepared:
+        """Return the batch of a single run.
 
-def prepare(scenarios: Sequence[Scenario], known: Iterable[Plant] = ()) -> Prepared:
-    """Return plants, numbers and signals of all runs; those of equal plants are shared.
+        Raises:
+            TracingError: the run cannot be in a batch.
+            CoopPinError: the run cannot start.
+        """
+        controller = build_controller(scenario, plant.models)
+        values = np.array([[*plant.values, *leaves(controller)]], dtype=np.float64)
+        kind = plant.kind, structure(controller)
+        return cls([scenario], [plant], [plant.signals(scenario)], values, kind)
 
-    Args:
-        scenarios: to run.
-        known: plants that some of them may have.
+    @classmethod
+    def joined(cls, runs: Sequence[Prepared]) -> Prepared:
+        """Return the batch of several runs.
 
-    Raises:
-        TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
-    """
-    plants, values, kinds, signals, distinct = list[Plant](), [], [], list[Array](), list(known)
-    for scenario in scenarios:
-        plant = next((each for each in distinct if _same_plant(scenario, each.scenario)), None)
-        if plant is None:
-            plant = Plant(scenario)
-            distinct.append(plant)
-        plant.scenario = scenario  # the next one shares more of its objects
-        controller = plant.controller(scenario)
-        plants.append(plant)
-        values.append([*plant.values, *leaves(controller)])
-        kinds.append((plant.kind, structure(controller)))
-        signals.append(plant.signals(scenario))
-    for index, kind in enumerate(kinds):
-        if kind != kinds[0]:
-            raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
-    return Prepared(scenarios, plants, signals, np.array(values, dtype=np.float64), kinds[0])
-
-
-def _same_plant(scenario: Scenario, other: Scenario) -> bool:
-    law, other_law = scenario.controller, other.controller
-    same_kind = type(law) is type(other_law) and law.force_path == other_law.force_path
-    return same_kind and all(getattr(scenario, name) == getattr(other, name) for name in _PLANT)
+        Raises:
+            TracingError: they differ in more than numbers.
+        """
+        for index, run in enumerate(runs):
+            if run.kind != runs[0].kind:
+                raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
+        values = np.concatenate([run.values for run in runs])
+        scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
+        return cls(scenarios, plants, [run.signals[0] for run in runs], values, runs[0].kind)
 
 
-def families(scenarios: Sequence[Scenario]) -> list[Hashable]:
-    """Return what each scenario must share with others of its batch, as far as its fields show it.
-
-    Args:
-        scenarios: of any kinds.
-    """
-    found, last = list[Hashable](), None
-    for scenario in scenarios:
-        if last is None or not _same_plant(scenario, last):
-            last, plant = scenario, (_kinds(scenario, _PLANT), RunShape.of(scenario), _times(scenario))
-        found.append((plant, _kinds(scenario, _OTHERS)))
-    return found
-
-
-def _kinds(scenario: Scenario, fields: set[str]) -> str:
-    """Return the JSON of some fields with every number replaced by 0."""
-    return _NUMBERS.sub("0", scenario.model_dump_json(include=fields))
+def plant_fields(scenario: Scenario) -> list[object]:
+    """Return what scenarios with one plant have in common."""
+    law = scenario.controller
+    return [type(law), law.force_path, *(getattr(scenario, name) for name in _PLANT)]
 
 
 def _times(scenario: Scenario) -> Hashable:

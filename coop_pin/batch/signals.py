@@ -1,25 +1,18 @@
-"""Signals of a run: all that changes from tick to tick and does not depend on what the plant does.
-
-References, ages of measurements, and the random errors of sensors and drives; these are drawn from the
-generators of coop_pin.simulation in the same order, so that the samples are the same.
-"""
+"""Signals of a run as one array: all that changes from tick to tick and does not depend on the plant."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.description.controller import NoForcePath
+from coop_pin.arrays import Array
 from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import WristSensor
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.noise import generator
-from coop_pin.spatial import rotate_vector6, shift_wrench
+from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
 from coop_pin.spatial.task_rows import TaskRows
-from coop_pin.tracing.kernel import Layout
 
 
 class RunShape(NamedTuple):
@@ -55,7 +48,7 @@ class RunShape(NamedTuple):
         wrists, are_ideal = zip(*((own.wrist, own.joints_are_ideal) for own in sensors), strict=True)
         return cls(
             rows=scenario.cell.task_rows,
-            delay=None if isinstance(path, NoForcePath) else path.delay,
+            delay=path.delay if path.measures else None,
             wrist_delays=tuple(wrist.delay if wrist else 0 for wrist in wrists) if any(wrists) else None,
             has_wrist=tuple(wrist is not None for wrist in wrists),
             has_encoders=tuple(not is_ideal for is_ideal in are_ideal),
@@ -66,88 +59,75 @@ class RunShape(NamedTuple):
         )
 
 
-def signal_layout(arms: int, drives: int) -> Layout:
-    """Return the entries of a tick's signals."""
-    layout = Layout()
-    fields: tuple[tuple[Any, ...], ...] = (
-        *(("time",), ("pose", 4, 4), ("twist", 6), ("acceleration", 6), ("squeeze", arms, 6)),
-        *(("age",), ("arrived",), ("wrist_age", arms), ("wrist_arrived", arms), ("wrist_error", arms, 6)),
-        *(("encoder_noise", drives), ("missed", arms)),
-    )
-    for field in fields:
-        layout.add(*field)
-    return layout
+class Desired(NamedTuple):
+    """Desired motion and squeeze at n ticks, or without the first axis at one.
+
+    Attributes:
+        time: t_k, s, shape (n,).
+        pose: X_WP_d, shape (n, 4, 4).
+        twist: V_WP_d, shape (n, 6).
+        acceleration: A_WP_d, shape (n, 6).
+        squeeze: f_d of each arm in payload axes, shape (n, m, 6).
+    """
+
+    time: Array
+    pose: Array
+    twist: Array
+    acceleration: Array
+    squeeze: Array
 
 
-def references(run: Simulation) -> dict[str, Array]:
-    """Return time, pose, twist, acceleration and squeeze at all ticks."""
-    grasps, motion, squeeze = run.scenario.cell.grasps, run.motion, run.squeeze
-    times = np.array([run.timeline.time(tick) for tick in range(run.timeline.ticks + 1)])
-    targets = map(np.array, zip(*map(motion.at, times.tolist()), strict=True))
-    found = dict(zip(("pose", "twist", "acceleration"), targets, strict=True))
-    return {
-        "time": times,
-        **found,
-        "squeeze": np.array([squeeze.at(time, grasps) for time in times.tolist()]),
-    }
+class RunSignals(NamedTuple):
+    """Signals of a run at n ticks, or without the first axis at one.
+
+    Attributes:
+        desired: desired motion and squeeze.
+        sensors: signals of the sensors.
+        missed: whether each arm misses the command, masks, shape (n, m).
+    """
+
+    desired: Desired
+    sensors: CellSignals
+    missed: Array
 
 
-def errors(scenario: Scenario, shape: RunShape, joints: list[int], time: Array) -> dict[str, Any]:
-    """Return errors of sensors and drives at all ticks, and the ages of measurements.
+def desired_of(run: Simulation) -> Desired:
+    """Return desired motion and squeeze at all ticks of a run."""
+    grasps, times = run.scenario.cell.grasps, [run.timeline.time(k) for k in range(run.timeline.ticks + 1)]
+    pose, twist, acceleration = map(np.array, zip(*map(run.motion.at, times), strict=True))
+    squeeze = np.array([run.squeeze.at(time, grasps) for time in times])
+    return Desired(np.array(times), pose, twist, acceleration, squeeze)
+
+
+def run_signals(scenario: Scenario, desired: Desired, joints: list[int]) -> RunSignals:
+    """Return the signals of a run at all ticks.
 
     Args:
-        scenario: its sensors, actuators and seed.
-        shape: of the run.
-        joints: number of each arm's drives.
-        time: of all ticks, s, shape (n,).
+        scenario: Scenario with sensors, actuators and seed.
+        desired: Desired motion and squeeze.
+        joints: Number of each arm's drives.
     """
-    tick, cell, count = np.arange(len(time)), scenario.cell, len(time)
-    noise, missed, wrists = [], [], []
-    for name, size, is_read, misses in zip(cell.arms, joints, shape.has_encoders, shape.misses, strict=True):
-        sensors, lost = scenario.sensors_of(name), scenario.actuators_of(name).missed_ticks
-        normal, uniform = np.zeros((count, size)), np.ones(count)
-        if is_read and np.any(sensors.encoder.noise):
-            rng = generator(scenario.seed, f"{name}/encoder")
-            normal = np.array(sensors.encoder.noise) * rng.standard_normal((count, size))
-        if misses:
-            uniform = generator(scenario.seed, f"{name}/missed_ticks").random(count)
-        noise.append(normal)
-        missed.append(uniform < lost)
-        wrists.append(_wrist(scenario, name, time))
-    arrived, taken, wrist_error = (np.stack(parts, axis=1) for parts in zip(*wrists, strict=True))
-    sent = taken.min(axis=1) if shape.wrist_delays is not None else tick.astype(np.float64)
-    is_new = sent > np.maximum(np.concatenate(([-np.inf], sent[:-1])), 0.0)
-    held = _delayed(np.where(is_new, sent, -np.inf), shape.delay or 0)
-    return {
-        "arrived": np.isfinite(held),
-        "age": tick - np.maximum.accumulate(held) if shape.delay is not None else np.full(count, np.inf),
-        "wrist_arrived": arrived,
-        "wrist_age": np.where(shape.has_wrist, tick[:, None] - taken, np.inf),
-        "wrist_error": wrist_error,
-        "encoder_noise": np.concatenate(noise, axis=1),
-        "missed": np.stack(missed, axis=1),
-    }
+    count = len(desired.time)
+    sensors = SensorSignals(scenario, joints).draw(count)
+    return RunSignals(desired, sensors, MissedTicks(scenario).draw(count))
 
 
-def _wrist(scenario: Scenario, arm: str, time: Array) -> tuple[Mask, Array, Array]:
-    """Return where a sample of a wrist arrives, the tick of the newest, and its errors in payload axes."""
-    sensor, clock, X_PE = scenario.sensors_of(arm).wrist, scenario.clock, scenario.cell.grasps[arm].matrix
-    sensor = sensor or WristSensor()
-    noise, offset, drift = (part.vector6 for part in (sensor.noise, sensor.offset, sensor.drift))
-    now, every = time + 1e-9 * clock.period, sensor.ticks_per_sample(clock)
-    taken = np.full(len(time), -np.inf)
-    taken[::every] = np.arange(0.0, len(time), every)
-    for start, end in sensor.lost:
-        taken[(start <= now) & (now < end)] = -np.inf
-    error_E = offset + time[:, None] * drift
-    if noise.any():
-        drawn = generator(scenario.seed, f"{arm}/wrist").standard_normal((len(time[::every]), 6))
-        error_E[::every] = noise * drawn + offset + time[::every, None] * drift
-    error_P = shift_wrench(rotate_vector6(X_PE[:3, :3], error_E), X_PE[:3, 3])
-    taken = _delayed(taken, sensor.delay)
-    return np.isfinite(taken), np.maximum.accumulate(taken), error_P
+def columns(signals: RunSignals) -> Array:
+    """Return signals as one array, in the order of the leaves of those of a tick, shape (n, entries)."""
+    parts = list[Array]()
+    _mapped(parts.append, signals)
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
 
-def _delayed(taken: Array, delay: int) -> Array:
-    """Return what arrives at each tick: the tick of a sample, -inf where none arrives."""
-    return np.concatenate((np.full(delay, -np.inf), taken[: len(taken) - delay]))
+def first_of(signals: RunSignals) -> RunSignals:
+    """Return the signals of the first tick."""
+    first: RunSignals = _mapped(lambda part: part[0], signals)
+    return first
+
+
+def _mapped(function: Callable[[Any], Any], tree: Any) -> Any:
+    """Return a tree of tuples with a function applied to each of its arrays."""
+    if not isinstance(tree, tuple):
+        return function(tree)
+    parts = [_mapped(function, part) for part in tree]
+    return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)

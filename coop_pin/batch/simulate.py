@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from functools import partial
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
-from coop_pin.batch.preparation import Plant, Prepared, prepare
-from coop_pin.batch.run_program import RunProgram
-from coop_pin.batch.run_samples import RunSamples
+from coop_pin.batch.preparation import Plant, Prepared, plant_fields
+from coop_pin.batch.samples import RunSamples
+from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
@@ -28,66 +29,102 @@ LARGEST_BLOCK = 64
 _COPIES = 3
 """Of the samples: as recorded, by names, and those of single results."""
 _KEPT = 8
-"""Plants of a batch that are kept for the next one."""
+"""Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB."""
 
 
 class BatchResult:
     """Results of a batch.
 
     Attributes:
-        scenarios: that were run.
+        scenarios: scenarios that were run.
         is_valid: which runs kept to the guards of a single run (finite and closed motion, regular Jacobians);
             the samples of the others mean nothing, shape (runs,).
         samples: quantities as a single run has them, with a leading axis of runs.
     """
 
-    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], is_valid: Mask) -> None:
+    def __init__(
+        self,
+        prepared: Prepared,
+        layout: Layout,
+        records: Sequence[Array],
+        is_valid: Mask,
+        give_back: Callable[[], None],
+    ) -> None:
         """Hold the records.
 
         Args:
-            prepared: the batch.
-            layout: of the records' slots.
-            records: of blocks of the runs, as a Machine returns them.
-            is_valid: see above.
+            prepared: Scenarios, plants and numbers of the batch.
+            layout: Slots of the records.
+            records: Records of blocks of the runs, as a Machine returns them.
+            is_valid: Which runs are valid, shape (runs,).
+            give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
         self._plants, self.samples = prepared.plants, RunSamples(prepared, layout, records)
+        self._give_back = give_back
+
+    def release(self) -> None:
+        """Give the memory of the records to later batches.
+
+        Samples, results and metrics that were returned before are copies and stay as they are. From now on,
+        asking for others raises InvalidStateError.
+        """
+        self.samples.release()
+        self._give_back()
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
         plant = self._plants[index]
-        mine = {each.name: self.samples[each.name][index].copy() for each in plant.table}
-        return RunResult(self.scenarios[index], mine | plant.labels)
+        samples = {each.name: self.samples[each.name][index].copy() for each in plant.table}
+        return RunResult(self.scenarios[index], samples | plant.labels)
 
     def metrics(self) -> list[dict[str, float]]:
         """Return the metrics of every run, as those of its result, without making the results."""
         first, labels = self.scenarios[0], [plant.labels for plant in self._plants]
-        lower, upper = (np.stack([own[f"position_{side}"] for own in labels]) for side in ("lower", "upper"))
+        lower, upper = (np.stack([run[f"position_{side}"] for run in labels]) for side in ("lower", "upper"))
         time, extremes = self.samples["time"][0], self.samples.extremes(first.trust.jacobian_condition)
         data = ChainMap({"time": time, "arm": labels[0]["arm"], **extremes}, cast(Any, self.samples))
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
-            found = all_metrics(data, Windows.of(first, float(time[-1])))
+            metrics = all_metrics(data, Windows.of(first, float(time[-1])))
         for index, scenario in enumerate(self.scenarios):
             if scenario.trust != first.trust:
                 trustworthy[index] = self.result(index).trustworthy
-        columns = {"trustworthy": trustworthy} | found
+        columns = {"trustworthy": trustworthy} | metrics
         rows = np.stack(np.broadcast_arrays(*columns.values(), subok=False)).astype(float).T.tolist()
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
+class Family(NamedTuple):
+    """Code for the runs of one kind: numbers in which they differed so far are inputs, all others fold.
+
+    Attributes:
+        first: first run, whose numbers fold.
+        differs: mask of the constants that are inputs.
+        is_loaded: mask of the signals that are inputs.
+        code: program of the runs.
+        machine: machine that runs the program.
+    """
+
+    first: Prepared
+    differs: Mask
+    is_loaded: Mask
+    code: RunProgram
+    machine: Machine
+
+
 class BatchSimulator:
-    """Simulates batches one after the other; code is compiled anew only when further numbers differ."""
+    """Simulates batches one after the other, of any families; plants and code are kept for the next ones."""
 
     def __init__(self, *, machine: Callable[[Program], Machine] = LlvmMachine) -> None:
         """Begin without code.
 
         Args:
-            machine: what runs programs.
+            machine: Maker of the machine of a program.
         """
         self._new_machine = machine
-        self._first: Prepared | None = None
-        self._plants = list[Plant]()
+        self._plants, self._families = list[tuple[list[object], Plant]](), list[Family]()
+        self._free = list[Array]()  # of released records: new memory costs as much as the runs
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
         """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
@@ -95,36 +132,70 @@ class BatchSimulator:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        prepared = prepare(scenarios, self._plants)
-        code = self._code(prepared)
-        self._plants = list(dict.fromkeys(prepared.plants))[-_KEPT:]
-        program, count = code.program, len(scenarios)
+        return self.run_prepared([self.prepare(scenario) for scenario in scenarios])
+
+    def prepare(self, scenario: Scenario) -> Prepared:
+        """Return a run before it runs; raises as Plant and Prepared.of_run."""
+        fields = plant_fields(scenario)
+        index = next((i for i, (known, _) in enumerate(self._plants) if known == fields), None)
+        plant = Plant(scenario) if index is None else self._plants.pop(index)[1]
+        self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
+        return Prepared.of_run(scenario, plant)
+
+    def run_prepared(self, runs: Sequence[Prepared]) -> BatchResult:
+        """Return the results of runs; raises as simulate_batch."""
+        prepared = Prepared.joined(runs)
+        del self._plants[_KEPT:]
+        *_, code, machine = self.family(runs[0], prepared)
+        program, count = code.program, len(runs)
         needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
         require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-        records = [self._machine.run(block[:, part], code.uniforms, loads[:, :, part]) for part in parts]
+        taken, records = list[Array](), list[Array]()
+        for part in parts:
+            lanes = block[:, part]
+            taken.append(self._memory(machine.record_size(lanes.shape[1])))
+            records.append(machine.run(lanes, code.uniforms, loads[:, :, part], taken[-1]))
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, records, is_valid)
+        return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, taken))
 
-    def _code(self, prepared: Prepared) -> RunProgram:
-        """Return a program in which every number that differs so far is an input."""
-        if self._first is None or prepared.kind != self._first.kind:
-            require_traceable(prepared.scenarios[0], prepared.plants[0].run, prepared.plants[0].constants)
-            runs, plants, ticks, numbers, kind = prepared
-            self._first = Prepared(runs[:1], plants[:1], ticks[:1], numbers[:1], kind)
-            self._differs, self._is_loaded = np.array(False), np.array(False)
-        folded, signals = self._first.values[:1], self._first.signals[0]
-        same = (prepared.values == folded) | (np.isnan(prepared.values) & np.isnan(folded))
-        differs = self._differs | ~same.all(axis=0)
-        is_loaded = self._is_loaded
-        for other in {id(other): other for other in prepared.signals}.values():
-            is_loaded = is_loaded | (other != signals).any(axis=0)
-        if not (np.array_equal(differs, self._differs) and np.array_equal(is_loaded, self._is_loaded)):
-            self._differs, self._is_loaded = differs, is_loaded
-            self._program = RunProgram(self._first, differs, is_loaded)
-            self._machine = self._new_machine(self._program.program)
-        return self._program
+    def _memory(self, size: int) -> Array:
+        """Return memory for ``size`` numbers or more, of a released record if there is one."""
+        memory = self._free.pop() if self._free else np.empty(size)
+        return memory if memory.size >= size else np.empty(size)
+
+    def _give_back(self, parts: list[Array]) -> None:
+        """Take the parts out of a list, for later records; a second time there are none in it."""
+        self._free += parts
+        parts.clear()
+
+    def family(self, first: Prepared, prepared: Prepared) -> Family:
+        """Return code for a batch; it is compiled anew only when further numbers differ.
+
+        Args:
+            first: first run of the batch.
+            prepared: batch.
+
+        Raises:
+            TracingError: the runs cannot be traced.
+        """
+        kinds = [family.first.kind for family in self._families]
+        known = self._families.pop(kinds.index(prepared.kind)) if prepared.kind in kinds else None
+        first = first if known is None else known.first
+        same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
+        others = {id(signals): signals for signals in prepared.signals}.values()
+        differs = ~same.all(axis=0)
+        is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
+        if known is None:
+            require_traceable(first.scenarios[0], first.plants[0].run, first.plants[0].constants)
+        else:
+            differs, is_loaded = differs | known.differs, is_loaded | known.is_loaded
+        if known is None or (differs != known.differs).any() or (is_loaded != known.is_loaded).any():
+            code = RunProgram(first, differs, is_loaded)
+            known = Family(first, differs, is_loaded, code, self._new_machine(code.program))
+        self._families = [*self._families, known][-_KEPT:]
+        return known
 
 
 def simulate_batch(
@@ -135,8 +206,8 @@ def simulate_batch(
     Numbers in which they differ become inputs of the traced code, all others fold into it.
 
     Args:
-        scenarios: with equal kinds of everything, equal times of ticks and events.
-        machine: what runs the program.
+        scenarios: scenarios with equal kinds of everything and equal times of ticks and events.
+        machine: maker of the machine of a program.
 
     Raises:
         ArgumentError: there are none.

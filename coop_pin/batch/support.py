@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from coop_pin.batch.law_code import Tick, require_agreement, trace_law
-from coop_pin.batch.run_constants import RunConstants, run_constants, start
-from coop_pin.batch.signals import RunShape
+from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
-from coop_pin.control import ArmMeasurement
-from coop_pin.description.controller import UserController
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.sensing import Truth
+from coop_pin.simulation.signals import SensorSignals
+from coop_pin.tracing.tree import structure
 
 _TICKS = 3
 """At which a user's controller is compared with its traced code."""
 _SPREAD = 0.1
 """Of the joint positions there about those of the start, and of their rates, rad or m and 1/s of it."""
-_LARGEST_AGE = 3
+_WRENCH = 10.0
+"""Size of the wrenches there, N and N m."""
+_SATURATED = 0.2
+"""Part of the torques that are cut there."""
 
 
 def support(scenario: Scenario) -> str | None:
@@ -51,53 +54,60 @@ def plant_reason(plant: PlantOptions) -> str | None:
 
 
 def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstants) -> None:
-    """Refuse a user's controller whose steps at random ticks its traced code does not give.
+    """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 
     Raises:
-        TracingError: it cannot, or they are not.
+        TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
-    if not isinstance(law, UserController):
+    if not law.user_code:
+        if {"model", "regressor"} & {*law.needs}:
+            raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
         return
     try:
         ticks = random_ticks(scenario, run, constants)
         code = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
         require_agreement(*code, ticks)
     except TracingError as error:
-        raise TracingError(f"its controller {law.target!r} cannot be traced: it {error}") from None
+        raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
+    structure(constants.controller)
 
 
-def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[Tick]]:
-    """Return successive ticks of all arms under a controller, at random measurements near the start."""
-    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[Tick]]()
-    state: Any = None
-    shape, begun = RunShape.of(scenario), start(scenario, run)
-    edges = np.cumsum([len(arm.drive) for arm in constants.arms])[:-1]
-    q, holding = np.split(begun.q, edges), np.split(begun.holding, edges)
+def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
+    """Return successive ticks of all arms under a controller, at random states near the start."""
+    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
+    begun, sensors, rows = start(scenario, run), constants.sensors, scenario.cell.task_rows
+    sizes = [len(arm.drive) for arm in constants.arms]
+    split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
+    signals, seen, state = SensorSignals(scenario, sizes).rows(), None, None
     for tick in range(_TICKS):
         time = tick * scenario.clock.period
-        references, measurements = run.references(time), list[ArmMeasurement]()
-        for index, arm in enumerate(constants.arms):
-            angles = q[index] + _SPREAD * rng.normal(size=len(q[index]))
-            has_path, has_wrist = shape.delay is not None, shape.has_wrist[index]
-            wrench, own = (10.0 * rng.normal(size=shape.rows.size) for _ in range(2))
-            seen: dict[str, Any] = {
-                "internal_wrench": wrench if has_path else None,
-                "saturated": rng.random(len(angles)) < 0.2,
-                "internal_wrench_age": float(rng.integers(_LARGEST_AGE)) if has_path else np.inf,
-                "interaction_wrench": own if has_wrist else None,
-                "interaction_wrench_age": float(rng.integers(_LARGEST_AGE)) if has_wrist else np.inf,
-                "holding_torque": holding[index],
-            }
-            v = arm.drive @ (_SPREAD * rng.normal(size=len(angles)))
-            measurements.append(arm.measurement(shape.rows, angles, arm.drive @ angles, v, time=time, **seen))
+        references, angles = run.references(time), split(begun.q + _SPREAD * rng.normal(size=sum(sizes)))
+        truth = Truth(
+            time=time,
+            angles=angles,
+            rates=split(_SPREAD * rng.normal(size=sum(sizes))),
+            saturated=split(rng.random(sum(sizes)) < _SATURATED),
+            wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
+            R_WP=np.eye(3),
+            signals=next(signals),
+        )
+        views = [
+            lambda measured, arm=arm, q=q: arm.view(rows, q if measured is None else measured)
+            for arm, q in zip(constants.arms, angles, strict=True)
+        ]
+        seen = sensors.start(truth, views, references) if seen is None else seen
+        measurements, seen = sensors.step(seen, truth, views)
+        first = [
+            each._replace(holding_torque=torque)
+            for each, torque in zip(measurements, split(begun.holding), strict=True)
+        ]
         try:
             if not tick:
-                state = controller.init(measurements, references)
-            later = [seen._replace(holding_torque=None) for seen in measurements]
-            command = controller.step(later, references, state)
+                state = controller.init(first, references)
+            command = controller.step(measurements, references, state)
             torques, state = run.actuation.commanded(command), command.state
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([Tick(*given) for given in zip(measurements, references, torques, strict=True)])
+        ticks.append([LawTick(*given) for given in zip(first, references, torques, strict=True)])
     return ticks

@@ -20,7 +20,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import NameNotFoundError, OpenClosureError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import rotate_vector6, shift_wrench
@@ -36,10 +36,11 @@ class Observation(NamedTuple):
     Attributes:
         payload_pose: X_WP, shape (..., 4, 4).
         payload_twist: V_WP, shape (..., 6).
-        tip_positions: of every tip in the world, m, shape (..., m, 3).
-        interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (..., m, 6).
-        kinetic_energy: of arms and payload, J, shape (...).
-        potential_energy: likewise.
+        tip_positions: positions of the tips in the world, m, shape (..., m, 3).
+        interaction_wrenches: wrench on each arm by the payload, about P in world axes, N and N m, shape
+            (..., m, 6).
+        kinetic_energy: kinetic energy of arms and payload, J, shape (...).
+        potential_energy: potential energy of arms and payload, J, shape (...).
     """
 
     payload_pose: Array
@@ -105,8 +106,7 @@ class CellChain:
         """
         X = as_pose("X_WP", X_WP)
         configurations = [
-            solve_ik(ArmModel.from_cell(self.cell, name), X, posture=arm.posture)
-            for name, arm in self.cell.arms.items()
+            solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
         ]
         return self.mechanism.project_configuration(self.model.configuration(configurations, X))
 
@@ -114,7 +114,7 @@ class CellChain:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
 
         Args:
-            angles: of every arm, rad, shape (k,) each.
+            angles: joint angles of every arm, rad, shape (k,) each.
             X_WP: payload pose, shape (4, 4); not used if the payload is welded to the first arm.
         """
         require_type("angles", angles, Mapping)

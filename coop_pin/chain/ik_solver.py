@@ -45,16 +45,32 @@ class IKSolution(NamedTuple):
 
 
 _FINISHED = 1e-13
+"""Weighted gap at which the iteration ends, m: some units of rounding of a pose at a metre."""
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-15, 1e8
+"""Damping of Levenberg-Marquardt: at first that of a cautious step; at the least that of Newton's method,
+with A A^T still regular; at the most the steps are lost in rounding, and the iteration ends."""
 _STALLED = 1e-6
+"""Relative decrease of the squared gap that is no progress, as towards a target out of reach; likewise the
+length of a null-space step, rad, and its gain."""
 _LONGEST_STEP = 0.5
+"""Largest entry of a step, rad or m: beyond it the linearised gap says little."""
 _LONGEST_NULL_SPACE_STEP = 0.3
+"""Longest null-space step, rad: the tip leaves its target with the square of it, and must return."""
 _STEPS_BACK = 12
+"""Most steps that return the tip after a null-space step; if they do not, the step was too long."""
 _LONGEST_FOLLOW_STEP = 0.2
+"""Largest change of a joint between poses of a path, rad or m; beyond it the solution may be on another
+branch, and the pose step is halved."""
 _HALVINGS = 6
+"""Most halvings of a pose step, to 1/64: near a singular pose joints move far in any step."""
 _FOLLOW_STEPS = 40
+"""Most steps from pose to pose: the initial guess is close."""
 _FOLLOW_DESCENTS = 2
+"""Null-space steps at each pose of a path: a posture draws the arm but does not hold it, as in the laws."""
 _FOLLOW_ANGLE_WEIGHT = 1e-3
+"""Weight of the angle out of reach, m/rad: least distance first, as at the end of ``nearest``."""
 _RANK_TOLERANCE = 1e-6
+"""Singular values of the Jacobian below it count as zero, absolute for redundancy, relative in a step."""
 _UNWEIGHTED = np.ones(6)
 
 
@@ -63,7 +79,7 @@ class IKSolver:
 
     Attributes:
         model: the arm's Pinocchio model.
-        limits: its joint limits.
+        limits: joint limits of the arm.
         is_redundant: whether its Jacobian has a null space.
     """
 
@@ -96,17 +112,17 @@ class IKSolver:
             target: desired tip pose X_WE_d.
             q: initial guess, shape (nq,).
             limited: whether to stay within the joint limits that restrict the workspace.
-            angle_weight: of the angle relative to the distance, m/rad. Far below one, the distance is
-                minimised first.
+            angle_weight: weight of the angle relative to the distance, m/rad. Far below one, the distance
+                is minimised first.
             steps: largest number of steps.
         """
         weights = np.repeat((1.0, angle_weight), 3)
         q = self.limits.clip(q) if limited else q
-        damping = 1e-3
+        damping = _FIRST_DAMPING
         gap, A = self._gap(target, q, weights)
         size = float(gap @ gap)
         for _ in range(steps):
-            if size < _FINISHED**2 or damping > 1e8:
+            if size < _FINISHED**2 or damping > _MOST_DAMPING:
                 break
             if limited:
                 A = np.where(self.limits.at_limit(q, A.T @ gap), 0.0, A)
@@ -116,7 +132,8 @@ class IKSolver:
             size_next = float(gap_next @ gap_next)
             if size_next < size:
                 stalled = size > CLOSED**2 and size - size_next < _STALLED * angle_weight**2 * size
-                q, gap, A, size, damping = q_next, gap_next, A_next, size_next, max(damping * 0.1, 1e-15)
+                q, gap, A, size = q_next, gap_next, A_next, size_next
+                damping = max(damping * 0.1, _LEAST_DAMPING)
                 if stalled:
                     break
             else:

@@ -16,13 +16,19 @@ from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 
 _NEIGHBOURS = 12
+"""Initial guesses around the posture, which lead to the branch nearest to it."""
 _SEEDS = 16
+"""Initial guesses over the joint ranges when only the nearest branch is asked for."""
 _BRANCH_SEEDS = 96
+"""Initial guesses when all branches are asked for: an arm with six joints has up to 16."""
 _FAMILIES = 4
+"""Solutions of a redundant arm, the nearest after ``_FIRST_STEPS``, that go on for ``_ALL_STEPS``."""
 _FIRST_STEPS = 5
 _ALL_STEPS = 60
 _SAME_BRANCH = 1e-3
+"""Largest distance of solutions of one branch, rad: above the accuracy of a null-space descent."""
 _SAME_DISTANCE = 1e-5
+"""Distances to a target out of reach, m, among which the smaller angle decides."""
 
 
 def solve_ik(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None) -> Array:
@@ -56,7 +62,7 @@ def ik_branches(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = N
     Args:
         arm: the model, with its grasp.
         X_WP: payload pose, shape (4, 4).
-        posture: as for solve_ik.
+        posture: preferred angles or configuration, as for solve_ik.
 
     Raises:
         JointLimitError, UnreachablePoseError: there is none, as for solve_ik.

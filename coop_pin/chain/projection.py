@@ -13,10 +13,15 @@ from coop_pin.chain.kkt_solver import ConstraintSVD, constraint_svd
 from coop_pin.errors import OpenClosureError
 
 _STEPS = 60
+"""Most Newton steps; convergence is linear at a singular configuration."""
 _AT_REST = 1e-13
+"""Newton step that is rounding, rad or m."""
 _NEARLY_CLOSED = 1e-9
+"""Closure error from which steps that do not halve are rounding, and at which a descent ends, m and rad."""
 _LONGEST_STEP = 0.5
+"""Largest entry of a step of the descent, rad or m: beyond it the linearised closures say little."""
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-14, 1e8
+"""Damping of Levenberg-Marquardt; at the most the steps are lost in rounding, and the descent ends."""
 _DESCENT_STEPS = 200
 
 
@@ -26,7 +31,7 @@ class Projected(NamedTuple):
     Attributes:
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
-        rank: of the closure Jacobian there.
+        rank: rank of the closure Jacobian there.
     """
 
     q: Array

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
+from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 
 
@@ -25,19 +26,15 @@ class Compare:
         trials: names; all standard trials when omitted.
         out: output folder for the runs, comparison.csv, comparison.html, and figures of each
             scenario.
-        seeds: of random trials.
-        duration: of every run, s; the scenarios' own when omitted.
+        seeds: number of seeds of random trials.
+        duration: duration of every run, s; the scenarios' own when omitted.
         untuned: do not use stored gains.
-        gains: a gains.csv of your own, as --tune writes it; that of coop-pin when omitted.
+        gains: gains.csv of your own, as --tune writes it; that of coop-pin when omitted.
         tune: search the gains of the controllers instead, and write gains.csv.
-        generations: of the search, after the first one.
+        generations: number of generations of the search after the first one.
         size: points in a generation of the search, whatever the number of gains.
         list: only print the names of controllers and trials.
-        engine: auto simulates together, by compiled code, what can be, and the rest singly.
-        merge: folder of another comparison, whose runs are taken over where they are the same; once for each.
-        workers: number of processes, 0 for this process; one for each processor when omitted.
-        scheduler: address of a dask scheduler to use instead of local processes.
-        quiet: no progress bar and no table.
+        execution: workers, engine and folders to merge.
     """
 
     scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")] = ()
@@ -52,11 +49,7 @@ class Compare:
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4
     size: Annotated[int, tyro.conf.arg(metavar="N")] = 6
     list: bool = False
-    engine: Literal["single", "auto"] = "single"
-    merge: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DIR")] = ()
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    quiet: bool = False
+    execution: ExecutionOptions = HERE
 
     def execute(self) -> int:
         """Run what is missing, print the table and return the exit code; failed runs do not fail the command.
@@ -78,13 +71,11 @@ class Compare:
                 generations=self.generations,
                 size=self.size,
                 duration=self.duration,
-                engine=self.engine,
-                workers=self.workers,
-                quiet=self.quiet,
+                execution=self.execution,
             )
             print(f"written to {self.out / 'gains.csv'}")
         else:
-            found = compare(
+            result = compare(
                 scenarios,
                 {name: name for name in chosen},
                 self.trials or None,
@@ -93,23 +84,19 @@ class Compare:
                 duration=self.duration,
                 tuned=not self.untuned,
                 gains=self.gains or GAINS,
-                engine=self.engine,
-                merge=self.merge,
-                workers=self.workers,
-                scheduler=self.scheduler,
-                quiet=self.quiet,
+                execution=self.execution,
             )
-            self._draw(found)
-            if not self.quiet:
-                print(found.summary())
+            self._draw(result)
+            if not self.execution.quiet:
+                print(result.summary())
                 print(f"written to {self.out}")
         return OK
 
-    def _draw(self, found: Any) -> None:
+    def _draw(self, result: Any) -> None:
         from coop_pin.figures import comparison_figure, save_figure
 
-        for name in map(str, found.data["scenario"].values):
-            save_figure(comparison_figure(found, name), self.out / name / "comparison")
+        for name in map(str, result.data["scenario"].values):
+            save_figure(comparison_figure(result, name), self.out / name / "comparison")
 
     def _print_names(self, controllers: tuple[str, ...], scenarios: tuple[str, ...]) -> None:
         from coop_pin.comparison import benchmark_scenario, standard_trials

@@ -161,7 +161,7 @@ class Check:
         if singular:
             print(f"  ! {singular}")
         ok = found.ok and torques.ok and not singular
-        if not found.ok or scenario.controller.kind == "user":
+        if not found.ok or scenario.controller.user_code:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
         stable = start_stability(simulation), loop_stability(simulation), step_stability(simulation)

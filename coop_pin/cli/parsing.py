@@ -53,9 +53,14 @@ def parse(words: Sequence[str]) -> Command:
         SystemExit: help was asked for (0), or the words are no command (2).
     """
     kind = _WITH_FIELDS.get(words[0]) if words else None
-    own, fields = split_fields(words, kind) if kind else (list(words), {})
-    command: Any = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=own)
+    options, fields = split_fields(words, kind) if kind else (list(words), {})
+    command: Any = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=options)
     return dataclasses.replace(command, fields=fields) if fields else command
+
+
+def _options(field: Any) -> Sequence[Any]:
+    """Return the options that a field of a command stands for: those of its default, or itself."""
+    return dataclasses.fields(field.default) if dataclasses.is_dataclass(field.default) else [field]
 
 
 def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[str, list[str]]]:
@@ -65,25 +70,25 @@ def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[st
 
     Args:
         words: the command's name and what follows it.
-        command: its class.
+        command: class of the command.
 
     Returns:
         The command's own words, and the values of each field as typed.
     """
-    names = [option.name for option in dataclasses.fields(command)]
+    names = [option.name for field in dataclasses.fields(command) for option in _options(field)]
     forms = {form for name in names for form in (name, name.replace("_", "-"))}
-    options = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
-    own: list[str] = []
+    known = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
+    options: list[str] = []
     fields: dict[str, list[str]] = {}
     open_field: list[str] | None = None
     for word in words:
         option, equals, value = word.partition("=")
-        if word == "-h" or option in options:
+        if word == "-h" or option in known:
             open_field = None
-            own.append(word)
+            options.append(word)
         elif option.startswith("--"):
             fields[option[2:]] = [value] if equals else []
             open_field = None if equals else fields[option[2:]]
         else:
-            (own if open_field is None else open_field).append(word)
-    return own, fields
+            (options if open_field is None else open_field).append(word)
+    return options, fields

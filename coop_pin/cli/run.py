@@ -60,27 +60,19 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
-        from coop_pin.build_controller import build_controller
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
-        from coop_pin.run_scenario import plant_of
-        from coop_pin.simulation import simulate
+        from coop_pin.run_scenario import run
 
         scenario = load_scenario(self.scenario, self.fields)
         folder = RunFolder(self.out or Path("out") / scenario.name)
         folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
-        controller = build_controller(scenario)
-        _warn_of_start(scenario, controller)
+        _warn_of_start(scenario)
         watch = Stopwatch()
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
-                result = simulate(
-                    scenario,
-                    controller,
-                    progress=bar.advance_to,
-                    stop_at_breach=self.stop_at_breach,
-                    plant=plant_of(self.engine),
-                )
+                advance, stop = bar.advance_to, self.stop_at_breach
+                result = run(scenario, progress=advance, stop_at_breach=stop, engine=self.engine)
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
@@ -92,7 +84,7 @@ class Run:
         formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if self.svg else ("png",)
         folder.write(result, timing, replay=self.replay, figures=formats if self.figures else ())
         if self.report:
-            from coop_pin.report import save_report  # slow to load
+            from coop_pin.viz import save_report  # slow to load
 
             save_report(result, folder.path / folder.REPORT)
         breaches = result.breaches()
@@ -113,20 +105,21 @@ class Run:
         return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []
 
 
-def _warn_of_start(scenario: Any, controller: Any) -> None:
+def _warn_of_start(scenario: Any) -> None:
     """Warn of drives too weak at the start, of gains unstable when sampled, and of friction in long steps.
 
     Raises:
         CoopPinError: the run cannot start.
     """
     from coop_pin.analysis import start_stability, start_torques, step_stability
+    from coop_pin.build_controller import build_controller
     from coop_pin.simulation import Simulation
 
-    simulation = Simulation(scenario, controller)
+    simulation = Simulation(scenario, build_controller(scenario))
     findings: list[str] = []
     with contextlib.suppress(Exception):  # what fails here fails in the run, which tells it with its time
         findings += map(str, start_torques(simulation).overloaded)
-        if scenario.controller.kind != "user" and not (held := start_stability(simulation)).ok:
+        if not scenario.controller.user_code and not (held := start_stability(simulation)).ok:
             findings.append(held.summary().removeprefix("! "))
         if not (steps := step_stability(simulation)).ok:
             findings.append(steps.summary().removeprefix("! "))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
+from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 
 
@@ -19,47 +20,28 @@ class Sweep:
     Attributes:
         plan: a TOML file with the scenario and the fields that vary.
         out: output folder for the runs and their table; out/ and the file's name when omitted.
-        workers: number of processes, 0 for this process; one for each processor when omitted.
-        scheduler: address of a dask scheduler to use instead of local processes, for example
-            tcp://127.0.0.1:8786.
+        execution: workers, engine and folders to merge.
         retry_failed: repeat runs that failed for lack of time or of a worker.
-        merge: folder of another sweep, whose runs are taken over where they are the same; once for each.
-        engine: the plan's engine: single, batch, or auto; the file's when omitted.
         estimate: only print the plan and an estimate of its duration.
-        quiet: no progress bar and no summary.
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SWEEP.toml")]
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    execution: ExecutionOptions = HERE
     retry_failed: bool = False
-    merge: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DIR")] = ()
-    engine: Literal["single", "batch", "auto"] | None = None
     estimate: bool = False
-    quiet: bool = False
 
     def execute(self) -> int:
         """Run the sweep, print its summary and return the exit code; failed runs do not fail the command."""
         from coop_pin.sweeps import SweepPlan, estimate, sweep
 
         plan = SweepPlan.load(self.plan)
-        if self.engine is not None:
-            plan = plan.replace(engine=self.engine)
         if self.estimate:
-            print(plan.summary(), estimate(plan, workers=self.workers).summary(), sep="\n")
+            print(plan.summary(), estimate(plan, workers=self.execution.workers).summary(), sep="\n")
             return OK
         folder = self.out or Path("out") / self.plan.stem.lstrip(".")
-        result = sweep(
-            plan,
-            out=folder,
-            workers=self.workers,
-            scheduler=self.scheduler,
-            retry_failed=self.retry_failed,
-            merge=self.merge,
-            quiet=self.quiet,
-        )
-        if not self.quiet:
+        result = sweep(plan, out=folder, execution=self.execution, retry_failed=self.retry_failed)
+        if not self.execution.quiet:
             print(result.summary())
             print(f"written to {folder}")
         return OK

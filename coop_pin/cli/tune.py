@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 from coop_pin.cli.overrides import TypedFields, changes, field_path, load_scenario
 from coop_pin.errors import FieldError
@@ -27,22 +28,19 @@ class Tune:
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
-        minimize: a metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run has their
+        minimize: metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run has their
             names.
-        vary: a field with its lowest and highest value; once for each field. 'coop-pin fields SCENARIO' lists
+        vary: field with its lowest and highest value; once for each field. 'coop-pin fields SCENARIO' lists
             fields.
-        subject_to: a constraint on the best run, METRIC<NUMBER or METRIC>NUMBER in quotes; once for each
+        subject_to: constraint on the best run, METRIC<NUMBER or METRIC>NUMBER in quotes; once for each
             constraint.
         out: output folder for the runs and their table; out/tune- and the scenario's name when omitted.
-        metric: a metric of your own, module:function, as in a sweep; once for each.
+        metric: metric of your own, module:function, as in a sweep; once for each.
         generations: number of generations after the first one.
         population: runs in a generation for each field, at least 5 together: there are (generations + 1) x
             population x fields runs in all.
-        seed: of the search; another seed tries other values.
-        workers: number of processes, 0 for this process; one for each processor when omitted.
-        scheduler: address of a dask scheduler to use instead of local processes, for example
-            tcp://127.0.0.1:8786.
-        quiet: no progress bar and no summary.
+        seed: seed of the search; another seed tries other values.
+        execution: workers, engine and folders to merge.
         fields: fields of the scenario, as typed.
     """
 
@@ -59,9 +57,7 @@ class Tune:
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 10
     population: Annotated[int, tyro.conf.arg(metavar="N")] = 8
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    quiet: bool = False
+    execution: ExecutionOptions = HERE
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
@@ -84,7 +80,7 @@ class Tune:
             if path in fixed:
                 raise FieldError("has a range and a value; give it one of them", path)
             ranges[path] = (low, high)
-        found = tune(
+        result = tune(
             scenario,
             ranges,
             minimize=self.minimize,
@@ -94,14 +90,12 @@ class Tune:
             generations=self.generations,
             population=self.population,
             seed=self.seed,
-            workers=self.workers,
-            scheduler=self.scheduler,
-            quiet=self.quiet,
+            execution=self.execution,
         )
-        if not self.quiet:
-            print(found.summary())
-            best = found.tuned.items()
-            words = [word for field, given in self.fields.items() for word in (f"--{field}", *given)]
+        if not self.execution.quiet:
+            print(result.summary())
+            best = result.tuned.items()
+            words = [word for field, typed in self.fields.items() for word in (f"--{field}", *typed)]
             words += [word for field, value in best for word in (f"--{field}", repr(value))]
             print("run it: " + shlex.join(["coop-pin", "run", self.scenario, *words]))
             print("all runs: " + shlex.join(["coop-pin", "sweep-show", str(folder)]))

@@ -172,9 +172,9 @@ class Report:
 
     def execute(self) -> int:
         """Write the page and print its path."""
-        from coop_pin.report import save_report
         from coop_pin.results import RunResult
         from coop_pin.run_folder import RunFolder
+        from coop_pin.viz import save_report
 
         file = self.result / RunFolder.RESULT if self.result.is_dir() else self.result
         page = self.out or file.with_name(RunFolder.REPORT)

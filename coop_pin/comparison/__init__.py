@@ -3,9 +3,9 @@
 from coop_pin.comparison.benchmark import compare
 from coop_pin.comparison.controllers import controller_names, controllers_for
 from coop_pin.comparison.costs import tick_costs
-from coop_pin.comparison.gain_search import tune_controllers
 from coop_pin.comparison.table import Comparison
 from coop_pin.comparison.trials import BENCHMARK, Trial, benchmark_scenario, standard_trials
+from coop_pin.comparison.tuned_gains import tune_controllers
 
 __all__ = [
     "BENCHMARK",

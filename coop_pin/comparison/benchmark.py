@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from coop_pin.arrays import as_count, require_path, require_type
-from coop_pin.batch import require_compiler, support
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, FileReadError, MissingExtraError, NameNotFoundError
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
-from coop_pin.sweeps.plan import Engine
+from coop_pin.engine_choice import choose_engines
+from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, ScenarioError
+from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
+from coop_pin.sweeps.execution import HERE, SweepEngine
 
 _LOG = logging.getLogger("coop_pin.comparison")
 
@@ -29,11 +29,11 @@ class _Part(NamedTuple):
     """Runs of a scenario that are one sweep.
 
     Attributes:
-        folder: of the sweep, within that of the comparison.
-        scenario: name.
+        folder: folder of the sweep, within that of the comparison.
+        scenario: name of the scenario.
         cells: controller and trial of each case.
-        gains: which of them each controller has.
-        plan: of the sweep.
+        gains: origin of the gains of each controller.
+        plan: plan of the sweep.
     """
 
     folder: Path
@@ -53,11 +53,7 @@ def compare(
     duration: float | None = None,
     tuned: bool = True,
     gains: str | Path = GAINS,
-    engine: Literal["single", "auto"] = "single",
-    merge: Sequence[str | Path] = (),
-    workers: int | None = None,
-    scheduler: str | None = None,
-    quiet: bool = False,
+    execution: Execution = HERE,
 ) -> Comparison:
     """Return the comparison of controllers in scenarios under trials; finished runs are never repeated.
 
@@ -71,15 +67,12 @@ def compare(
         trials: names of ``standard_trials``, or changes by dotted path, or a Trial, by name; all standard
             trials when None.
         out: folder of the runs and the table.
-        seeds: of random trials, 0, 1, 2, ...
-        duration: of every run, s; the scenarios' own when None.
+        seeds: number of seeds of random trials, 0, 1, 2, ...
+        duration: duration of every run, s; the scenarios' own when None.
         tuned: whether stored gains are used.
         gains: table of stored gains, as ``tune_controllers`` writes it.
-        engine: "auto" simulates together by compiled code what can be, and the rest singly.
-        merge: folders of other comparisons, whose runs are taken over where they are the same.
-        workers: number of processes; one for each processor when omitted, 0 for this process.
-        scheduler: address of a dask scheduler to use instead.
-        quiet: no progress bar.
+        execution: workers, folders of other comparisons to merge, engine: "auto" simulates together by
+            compiled code what can be, and the rest singly.
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
@@ -88,27 +81,23 @@ def compare(
         CoopPinError: whatever ``sweep`` raises.
     """
     require_path("out", out)
-    require_type("merge", merge, list, tuple)
-    for other in merge:
-        require_path("merge", other)
+    require_type("execution", execution, Execution)
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
-    together, parts, cells = with_batches(engine), list[_Part](), list[tuple[str, str, str]]()
+    parts, cells = list[_Part](), list[tuple[str, str, str]]()
     for scenario in different(scenarios):
-        chosen = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
+        laws = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
         used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
-        own = benchmark_scenario(scenario, duration)
-        tried = _trials(own, trials)
-        cells += [(own.name, name, label) for name in chosen for label in tried]
-        for part in _parts(own, chosen, tried, seeds, together=together):
-            parts.append(part._replace(gains=used))
+        base = benchmark_scenario(scenario, duration)
+        tried = _trials(base, trials)
+        cells += [(base.name, name, label) for name in laws for label in tried]
+        parts += _parts(base, laws, tried, seeds, used)
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
-    taken = _merged(parts, list(map(Path, merge)))
-    frames = []
+    parts = _by_engine(parts, execution)
+    merged, frames = _merged(parts, list(map(Path, execution.merge))), []
     for part in parts:
-        place, same = folder / part.folder, taken[part.folder]
-        result = sweep(part.plan, out=place, merge=same, workers=workers, scheduler=scheduler, quiet=quiet)
-        frames.append(_cells(part, result))
+        chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
+        frames.append(_cells(part, sweep(part.plan, out=folder / part.folder, execution=chosen)))
     comparison = Comparison.of_cells(pd.concat(frames).loc[cells])
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
@@ -117,93 +106,97 @@ def compare(
 
 def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]) -> list[Scenario]:
     """Return scenarios whose names differ."""
-    given = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
-    found = [entry if isinstance(entry, Scenario) else Scenario.load(entry) for entry in given]
-    names = [scenario.name for scenario in found]
+    entries = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
+    loaded = [entry if isinstance(entry, Scenario) else Scenario.load(entry) for entry in entries]
+    names = [scenario.name for scenario in loaded]
     if not names or len(set(names)) < len(names):
         raise FieldError(f"have the names {names}; give at least one, and no name twice", "scenarios")
-    return found
+    return loaded
 
 
-def with_batches(engine: str) -> bool:
-    """Return whether an engine simulates together those runs that can be.
+def engines_of(scenarios: Sequence[Scenario | ScenarioError], execution: Execution) -> list[SweepEngine]:
+    """Return what simulates each of some runs. It depends on nothing but the run, and so does the run's key.
 
     Raises:
-        FieldError: it is neither "single" nor "auto".
+        FieldError: the engine of the execution is neither "single" nor "auto".
     """
-    if engine not in ("single", "auto"):
-        raise FieldError(f"is {engine!r}; it must be 'single' or 'auto'", "engine")
-    if engine == "auto":
-        try:
-            require_compiler()
-        except MissingExtraError as error:
-            _LOG.warning("runs are simulated one by one: %s", error)
-            return False
-    return engine == "auto"
-
-
-def engine_of(scenario: Scenario, changes: Mapping[str, Any], *, together: bool) -> Engine:
-    """Return what simulates a run. It depends on nothing but the run, and so does the run's key."""
-    try:
-        return "batch" if together and support(scenario.override(changes)) is None else "single"
-    except Exception:  # a user's class may raise anything when it is built; the run itself reports it
-        return "single"
+    if execution.engine == "batch":
+        raise FieldError("is 'batch'; it must be 'single' or 'auto'", "engine")
+    choices = choose_engines(scenarios, execution.engine or "single")
+    for choice in choices[:1]:
+        if choice.obstacle == "compiler":
+            _LOG.warning("runs are simulated one by one: %s", choice.reason)
+    return [choice.engine for choice in choices]
 
 
 def _parts(
     scenario: Scenario,
-    controllers: Mapping[str, dict[str, Any]],
+    laws: Mapping[str, dict[str, Any]],
     trials: Mapping[str, Trial],
     seeds: int,
-    *,
-    together: bool,
+    gains: Mapping[str, str],
 ) -> Iterator[_Part]:
-    """Yield the sweeps of a scenario: its cases by whether they are random, and by what simulates them."""
-    groups = defaultdict[tuple[bool, Engine], dict[tuple[str, str], dict[str, Any]]](dict)
-    for name, controller in controllers.items():
-        for label, trial in trials.items():
-            changes = changes_of(scenario, trial, controller)
-            groups[trial.random, engine_of(scenario, changes, together=together)][name, label] = changes
-    for (random, engine), cases in sorted(groups.items()):
-        plan = SweepPlan(
-            base=scenario,
-            cases={"run": {" | ".join(cell): changes for cell, changes in cases.items()}},
-            metrics=(measures,),
-            repeats=seeds if random else 1,
-            engine=engine,
-        )
-        folder = ("random" if random else "fixed") + ("-batch" if engine == "batch" else "")
-        yield _Part(Path(scenario.name, folder), scenario.name, list(cases), {}, plan)
+    """Yield the sweeps of a scenario: its cases by whether they are random."""
+    for is_random, name in ((False, "fixed"), (True, "random")):
+        cases = {
+            (law, label): changes_of(scenario, trial, laws[law])
+            for law in laws
+            for label, trial in trials.items()
+            if trial.random == is_random
+        }
+        if cases:
+            plan = SweepPlan(
+                base=scenario,
+                cases={"run": {" | ".join(cell): changes for cell, changes in cases.items()}},
+                metrics=(measures,),
+                repeats=seeds if is_random else 1,
+            )
+            yield _Part(Path(scenario.name, name), scenario.name, list(cases), gains, plan)
 
 
-def _merged(parts: Sequence[_Part], folders: Sequence[Path]) -> dict[Path, list[Path]]:
+def _by_engine(parts: Sequence[_Part], execution: Execution) -> list[_Part]:
+    """Return sweeps of one engine each: the cases that are simulated together apart from the others."""
+    sizes = [(part.plan, len(part.plan), len(part.cells)) for part in parts]
+    points = [plan.resolved(n) for plan, runs, cells in sizes for n in range(0, runs, runs // cells)]
+    engines, divided = iter(engines_of(points, execution)), list[_Part]()
+    for part in parts:
+        engine_of = {cell: next(engines) for cell in part.cells}
+        for engine in sorted(set(engine_of.values())):
+            cells = [cell for cell in part.cells if engine_of[cell] == engine]
+            folder = part.folder.with_name(part.folder.name + ("-batch" if engine == "batch" else ""))
+            plan = part.plan.part(list(map(" | ".join, cells)), engine)
+            divided.append(part._replace(folder=folder, cells=cells, plan=plan))
+    return divided
+
+
+def _merged(parts: Sequence[_Part], folders: Sequence[Path]) -> dict[Path, tuple[Path, ...]]:
     """Return the folders of other comparisons that have runs of a part, by its folder."""
-    found = {
-        part.folder: [f / part.folder for f in folders if (f / part.folder / "runs").is_dir()]
+    merged = {
+        part.folder: tuple(f / part.folder for f in folders if (f / part.folder / "runs").is_dir())
         for part in parts
     }
     for folder in folders:
-        if not any(folder / place in found[place] for place in found):
-            places = ", ".join(map(str, found))
-            raise FileReadError(f"has no runs to merge; there is none of {places} in it", str(folder))
-    return found
+        if not any(folder / part in merged[part] for part in merged):
+            names = ", ".join(map(str, merged))
+            raise FileReadError(f"has no runs to merge; there is none of {names} in it", str(folder))
+    return merged
 
 
-def _trials(scenario: Scenario, wanted: Sequence[str] | Mapping[str, Any] | None) -> dict[str, Trial]:
+def _trials(scenario: Scenario, trials: Sequence[str] | Mapping[str, Any] | None) -> dict[str, Trial]:
     """Return the trials of a scenario by name; a standard one that does not apply to it is left out."""
     standard = standard_trials(scenario)
-    if wanted is None:
+    if trials is None:
         return standard
-    if isinstance(wanted, Mapping):
+    if isinstance(trials, Mapping):
         return {
-            name: trial if isinstance(trial, Trial) else Trial(dict(trial)) for name, trial in wanted.items()
+            name: trial if isinstance(trial, Trial) else Trial(dict(trial)) for name, trial in trials.items()
         }
-    require_type("trials", wanted, list, tuple)
+    require_type("trials", trials, list, tuple)
     known = {*standard, "friction x0", "friction x3"}
-    for name in wanted:
+    for name in trials:
         if name not in known:
             raise NameNotFoundError("trial", name, standard, "the standard trials")
-    return {name: standard[name] for name in wanted if name in standard}
+    return {name: standard[name] for name in trials if name in standard}
 
 
 def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:

@@ -13,10 +13,11 @@ import numpy as np
 from coop_pin.analysis import suggest
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.description.controller import PayloadSpace
+from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.schema.base import Description
 from coop_pin.spatial import weight_wrench
 from coop_pin.user_files import read_toml, read_user_file
 
@@ -60,27 +61,31 @@ def controllers_for(
         FileReadError: the table of gains cannot be read.
         FieldError: a description is neither "module:Class" nor a table of fields.
     """
-    chosen = controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
-    known, found = _table()["controllers"], {}
+    table, found = _table(), dict[str, dict[str, Any]]()
     stored = stored_gains(scenario.name, gains) if tuned else {}
-    for name, given in chosen.items():
-        if isinstance(given, str) and ":" in given:
-            given = {"kind": "user", "target": given}
-        if isinstance(given, str):
-            if given not in known:
-                raise NameNotFoundError("controller", given, known, "the table; a class reads 'module:Class'")
-            given = _changed(known[given], stored.get(given, {}))
-        elif hasattr(given, "model_dump"):
-            given = given.model_dump()
-        if not isinstance(given, Mapping):
+    values = functools.cache(functools.partial(_cell_values, scenario))
+    for name, chosen in _by_name(controllers).items():
+        if isinstance(chosen, str) and ":" in chosen:
+            chosen = {"kind": "user", "target": chosen}
+        elif isinstance(chosen, str):
+            if chosen not in table["controllers"]:
+                raise NameNotFoundError(
+                    "controller", chosen, table["controllers"], "the table; a class reads 'module:Class'"
+                )
+            of_cell = {path: values()[value] for path, value in table["cell"].get(chosen, {}).items()}
+            chosen = _changed(table["controllers"][chosen], of_cell | stored.get(chosen, {}))
+        elif isinstance(chosen, Description):
+            chosen = chosen.model_dump()
+        if not isinstance(chosen, Mapping):
             raise FieldError(
-                f"is {given!r}; it must be 'module:Class' or a table of fields", f"controllers.{name}"
+                f"is {chosen!r}; it must be 'module:Class' or a table of fields", f"controllers.{name}"
             )
-        found[name] = dict(given)
-    if "@" not in repr(found):
-        return found
-    values = _cell_values(scenario)
-    return {name: _filled(given, values) for name, given in found.items()}
+        found[name] = dict(chosen)
+    return found
+
+
+def _by_name(controllers: Controllers) -> Mapping[str, Any]:
+    return controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
 
 
 def gains_used(
@@ -90,12 +95,12 @@ def gains_used(
 
     "tuned" stands for stored ones, "untuned" for the middle ones of the table, "given" for a description's.
     """
-    chosen = controllers if isinstance(controllers, Mapping) else {name: name for name in controllers}
     stored = stored_gains(scenario.name, gains) if tuned else {}
-    is_named = {name: isinstance(given, str) and ":" not in given for name, given in chosen.items()}
     return {
-        name: ("tuned" if given in stored else "untuned") if is_named[name] else "given"
-        for name, given in chosen.items()
+        name: ("tuned" if chosen in stored else "untuned")
+        if isinstance(chosen, str) and ":" not in chosen
+        else "given"
+        for name, chosen in _by_name(controllers).items()
     }
 
 
@@ -109,7 +114,8 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
     content = read_user_file(path, limit=_GAINS_BYTES, kind="a table of gains")
     for line, row in enumerate(csv.DictReader(content.decode(errors="replace").splitlines()), 2):
         try:
-            name, field, value = row["controller"], row["field"], float(row["value"])
+            name, value = row["controller"], float(row["value"])
+            field = row["field"].replace("options.", "gains.")  # as the previous version wrote it
             is_known, is_wanted = field in tuned_ranges(name), row["scenario"] == scenario
         except (KeyError, TypeError, ValueError):
             is_known = False
@@ -122,28 +128,21 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
 
 
 def _changed(table: dict[str, Any], changes: Mapping[str, float]) -> dict[str, Any]:
-    """Return a table with fields of inner tables changed, by dotted path."""
+    """Return a table with fields changed, by dotted path; those of inner tables too."""
     table = {key: dict(value) if isinstance(value, dict) else value for key, value in table.items()}
     for path, value in changes.items():
-        inner, field = path.split(".")
-        table[inner][field] = value
+        inner, _, field = path.rpartition(".")
+        (table[inner] if inner else table)[field] = value
     return table
-
-
-def _filled(given: Any, values: Mapping[str, Any]) -> Any:
-    """Return a description with the cell's values in the places of their names."""
-    if isinstance(given, Mapping):
-        return {key: _filled(value, values) for key, value in given.items()}
-    return values[given[1:]] if isinstance(given, str) and given.startswith("@") else given
 
 
 def _cell_values(scenario: Scenario) -> dict[str, Any]:
     """Return what the table of controllers leaves to the cell, by name."""
     law: Any = scenario.controller
     rows = scenario.cell.task_rows
-    if not isinstance(law, PayloadSpace):
+    if law.kind != "payload-space":
         law = suggest(scenario).scenario.controller  # proposes no other law
-    K = np.diagonal(np.array(law.gains.sliding_gain) * np.eye(rows.size))
+    K = gain_vector(law.gains.sliding_gain, rows.size)
     damping = _damping(scenario, K)
     redundant = any(part.size > rows.size for part in damping)
     # Arms with different numbers of joints share one number.
@@ -162,11 +161,7 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
 
 def _damping(scenario: Scenario, K: Array) -> list[Array]:
     """Return the diagonal of J^T (K / 2m) J of each arm at the start, N m s/rad, shape (k,)."""
-    cell, rows, found = scenario.cell, scenario.cell.task_rows, []
-    chain = CellChain(cell, scenario.plant)
+    cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
-    for place in chain.model.arms:
-        J = rows.select(ArmModel.from_cell(cell, place.name).payload_jacobian(q[place.q_slice]))
-        J = J @ np.linalg.inv(place.drive)
-        found.append(np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)))
-    return found
+    jacobians = (CellArm(cell, arm.name).task_jacobian(q[arm.q_slice]) for arm in chain.model.arms)
+    return [np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)) for J in jacobians]

@@ -21,9 +21,7 @@ from coop_pin.control import (
     ArmReference,
     CellCommand,
     CellController,
-    DecentralisedController,
 )
-from coop_pin.description.controller import NoForcePath, PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation import simulate
@@ -76,7 +74,7 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
     times = [[_least_us(own) for own in chosen.values()] for _ in range(rounds)]
     table = pd.DataFrame({"us": np.min(times, axis=0)}, index=list(chosen))
     table["ratio"] = table["us"] / table["us"].iloc[0]
-    needs = [_needs(own, build_controller(own)) for own in chosen.values()]
+    needs = [own.controller.needs for own in chosen.values()]
     counted = [_operations(own, used) for own, used in zip(chosen.values(), needs, strict=True)]
     table["operations"], table["not_counted"] = zip(*counted, strict=True)
     table["needs"] = [", ".join(used) or "nothing" for used in needs]
@@ -100,16 +98,3 @@ def _operations(scenario: Scenario, needs: Sequence[str]) -> tuple[float, str]:
     except (TracingError, ArgumentError) as error:
         return math.nan, str(error)
     return float(sum(law.flops.values())), ""
-
-
-def _needs(scenario: Scenario, law: CellController) -> tuple[str, ...]:
-    """Return what a controller uses besides kinematics."""
-    first = next(iter(law.controllers.values())) if isinstance(law, DecentralisedController) else law
-    stated = scenario.controller
-    if stated.kind == "user":
-        blind = isinstance(stated.force_path, NoForcePath)
-        return tuple(need for need in first.needs if not (blind and need == "internal wrench"))
-    if not isinstance(stated.force_path, NoForcePath):
-        return ("internal wrench",)
-    own = isinstance(stated, PayloadSpace) and stated.payload_mass is not None
-    return ("own wrench",) if own else ()

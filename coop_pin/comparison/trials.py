@@ -119,9 +119,10 @@ def changes_of(scenario: Scenario, trial: Trial, controller: dict[str, Any]) -> 
     if trial.friction == 1.0:
         return {"controller": controller} | trial.changes
     factor = max(trial.friction, _NO_FRICTION)
-    if "model" in (options := controller.get("options", {})):
-        known = options["model"].get("friction", 1.0) / factor
-        controller = controller | {"options": options | {"model": options["model"] | {"friction": known}}}
+    fields = controller.get("options", controller)
+    if (model := fields.get("model")) is not None:
+        changed = fields | {"model": model | {"friction": model.get("friction", 1.0) / factor}}
+        controller = controller | {"options": changed} if "options" in controller else changed
     return friction_changes(scenario, factor) | {"controller": controller} | trial.changes
 
 

@@ -2,6 +2,7 @@
 
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -11,12 +12,25 @@ from coop_pin.control.interface import (
     CellController,
     DecentralisedController,
 )
-from coop_pin.control.leader_follower import LeaderFollowerController
-from coop_pin.control.payload_space import PayloadSpaceController, PayloadSpaceState
-from coop_pin.control.prescribed_performance import PrescribedPerformanceController
+from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, Law, PostureGains
+from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
+from coop_pin.control.payload_space import (
+    PayloadSpace,
+    PayloadSpaceController,
+    PayloadSpaceGains,
+    PayloadSpaceState,
+)
+from coop_pin.control.prescribed_performance import (
+    PrescribedPerformance,
+    PrescribedPerformanceController,
+    PrescribedPerformanceGains,
+)
 from coop_pin.control.sliding_mode import (
+    RedundantSlidingMode,
     RedundantSlidingModeController,
+    SlidingMode,
     SlidingModeController,
+    SlidingModeGains,
     SlidingModeState,
 )
 from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
@@ -29,16 +43,33 @@ __all__ = [
     "ArmReference",
     "CellCommand",
     "CellController",
+    "CellTiming",
+    "ControlledArm",
     "DecentralisedController",
+    "DecentralisedLaw",
+    "LateForcePath",
+    "Law",
+    "LeaderFollower",
     "LeaderFollowerController",
+    "LeaderFollowerGains",
+    "LowPassForcePath",
+    "NoForcePath",
+    "PayloadSpace",
     "PayloadSpaceController",
+    "PayloadSpaceGains",
     "PayloadSpaceState",
     "Posture",
+    "PostureGains",
+    "PrescribedPerformance",
     "PrescribedPerformanceController",
+    "PrescribedPerformanceGains",
+    "RedundantSlidingMode",
     "RedundantSlidingModeController",
     "Saturation",
     "Sign",
+    "SlidingMode",
     "SlidingModeController",
+    "SlidingModeGains",
     "SlidingModeState",
     "Switching",
     "Tanh",

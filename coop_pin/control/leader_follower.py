@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
+from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.gains import Gains, PositiveRow, RowGain
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.terms import gain_vector, spare_torque
-from coop_pin.spatial.scalars import exp
+from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw
+from coop_pin.control.terms import spare_torque
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Interval, NotNegative, Positive
+from coop_pin.spatial.generic_numbers import exp
+from coop_pin.spatial.task_rows import TaskRows
 
 
 class LeaderFollowerState(NamedTuple):
@@ -27,6 +33,42 @@ class LeaderFollowerState(NamedTuple):
     start: Array
 
 
+class LeaderFollowerGains(Gains):
+    """Gains of leader-follower control; one number for all task rows, or one for each.
+
+    Attributes:
+        pose_gain: gamma, 1/s.
+        sliding_gain: K, N s/m and N m s/rad.
+        integral_rate: k_I, 1/s.
+        follower_damping: B, N s/m and N m s/rad.
+        follower_stiffness: B_p, N/m and N m/rad.
+        admittance_damping: D, N s/m and N m s/rad.
+        admittance_rate: l, 1/s.
+        payload_weight: What on the task rows, N and N m.
+        spare_gains: Stiffness, N m/rad, and damping, N m s/rad, of spare joints.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = (
+        "pose_gain",
+        "sliding_gain",
+        "follower_damping",
+        "follower_stiffness",
+        "admittance_damping",
+        "payload_weight",
+    )
+
+    pose_gain: PositiveRow = 2.0
+    sliding_gain: PositiveRow = 400.0
+    integral_rate: NotNegative = 5.0
+    follower_damping: PositiveRow = 100.0
+    follower_stiffness: PositiveRow = 500.0
+    admittance_damping: PositiveRow = 50.0
+    admittance_rate: Positive = 50.0
+    payload_weight: RowGain = 0.0
+    spare_gains: Interval = (40.0, 8.0)
+
+
+@dataclass(frozen=True, eq=False)
 class LeaderFollowerController(ArmController):
     """Leader with a PI law on the payload, followers with an impedance; the first arm of the cell leads.
 
@@ -43,63 +85,24 @@ class LeaderFollowerController(ArmController):
     A follower does not know the motion: it moves with the payload and yields until its wrench is F_d. At rest
     V_c = 0, so that F = F_d whatever its kinematics are off by. Its force loop has the gain B / D over a
     filter of pole p and is stable below ``force_gain_bound(p)``; T B_p / D is its anchor gain.
+
+    Attributes:
+        rows: The k_0 task rows.
+        period: T, s.
+        load_share: c of this arm.
+        leads: Whether this arm is the leader.
+        gains: Gains, those of rows with k_0 entries.
     """
 
-    needs = ("own wrench", "role")
-
-    def __init__(
-        self,
-        scenario: Any,
-        arm: str,
-        *,
-        pose_gain: ArrayLike = 2.0,
-        sliding_gain: ArrayLike = 400.0,
-        integral_rate: float = 5.0,
-        follower_damping: ArrayLike = 100.0,
-        follower_stiffness: ArrayLike = 500.0,
-        admittance_damping: ArrayLike = 50.0,
-        admittance_rate: float = 50.0,
-        payload_weight: ArrayLike = 0.0,
-        spare_gains: tuple[float, float] = (40.0, 8.0),
-    ) -> None:
-        """Take rows, load share, period and the arm's place from the scenario; nothing else of it is used.
-
-        Each gain is one number for all task rows or one for each.
-
-        Args:
-            scenario: what is run.
-            arm: name.
-            pose_gain: gamma, 1/s.
-            sliding_gain: K, N s/m and N m s/rad.
-            integral_rate: k_I, 1/s.
-            follower_damping: B, N s/m and N m s/rad.
-            follower_stiffness: B_p, N/m and N m/rad.
-            admittance_damping: D, N s/m and N m s/rad.
-            admittance_rate: l, 1/s.
-            payload_weight: What on the task rows, N and N m.
-            spare_gains: stiffness, N m/rad, and damping, N m s/rad, of spare joints.
-
-        Raises:
-            ShapeError: a gain has a wrong number of entries.
-        """
-        cell = scenario.cell
-        self._rows, self._period, k_0 = cell.task_rows, scenario.clock.period, cell.task_rows.size
-        place = list(cell.arms).index(arm)
-        self._leads, load_share = place == 0, float(cell.shares[place])
-        self._gamma, self._K = (
-            gain_vector("pose_gain", pose_gain, k_0),
-            gain_vector("sliding_gain", sliding_gain, k_0),
-        )
-        self._k_I, self._B = integral_rate, gain_vector("follower_damping", follower_damping, k_0)
-        self._B_p = gain_vector("follower_stiffness", follower_stiffness, k_0)
-        self._D = gain_vector("admittance_damping", admittance_damping, k_0)
-        self._pole = exp(-float(admittance_rate) * self._period)
-        self._spare_gains = spare_gains
-        self._load = load_share * gain_vector("payload_weight", payload_weight, k_0)
+    rows: TaskRows
+    period: float
+    load_share: float
+    leads: bool
+    gains: LeaderFollowerGains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LeaderFollowerState:
         """Return the state at t_0: z = 0, V_c = 0."""
-        return LeaderFollowerState(np.zeros(self._rows.size), np.zeros(self._rows.size), measurement.q)
+        return LeaderFollowerState(np.zeros(self.rows.size), np.zeros(self.rows.size), measurement.q)
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: LeaderFollowerState
@@ -109,18 +112,58 @@ class LeaderFollowerController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        T, z, V_c = self._period, state.integral, state.velocity
-        F_d = self._rows.turn(measurement.payload_pose, reference.internal_wrench) + self._load
-        if self._leads:
-            xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
-            push = self._K * (measurement.payload_twist - reference.twist + self._gamma * xtilde)
-            rate = self._k_I * push
+        gains, T, z, V_c = self.gains, self.period, state.integral, state.velocity
+        load = self.load_share * gains.payload_weight
+        F_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench) + load
+        if self.leads:
+            xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+            s = measurement.payload_twist - reference.twist + gains.pose_gain * xtilde
+            push = gains.sliding_gain * s
+            rate = gains.integral_rate * push
         else:
-            if measurement.interaction_wrench is not None:
-                V_c = self._pole * V_c + (1.0 - self._pole) * (measurement.interaction_wrench - F_d) / self._D
+            F, p = measurement.interaction_wrench, exp(-gains.admittance_rate * T)
+            if F is not None:
+                V_c = p * V_c + (1.0 - p) * (F - F_d) / gains.admittance_damping
             slip = measurement.payload_twist - V_c
-            push, rate = self._B * slip, self._B_p * slip
-        tau = spare_torque(measurement, state.start, self._spare_gains)
+            push, rate = gains.follower_damping * slip, gains.follower_stiffness * slip
+        tau = spare_torque(measurement, state.start, gains.spare_gains)
         tau = tau - measurement.payload_jacobian.T.dot(F_d + push + z)
         held = 1.0 - measurement.saturated.any()
         return ArmCommand(tau, LeaderFollowerState(z + held * T * rate, V_c, state.start))
+
+
+class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
+    """Leader-follower control, the first arm leads: LeaderFollowerController."""
+
+    uses: ClassVar[tuple[str, ...]] = ("own wrench", "role")
+
+    kind: Literal["leader-follower"] = "leader-follower"
+    gains: LeaderFollowerGains = LeaderFollowerGains()
+
+    @property
+    def has_linear_integral(self) -> bool:
+        """Leader and followers integrate linearly."""
+        return True
+
+    def controller_of(self, arm: ControlledArm, gains: LeaderFollowerGains, scenario: Any) -> ArmController:
+        """Return the law of one arm."""
+        return LeaderFollowerController(arm.rows, arm.period, arm.load_share, arm.place == 0, gains)
+
+    def loop(self, cell: CellTiming) -> SampledLoop:
+        """Return a follower's force loop in the task row with the largest B / D."""
+        gains = self.gains.sized(cell.rows, 0)
+        B, B_p = gains.follower_damping, gains.follower_stiffness
+        D, p = gains.admittance_damping, float(np.exp(-gains.admittance_rate * cell.period))
+        row = int(np.argmax(B / D))
+        loop = super().loop(cell)._replace(pole=p)
+        return loop._replace(force_gain=float((B / D)[row]), anchor_gain=cell.period * float((B_p / D)[row]))
+
+    def feedback_problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return the problem of an admittance with which a follower's force loop is unstable."""
+        if not cell.wrists or (loop := self.loop(cell)).is_stable():
+            return []
+        detail = (
+            f"is {self.gains.admittance_damping}, but with B / D = {loop.force_gain:g}, T B_p / D ="
+            f" {loop.anchor_gain:g} and a delay of {loop.delay} a follower's force loop is unstable; raise it"
+        )
+        return [FieldError(detail, "gains.admittance_damping")]

@@ -5,15 +5,24 @@ Where a wrench is measured, it anchors the integral, so that the internal force 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from coop_pin.arrays import Array
+from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.switching import Switching
+from coop_pin.control.law import ControlledArm, PostureGains
+from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
+from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.switching import Saturation, Switching
 from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import NotNegative
+from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
 
 
@@ -169,3 +178,107 @@ class PayloadSpaceController(ArmController):
             return f_r, np.inf
         share_of_weight = self.load_share * self.payload_weight
         return measurement.interaction_wrench - share_of_weight, measurement.interaction_wrench_age
+
+
+class PayloadSpaceGains(SurfaceGains):
+    """Gains of the payload-space law.
+
+    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
+
+    Attributes:
+        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
+            N m s/rad.
+        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
+            integral; without a measured wrench it does nothing.
+        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
+            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain", "sign_gain", "sliding_gain")
+
+    sliding_gain: PositiveGain
+    anchor_gain: NotNegative = 0.1
+    leak: NotNegative | None = None
+
+
+class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
+    """The payload-space law, for any number of joints: PayloadSpaceController.
+
+    What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
+    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+
+    Attributes:
+        posture: Spring and damper of the spare joints of redundant arms.
+        payload_mass: Approximate mass of the payload, kg, to tell the payload's weight from the internal
+            wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
+        stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
+            force path itself takes.
+    """
+
+    equal_gains: ClassVar[Mapping[str, str]] = {
+        **SurfaceLaw.equal_gains,
+        "anchor_gain": "else the anchors move the payload: it needs one g",
+    }
+
+    kind: Literal["payload-space"] = "payload-space"
+    switching: Switching = Saturation(width=0.05)
+    posture: PostureGains = PostureGains()
+    payload_mass: NotNegative | None = None
+    stale_after: int = Field(default=3, ge=1)
+
+    @property
+    def measures(self) -> bool:
+        """Whether the law measures a wrench."""
+        return self.payload_mass is not None or self.force_path.measures
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What the law uses besides kinematics: the internal wrench, else with a payload mass its own."""
+        own = ("own wrench",) if self.payload_mass is not None else ()
+        return self.measured(["internal wrench"]) or own
+
+    @property
+    def active_gains(self) -> dict[str, Any]:
+        """Gains that have an effect, by name; the leak as it acts."""
+        return super().active_gains | {"leak": self._leak(self.gains)}
+
+    def _leak(self, gains: PayloadSpaceGains) -> float:
+        """Return lambda, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
+        return gains.leak if gains.leak is not None else (10.0 if self.measures else 0.2)
+
+    def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
+        """Return the law of one arm."""
+        leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
+        if leak * arm.period > 1.0:  # the integral would overshoot its goal
+            detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
+            raise FieldError(detail, "controller.gains.leak")
+        return PayloadSpaceController(
+            rows=arm.rows,
+            period=arm.period,
+            load_share=arm.load_share,
+            switching=self.switching,
+            payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
+            stale_after=self.stale_after + arm.oldest_wrench,
+            posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
+            **dict(gains) | {"leak": leak},
+        )
+
+    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+        """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
+        gains, internal, phi = self.gains, self.force_path.measures, self.switching
+        gamma, K, alpha = (
+            gain_vector(gain, rows.size) for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
+        )
+        beta, leak = gains.anchor_gain / sample_period, self._leak(gains)
+        anchored = self.measures and beta > 0.0
+
+        def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
+            return SteadyDirection(
+                spring=lambda x: 0.0 if anchored else K * gamma * x,
+                integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
+                internal_rate=beta if self.measures else leak,
+                load_rate=0.0 if internal else beta if self.measures else leak,
+            )
+
+        linear = [row for row, index in enumerate(rows.indices) if index < 3]
+        return [direction(*map(float, (gamma[row], K[row], alpha[row]))) for row in linear]

@@ -2,20 +2,60 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
+from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.terms import gain_vector, spare_torque
-from coop_pin.spatial.scalars import exp
+from coop_pin.control.law import ControlledArm, DecentralisedLaw
+from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.terms import spare_torque
+from coop_pin.schema.base import Interval, NotNegative
+from coop_pin.spatial.generic_numbers import exp
+from coop_pin.spatial.task_rows import TaskRows
 
 _EDGE = 0.99
 """Normalised errors beyond it count as it: a sampled error can jump over the pole of the logarithm at 1."""
 
 
+class PrescribedPerformanceGains(Gains):
+    """Gains of the prescribed-performance law; one number for all task rows, or one for each.
+
+    Attributes:
+        pose_gain: g_s, m^2/s or rad^2/s.
+        pose_funnel: rho_0 of the pose, m or rad; larger than the error at the start.
+        pose_floor: rho_inf of the pose, m or rad.
+        velocity_gain: g_v, W.
+        velocity_funnel: rho_0 of the velocity, m/s or rad/s.
+        velocity_floor: rho_inf of the velocity, m/s or rad/s.
+        funnel_rate: l, 1/s.
+        spare_gains: Stiffness, N m/rad, and damping, N m s/rad, of spare joints.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = (
+        "pose_gain",
+        "pose_funnel",
+        "pose_floor",
+        "velocity_gain",
+        "velocity_funnel",
+        "velocity_floor",
+    )
+
+    pose_gain: PositiveRow = 1e-3
+    pose_funnel: PositiveRow = 0.2
+    pose_floor: PositiveRow = 0.02
+    velocity_gain: PositiveRow = 2.0
+    velocity_funnel: PositiveRow = 1.0
+    velocity_floor: PositiveRow = 0.2
+    funnel_rate: NotNegative = 1.0
+    spare_gains: Interval = (40.0, 8.0)
+
+
+@dataclass(frozen=True, eq=False)
 class PrescribedPerformanceController(ArmController):
     """Model-free prescribed-performance law for one arm; decentralised, without force sensing.
 
@@ -30,57 +70,16 @@ class PrescribedPerformanceController(ArmController):
 
     Near xi = 0 it is the payload-space PD law with gamma = 4 g_s / rho_s^2 and K = 4 g_v / rho_v^2, so that K
     over the narrowest funnel is bounded by the tick as there. Ours: f_d, fed forward; xi is cut at 0.99.
+
+    Attributes:
+        rows: The k_0 task rows.
+        load_share: c of this arm.
+        gains: Gains, those of rows with k_0 entries.
     """
 
-    def __init__(
-        self,
-        scenario: Any,
-        arm: str,
-        *,
-        pose_gain: ArrayLike = 1e-3,
-        pose_funnel: ArrayLike = 0.2,
-        pose_floor: ArrayLike = 0.02,
-        velocity_gain: ArrayLike = 2.0,
-        velocity_funnel: ArrayLike = 1.0,
-        velocity_floor: ArrayLike = 0.2,
-        funnel_rate: float = 1.0,
-        spare_gains: tuple[float, float] = (40.0, 8.0),
-    ) -> None:
-        """Take rows and load share from the scenario; nothing else of it is used.
-
-        Each gain is one number for all task rows or one for each.
-
-        Args:
-            scenario: what is run.
-            arm: name.
-            pose_gain: g_s, m^2/s or rad^2/s.
-            pose_funnel: rho_0 of the pose, m or rad; larger than the error at the start.
-            pose_floor: rho_inf of the pose, m or rad.
-            velocity_gain: g_v, W.
-            velocity_funnel: rho_0 of the velocity, m/s or rad/s.
-            velocity_floor: rho_inf of the velocity, m/s or rad/s.
-            funnel_rate: l, 1/s.
-            spare_gains: stiffness, N m/rad, and damping, N m s/rad, of spare joints.
-
-        Raises:
-            ShapeError: a gain has a wrong number of entries.
-        """
-        cell = scenario.cell
-        self._rows, k_0 = cell.task_rows, cell.task_rows.size
-        self._load_share = float(cell.shares[list(cell.arms).index(arm)])
-        self._g_s, self._g_v = (
-            gain_vector("pose_gain", pose_gain, k_0),
-            gain_vector("velocity_gain", velocity_gain, k_0),
-        )
-        self._pose_funnel = (
-            gain_vector("pose_funnel", pose_funnel, k_0),
-            gain_vector("pose_floor", pose_floor, k_0),
-        )
-        self._velocity_funnel = (
-            gain_vector("velocity_funnel", velocity_funnel, k_0),
-            gain_vector("velocity_floor", velocity_floor, k_0),
-        )
-        self._funnel_rate, self._spare_gains = float(funnel_rate), spare_gains
+    rows: TaskRows
+    load_share: float
+    gains: PrescribedPerformanceGains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> tuple[float, Array]:
         """Return t_0, s, and the drive angles there, rad, shape (k,)."""
@@ -94,18 +93,19 @@ class PrescribedPerformanceController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        decay = exp(-self._funnel_rate * (measurement.time - state[0]))
-        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
-        V_r = -self._g_s * _push(xtilde, _width(self._pose_funnel, decay))
-        push = self._g_v * _push(measurement.payload_twist - V_r, _width(self._velocity_funnel, decay))
-        f_d = self._rows.turn(measurement.payload_pose, reference.internal_wrench)
-        tau = spare_torque(measurement, state[1], self._spare_gains)
-        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self._load_share * push + f_d), state)
+        gains = self.gains
+        decay = exp(-gains.funnel_rate * (measurement.time - state[0]))
+        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        V_r = -gains.pose_gain * _push(xtilde, _width(gains.pose_funnel, gains.pose_floor, decay))
+        rho = _width(gains.velocity_funnel, gains.velocity_floor, decay)
+        push = gains.velocity_gain * _push(measurement.payload_twist - V_r, rho)
+        f_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        tau = spare_torque(measurement, state[1], gains.spare_gains)
+        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self.load_share * push + f_d), state)
 
 
-def _width(funnel: tuple[Array, Array], decay: float) -> Array:
+def _width(first: Array, floor: Array, decay: float) -> Array:
     """Return rho(t), shape (k_0,)."""
-    first, floor = funnel
     return (first - floor) * decay + floor
 
 
@@ -113,3 +113,27 @@ def _push(error: Array, rho: Array) -> Array:
     """Return r eps / rho of errors in their funnels, shape (k_0,)."""
     xi = np.minimum(np.maximum(error / rho, -_EDGE), _EDGE)
     return 2.0 / (1.0 - xi * xi) * np.log((1.0 + xi) / (1.0 - xi)) / rho
+
+
+class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
+    """The model-free prescribed-performance law: PrescribedPerformanceController."""
+
+    kind: Literal["prescribed-performance"] = "prescribed-performance"
+    gains: PrescribedPerformanceGains = PrescribedPerformanceGains()
+
+    def controller_of(
+        self, arm: ControlledArm, gains: PrescribedPerformanceGains, scenario: Any
+    ) -> ArmController:
+        """Return the law of one arm."""
+        return PrescribedPerformanceController(arm.rows, arm.load_share, gains)
+
+    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+        """Return the spring of two funnels at their floors in each linear task row."""
+        gains = self.gains.sized(rows.size, 0)
+
+        def spring(row: int, x: float) -> float:
+            V_r = gains.pose_gain * _push(np.full(rows.size, x), gains.pose_floor)
+            return float((gains.velocity_gain * _push(V_r, gains.velocity_floor))[row])
+
+        linear = [row for row, index in enumerate(rows.indices) if index < 3]
+        return [SteadyDirection(partial(spring, row)) for row in linear]

@@ -8,15 +8,19 @@ posture term for the spare joints (k > k_0); its docstring states what the proof
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.control.gains import PositiveGain, gain_matrix
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
+from coop_pin.control.law import ControlledArm, PostureGains
+from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
-from coop_pin.spatial.scalars import exp
+from coop_pin.schema.base import NotNegative
+from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 
@@ -172,3 +176,58 @@ class RedundantSlidingModeController(ArmController):
 
     def _inverse(self, measurement: ArmMeasurement) -> Array:
         return right_inverse(measurement.payload_jacobian, measurement.time, self.inverse_damping)
+
+
+class SlidingModeGains(SurfaceGains):
+    """Gains of law (23) for one arm.
+
+    Attributes:
+        damping_gain: K_d, on the joints, N m s/rad; one for all or one for each.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain",)
+    on_drives: ClassVar[tuple[str, ...]] = ("sign_gain", "damping_gain")
+
+    damping_gain: PositiveGain
+
+
+class SlidingMode(SurfaceLaw[SlidingModeGains]):
+    """The decentralised sliding-mode law, Gueaieb et al. (2007), eq. (23): SlidingModeController.
+
+    For arms with as many joints as task rows.
+    """
+
+    needs_square: ClassVar[bool] = True
+
+    kind: Literal["sliding-mode"] = "sliding-mode"
+
+    def controller_of(self, arm: ControlledArm, gains: SlidingModeGains, scenario: Any) -> ArmController:
+        """Return the printed law of one arm."""
+        return SlidingModeController(arm.rows, arm.period, switching=self.switching, **dict(gains))
+
+    def joint_spring(self, arm: str, J_inverse: Array) -> Array | None:
+        """Return B = J^-T K_d J^-1 gamma, shape (k_0, k_0); infinite with an integral, which ramps."""
+        gains = self.gains_of(arm)
+        K_d, gamma = (gain_matrix(gain, len(J_inverse)) for gain in (gains.damping_gain, gains.pose_gain))
+        B: Array = J_inverse.T @ K_d @ J_inverse @ gamma
+        return np.full_like(B, np.inf) if np.any(gains.sign_gain) else B
+
+
+class RedundantSlidingMode(SurfaceLaw[SlidingModeGains]):
+    """Law (23) for arms with more joints than task rows: RedundantSlidingModeController.
+
+    Its docstring states what the proof loses.
+
+    Attributes:
+        posture: Spring and damper of the spare joints of redundant arms.
+        inverse_damping: Damping of the pseudo-inverse; 0 is exact, anything else biases the tracking.
+    """
+
+    kind: Literal["sliding-mode-redundant"] = "sliding-mode-redundant"
+    posture: PostureGains = PostureGains()
+    inverse_damping: NotNegative = 0.0
+
+    def controller_of(self, arm: ControlledArm, gains: SlidingModeGains, scenario: Any) -> ArmController:
+        """Return the law of one arm with its posture term."""
+        printed = SlidingModeController(arm.rows, arm.period, switching=self.switching, **dict(gains))
+        return RedundantSlidingModeController(printed, self.posture.term(arm), self.inverse_damping)

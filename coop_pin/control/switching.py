@@ -5,7 +5,7 @@ Each is a frozen, validated value that stands in a scenario (``kind`` and fields
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -26,6 +26,8 @@ class Sign(Description):
         dead_zone: sgn(s) = 0 for abs(s) <= dead_zone, in the unit of the surface.
     """
 
+    is_smooth: ClassVar[bool] = False
+
     kind: Literal["sign"] = "sign"
     dead_zone: NotNegative = 1e-9
 
@@ -41,6 +43,8 @@ class Saturation(Description):
         width: half width of the layer, in the unit of the surface.
     """
 
+    is_smooth: ClassVar[bool] = True
+
     kind: Literal["saturation"] = "saturation"
     width: Positive = 0.01
 
@@ -55,6 +59,8 @@ class Tanh(Description):
     Attributes:
         width: in the unit of the surface.
     """
+
+    is_smooth: ClassVar[bool] = True
 
     kind: Literal["tanh"] = "tanh"
     width: Positive = 0.01

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array
+from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, SingularJacobianError
-from coop_pin.spatial.scalars import identity, inverse, require_less
+from coop_pin.spatial.generic_numbers import identity, inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
@@ -65,16 +64,6 @@ def _singular(J: Array, time: float, condition: float) -> Exception:
     return SingularJacobianError(condition, time, CONDITION_LIMIT)
 
 
-def gain_vector(name: str, gain: ArrayLike, size: int) -> Array:
-    """Return the diagonal of a gain: a number for all entries or one for each, shape (size,).
-
-    Raises:
-        ShapeError: it has another number of entries.
-        OutOfRangeError: an entry is NaN or infinite.
-    """
-    return as_array(name, np.full(size, gain) if np.ndim(gain) == 0 else gain, size)
-
-
 def force_term(
     rows: TaskRows, force_gain: float, measurement: ArmMeasurement, reference: ArmReference
 ) -> Array:
@@ -121,7 +110,7 @@ class InternalForceIntegral:
 def is_new(age: float, last: float) -> bool:
     """Return whether a measurement of this age, ticks, was taken since the tick at which it was ``last``.
 
-    Ages are quotients of times: a sample is new if its age grew by less than 1 - 1e-6 ticks.
+    Ages count ticks; one that was rounded, as by other controllers than ours, still counts as grown by one.
     """
     return age < last + 1.0 - _ROUNDING
 

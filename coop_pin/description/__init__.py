@@ -4,18 +4,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.controller import (
-    LateForcePath,
-    LowPassForcePath,
-    NoForcePath,
-    PayloadSpace,
-    PayloadSpaceGains,
-    PostureGains,
-    RedundantSlidingMode,
-    SlidingMode,
-    SlidingModeGains,
-    UserController,
-)
+from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
@@ -42,23 +31,15 @@ __all__ = [
     "GravityCompensation",
     "IdealVelocity",
     "JointFriction",
-    "LateForcePath",
-    "LowPassForcePath",
     "Miscalibration",
-    "NoForcePath",
+    "ModelFactors",
     "ObservedVelocity",
     "Payload",
     "PayloadChange",
-    "PayloadSpace",
-    "PayloadSpaceGains",
     "PlantOptions",
     "Pose",
-    "PostureGains",
-    "RedundantSlidingMode",
     "Scenario",
     "Sensors",
-    "SlidingMode",
-    "SlidingModeGains",
     "Stabilisation",
     "TrustThresholds",
     "UserController",

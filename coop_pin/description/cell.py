@@ -134,3 +134,7 @@ class Cell(Description):
         if self.load_shares is None:
             return np.full(len(self.arms), 1.0 / len(self.arms))
         return np.array([self.load_shares[name] for name in self.arms])
+
+    def share(self, arm: str) -> float:
+        """Return the load share c_i of an arm."""
+        return float(self.shares[list(self.arms).index(arm)])

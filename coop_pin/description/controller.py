@@ -1,254 +1,281 @@
-"""Controllers as a scenario states them: a law with its gains and force path, or a user's own class."""
+"""Controllers that a scenario can name: the laws of the package, and users' own classes."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Generic, Literal, TypeVar
+import inspect
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, cast, get_args
 
-import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import BeforeValidator, Field
 
-from coop_pin.control.switching import Saturation, Sign, Switching
+from coop_pin.control.gains import Gains, PositiveRow
+from coop_pin.control.interface import ArmController, CellController, DecentralisedController
+from coop_pin.control.law import ControlledArm, DecentralisedLaw, Law, ParametricLaw
+from coop_pin.control.leader_follower import LeaderFollower
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.prescribed_performance import PrescribedPerformance
+from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, NumberVectorOrMatrix, Positive, Vector
-from coop_pin.schema.user_code import FunctionName
+from coop_pin.schema.base import Description, Interval, NotNegative, Positive
+from coop_pin.schema.user_code import FunctionName, load_class
 
-Gain = NumberVectorOrMatrix
-"""A gain matrix: a number times the identity, a diagonal, or rows."""
-
-
-def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
-    """Refuse an alpha that is not diagonal or has a negative entry."""
-    rows = np.array(alpha)
-    if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
-        raise FieldError(
-            f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
-        )
-    if np.min(rows) < 0.0:
-        raise FieldError(f"is {rows.tolist()}; alpha must not be negative")
-    return alpha
+# ---------------------------------------------------------------- laws with a model
 
 
-def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
-    """Refuse a gain that is not positive, or a matrix whose symmetric part is not positive definite."""
-    rows = np.array(gain, dtype=float)
-    if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
-        raise FieldError(f"has shape {rows.shape}; a gain matrix is square")
-    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0]) if rows.ndim == 2 else float(np.min(rows))
-    if smallest <= 0.0:
-        wanted = (
-            "positive",
-            "positive in every entry",
-            f"positive definite (smallest eigenvalue {smallest:g})",
-        )
-        raise FieldError(f"is {rows.tolist()}; it must be {wanted[rows.ndim]}")
-    return gain
-
-
-PositiveGain = Annotated[Gain, AfterValidator(_positive_definite)]
-SignGain = Annotated[Gain, AfterValidator(_diagonal)]
-
-
-class Gains(Description):
-    """Gains common to the laws.
+class ModelFactors(Description):
+    """Factors by which the model of a controller is off; 1 is exact.
 
     Attributes:
-        pose_gain: gamma, how fast pose errors decay, 1/s; one for all task rows (6, or 3 for a planar cell)
-            or one for each.
-        sign_gain: alpha, on the integral of the error's sign; diagonal. On the joints, rad/s^2, or on the
-            task rows, m/s^2 and rad/s^2: see the law.
-        force_gain: K_f, how strongly the measured internal wrench is fed back; no unit.
-        transient_rate: kappa of eq. (20), how fast the sliding surface that starts at the first error decays,
-            1/s.
+        mass: Factor of the masses of all links and of the payload; gravity and first moments scale with them.
+        inertia: Factor of their rotational inertias about their centres of mass.
+        friction: Factor of all friction coefficients.
     """
 
-    pose_gain: PositiveGain
-    sign_gain: SignGain
-    force_gain: NotNegative = 0.0
-    transient_rate: Positive
+    mass: Positive = 1.0
+    inertia: Positive = 1.0
+    friction: NotNegative = 1.0
 
 
-class SlidingModeGains(Gains):
-    """Gains of law (23) for one arm.
+class AnchoredGains(Gains):
+    """Gain common to the laws with an internal force integral.
 
     Attributes:
-        damping_gain: K_d, on the joints, N m s/rad; one for all or one for each.
+        anchor_gain: g of the internal force integral.
     """
 
-    damping_gain: PositiveGain
-
-
-class PayloadSpaceGains(Gains):
-    """Gains of the payload-space law.
-
-    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
-
-    Attributes:
-        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
-            N m s/rad.
-        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
-            integral; without a measured wrench it does nothing.
-        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
-            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
-    """
-
-    sliding_gain: PositiveGain
     anchor_gain: NotNegative = 0.1
-    leak: NotNegative | None = None
 
 
-class PostureGains(Description):
-    """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
-
-    Attributes:
-        stiffness: N m/rad, one value for all joints or one for each.
-        damping: N m s/rad, likewise.
-    """
-
-    stiffness: NotNegative | Vector = 40.0
-    damping: NotNegative | Vector = 8.0
+G = TypeVar("G", bound=AnchoredGains)
 
 
-class NoForcePath(Description):
-    """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
-
-    kind: Literal["none"] = "none"
-
-
-_Delay = Annotated[int, Field(ge=0)]
+def _made(law: Any, gains: Gains, scenario: Any, seat: Any) -> Any:
+    """Return the controller of a law with sized gains, for an arm or for all arms."""
+    return load_class(law.controller)(law.model_copy(update={"gains": gains}), scenario, seat)
 
 
-class LateForcePath(Description):
-    """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
+class ModelBasedLaw(DecentralisedLaw[G], Generic[G]):
+    """A law of one arm with a model; its controller, in model_based above this package, loads when built."""
 
-    Attributes:
-        delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
-    """
+    controller: ClassVar[str]
+    equal_gains: ClassVar[Mapping[str, str]] = {
+        "anchor_gain": "else the anchors move the payload: it needs one g"
+    }
 
-    kind: Literal["late"] = "late"
-    delay: _Delay = 0
-
-    @property
-    def pole(self) -> float:
-        """The filter's p: 0."""
-        return 0.0
+    def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:
+        """Return the controller of one arm."""
+        return cast(ArmController, _made(self, gains, scenario, arm))
 
 
-class LowPassForcePath(Description):
-    """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
-
-    It takes every sample once, when it arrives; between samples of slow sensors it holds.
+class CentralisedLaw(ParametricLaw[G], Generic[G]):
+    """A law of all arms with a model; its controller, in model_based above this package, loads when built.
 
     Attributes:
-        pole: p, in [0, 1).
-        delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
+        model: Factors by which the model is off.
     """
 
-    kind: Literal["low-pass"] = "low-pass"
-    pole: float = Field(default=0.9, ge=0.0, lt=1.0)
-    delay: _Delay = 0
+    controller: ClassVar[str]
+
+    model: ModelFactors = ModelFactors()
+
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controller; see Law."""
+        seats = list(arms)
+        gains = self.gains.sized(seats[0].rows.size, 0)
+        return cast(CellController, _made(self, gains, scenario, seats))
 
 
-ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
-
-GainsOfLaw = TypeVar("GainsOfLaw", bound=Gains)
-
-
-class DecentralisedLaw(Description, Generic[GainsOfLaw]):
-    """Fields common to the decentralised laws.
+class ComputedTorqueGains(AnchoredGains):
+    """Gains of computed torque; one number for all task rows, or one for each.
 
     Attributes:
-        gains: for every arm.
-        arm_gains: gains of single arms, in place of ``gains``.
-        switching: the switching function of the integral, eq. (18).
-        force_path: how the internal wrench reaches the law.
-        zero_at_grasp: each arm places its payload frame at the scenario's start pose, once: a kinematic bias
-            fixed in its tip vanishes.
+        position_gain: K_p, 1/s^2.
+        velocity_gain: K_v, 1/s.
+        spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
     """
 
-    kind: str
-    gains: GainsOfLaw
-    arm_gains: dict[str, GainsOfLaw] = Field(default_factory=dict)
-    switching: Switching = Sign()
-    force_path: ForcePath = NoForcePath()
-    zero_at_grasp: bool = False
+    on_rows: ClassVar[tuple[str, ...]] = ("position_gain", "velocity_gain")
 
-    def gains_of(self, arm: str) -> GainsOfLaw:
-        """Return the gains of one arm."""
-        return self.arm_gains.get(arm, self.gains)
+    position_gain: PositiveRow = 25.0
+    velocity_gain: PositiveRow = 10.0
+    spare_gains: Interval = (25.0, 10.0)
 
 
-class SlidingMode(DecentralisedLaw[SlidingModeGains]):
-    """The decentralised sliding-mode law, Gueaieb et al. (2007), eq. (23): SlidingModeController.
-
-    For arms with as many joints as task rows.
-    """
-
-    kind: Literal["sliding-mode"] = "sliding-mode"
-
-
-class RedundantSlidingMode(DecentralisedLaw[SlidingModeGains]):
-    """Law (23) for arms with more joints than task rows: RedundantSlidingModeController.
-
-    Its docstring states what the proof loses.
+class ComputedTorque(ModelBasedLaw[ComputedTorqueGains]):
+    """Computed torque of closed chains with an integral of the internal force: ComputedTorqueController.
 
     Attributes:
-        posture: what the spare joints of redundant arms do.
-        inverse_damping: of the pseudo-inverse; 0 is exact, anything else biases the tracking.
+        model: Factors by which the model is off.
     """
 
-    kind: Literal["sliding-mode-redundant"] = "sliding-mode-redundant"
-    posture: PostureGains = PostureGains()
-    inverse_damping: NotNegative = 0.0
+    controller: ClassVar[str] = "coop_pin.model_based.computed_torque:ComputedTorqueController"
+    uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench")
+
+    kind: Literal["computed-torque"] = "computed-torque"
+    gains: ComputedTorqueGains = ComputedTorqueGains()
+    model: ModelFactors = ModelFactors()
 
 
-class PayloadSpace(DecentralisedLaw[PayloadSpaceGains]):
-    """The payload-space law, for any number of joints: PayloadSpaceController.
-
-    What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
-    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+class AdaptiveGains(AnchoredGains):
+    """Gains of adaptive control.
 
     Attributes:
-        posture: what the spare joints of redundant arms do.
-        payload_mass: approximate mass of the payload, kg, to tell the payload's weight from the internal
-            wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
-        stale_after: ticks without a new measurement after which the integral leaks, beyond those that the
-            force path itself takes.
+        pose_gain: gamma, 1/s, one for all task rows or one for each.
+        damping_gain: K_d, N m s/rad, one for all drives or one for each.
+        adaptation: G of all parameters of the arm, in their SI units.
+        payload_adaptation: G_0, likewise.
+        disturbance_rate: G_d, N m/rad.
+        spare_gain: k_p of spare joints, 1/s.
     """
 
-    kind: Literal["payload-space"] = "payload-space"
-    switching: Switching = Saturation(width=0.05)
-    posture: PostureGains = PostureGains()
-    payload_mass: NotNegative | None = None
-    stale_after: int = Field(default=3, ge=1)
+    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain",)
+    on_drives: ClassVar[tuple[str, ...]] = ("damping_gain",)
 
-    @property
-    def measures(self) -> bool:
-        """Whether the law measures a wrench."""
-        return self.payload_mass is not None or not isinstance(self.force_path, NoForcePath)
-
-    def leak_of(self, arm: str) -> float:
-        """Return lambda of one arm, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
-        leak = self.gains_of(arm).leak
-        return leak if leak is not None else (10.0 if self.measures else 0.2)
+    pose_gain: PositiveRow = 4.0
+    damping_gain: PositiveRow = 20.0
+    adaptation: NotNegative = 1.0
+    payload_adaptation: NotNegative = 1.0
+    disturbance_rate: NotNegative = 0.0
+    spare_gain: NotNegative = 4.0
 
 
-Law = SlidingMode | RedundantSlidingMode | PayloadSpace
-"""The laws that come with coop_pin."""
+class Adaptive(ModelBasedLaw[AdaptiveGains]):
+    """Adaptive control of closed chains with regressors of arms and payload: AdaptiveController.
+
+    Attributes:
+        model: Factors by which the first estimates are off; when omitted they are 0.
+    """
+
+    controller: ClassVar[str] = "coop_pin.model_based.adaptive:AdaptiveController"
+    uses: ClassVar[tuple[str, ...]] = ("regressor", "internal wrench")
+
+    kind: Literal["adaptive"] = "adaptive"
+    gains: AdaptiveGains = AdaptiveGains()
+    model: ModelFactors | None = None
 
 
-class UserController(Description):
+class ObjectImpedanceGains(AnchoredGains):
+    """Gains of object impedance; one number for all task rows, or one for each.
+
+    Attributes:
+        inertia: M_d, kg and kg m^2.
+        damping: D, N s/m and N m s/rad.
+        stiffness: K, N/m and N m/rad.
+        spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = ("inertia", "damping", "stiffness")
+
+    inertia: PositiveRow = 20.0
+    damping: PositiveRow = 400.0
+    stiffness: PositiveRow = 2000.0
+    spare_gains: Interval = (25.0, 10.0)
+
+
+class ObjectImpedance(CentralisedLaw[ObjectImpedanceGains]):
+    """Object impedance: the payload responds to a wrench like a stated mass: ObjectImpedanceController."""
+
+    controller: ClassVar[str] = "coop_pin.model_based.object_impedance:ObjectImpedanceController"
+    uses: ClassVar[tuple[str, ...]] = ("model", "wrenches of all arms", "internal wrench")
+
+    kind: Literal["object-impedance"] = "object-impedance"
+    gains: ObjectImpedanceGains = ObjectImpedanceGains()
+
+
+class TorqueQp(CentralisedLaw[ComputedTorqueGains]):
+    """Torques by a quadratic program: TorqueQpController.
+
+    Attributes:
+        tracking_weight: w, N^2 s^4/m^2.
+        friction_coefficient: mu of the grasps; no cones when omitted.
+    """
+
+    controller: ClassVar[str] = "coop_pin.model_based.torque_qp:TorqueQpController"
+    uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench", "states of all arms")
+
+    kind: Literal["torque-qp"] = "torque-qp"
+    gains: ComputedTorqueGains = ComputedTorqueGains()
+    tracking_weight: Positive = 1e4
+    friction_coefficient: Positive | None = None
+
+
+# ---------------------------------------------------------------- users' own
+
+
+class UserController(Law):
     """A controller class of the user's own.
 
     Attributes:
         target: "module:Class", or the class; it is called with the scenario, the arm's name and the options.
-        options: handed to it.
-        force_path: how the internal wrench reaches it.
+        options: Keyword arguments handed to it.
     """
 
     kind: Literal["user"] = "user"
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
-    force_path: ForcePath = NoForcePath()
+
+    @property
+    def user_code(self) -> tuple[str, ...]:
+        """Name of the class."""
+        return (self.target,)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What the class says that it needs; the internal wrench only where it is measured."""
+        return self.measured(load_class(self.target).needs)
+
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controller of the user's class.
+
+        An ArmController is called as ``Class(scenario, arm, **options)`` for each arm, a CellController as
+        ``Class(scenario, **options)``.
+
+        Raises:
+            FieldError: the class is neither, or it does not take the options.
+            NameNotFoundError: there is no such module or class.
+        """
+        kind: Any = load_class(self.target)
+        if not issubclass(kind, CellController | ArmController):
+            detail = f"is {self.target!r}, which is neither an ArmController nor a CellController"
+            raise FieldError(detail, "controller.target")
+        of_cell = issubclass(kind, CellController)
+        try:
+            inspect.signature(kind).bind(scenario, *([] if of_cell else [""]), **self.options)
+        except TypeError as error:
+            call = "(scenario, **options)" if of_cell else "(scenario, arm, **options)"
+            detail = f"do not fit {self.target!r}, which is called as {kind.__name__}{call}: {error}"
+            raise FieldError(detail, "controller.options") from None
+        if of_cell:
+            return kind(scenario, **self.options)
+        return DecentralisedController(
+            {name: kind(scenario, name, **self.options) for name in scenario.cell.arms}
+        )
 
 
-Controller = Annotated[Law | UserController, Field(discriminator="kind")]
+# ---------------------------------------------------------------- all of them
+
+PackageLaw = (
+    SlidingMode
+    | RedundantSlidingMode
+    | PayloadSpace
+    | PrescribedPerformance
+    | LeaderFollower
+    | ComputedTorque
+    | Adaptive
+    | ObjectImpedance
+    | TorqueQp
+)
+"""The laws that come with coop_pin."""
+
+
+def _as_law(value: Any) -> Any:
+    """Return a law of the package that a scenario of the previous version names as a user's class."""
+    table = dict(value) if isinstance(value, Mapping | UserController) else {}
+    module, _, name = str(table.get("target", "")).partition(":")
+    laws = {f"{law.__name__}Controller": law for law in get_args(PackageLaw)}
+    if not module.startswith("coop_pin.") or name not in laws:
+        return value
+    return laws[name].of_previous_version(UserController(**table))
+
+
+Controller = Annotated[PackageLaw | UserController, Field(discriminator="kind"), BeforeValidator(_as_law)]

@@ -12,11 +12,13 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.control.force_path import SampledWrist
+from coop_pin.control.law import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller, NoForcePath
-from coop_pin.description.controller_checks import SampledWrist, controller_problems
-from coop_pin.description.events import Event
+from coop_pin.description.controller import Controller
+from coop_pin.description.events import Event, PayloadChange
+from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
@@ -24,7 +26,15 @@ from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
+from coop_pin.schema.base import (
+    Description,
+    Name,
+    Positive,
+    Text,
+    Vector,
+    check_arm_names,
+    overridden,
+)
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
@@ -106,8 +116,8 @@ class Scenario(Description):
     @classmethod
     def _suits_the_cell(cls, controller: Controller, earlier: ValidationInfo) -> Controller:
         if "cell" in earlier.data and not earlier.data.get("beyond_bound"):
-            problems = controller_problems(controller, list(earlier.data["cell"].arms))
-            if problems:
+            cell = earlier.data["cell"]
+            if problems := controller.problems(CellTiming(list(cell.arms), cell.task_rows.size)):
                 raise one_or_all(problems, "the controller")
         return controller
 
@@ -189,14 +199,11 @@ class Scenario(Description):
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
         path = self.controller.force_path
-        late = None if isinstance(path, NoForcePath) else late_delay(path.delay, self.clock, self.duration)
-        if late:
+        if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
             raise FieldError(late, "controller.force_path.delay")
-        if (self.wrists or self.actuator_lag) and not self.beyond_bound:
-            arms, lag = list(self.cell.arms), self.actuator_lag
-            problems = controller_problems(self.controller, arms, self.wrists, lag)
-            if problems:
-                raise one_or_all([problem.below("controller") for problem in problems], "the controller")
+        is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
+        if is_checked and (problems := self.controller.problems(self.timing)):
+            raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
     @property
@@ -204,6 +211,12 @@ class Scenario(Description):
         """Delay and sampling of the wrist sensors that the arms have, in ticks."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+
+    @property
+    def timing(self) -> CellTiming:
+        """Arms, wrists and drives, against which the controller is checked."""
+        rows, period = self.cell.task_rows.size, self.clock.period
+        return CellTiming(list(self.cell.arms), rows, period, self.wrists, self.actuator_lag)
 
     @property
     def actuator_lag(self) -> float:
@@ -214,10 +227,29 @@ class Scenario(Description):
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
 
+    def payload_at(self, time: float) -> Payload:
+        """Return the payload after the changes up to a time, s."""
+        payload = self.cell.payload
+        changes = [event for event in self.events if isinstance(event, PayloadChange)]
+        for change in sorted(changes, key=lambda change: change.time):
+            payload = change.apply(payload) if change.time <= time else payload
+        return payload
+
     @property
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
         return self.squeeze.at(0.0, self.cell.grasps)
+
+    def override(self, changes: Mapping[str, Any]) -> Self:
+        """Return a copy with fields changed by dotted path; see Description.
+
+        Raises:
+            ScenarioError: a path does not exist, or the copy has mistakes.
+        """
+        require_type("changes", changes, Mapping)
+        is_stored = any(str(path).startswith("controller.options") for path in changes)
+        law = self.controller.stored_as if is_stored else self.controller
+        return type(self)(**overridden(self.model_copy(update={"controller": law}), changes))
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:

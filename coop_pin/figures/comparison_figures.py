@@ -52,23 +52,25 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
         FieldError: the comparison has no such scenario.
     """
     if scenario not in comparison.data["scenario"].values:
-        known = ", ".join(map(str, comparison.data["scenario"].values))
-        raise FieldError(f"is {scenario!r}; the comparison has {known}", "scenario")
-    own = comparison.data.sel(scenario=scenario)
-    own = own.assign({_FORCE: (own["axial_rms_N"] ** 2 + own["shear_rms_N"] ** 2) ** 0.5})
-    own = own.assign_coords(label=("controller", list(map(as_written, comparison.labels(scenario)))))
-    own = own.sel(controller=comparison.ranks(_TRACKING).index).dropna("trial", how="all", subset=["runs"])
-    rows, grid = own.sizes["controller"], (1, 2) if own.sizes["trial"] <= _TRIALS else (2, 1)
+        names = map(str, comparison.data["scenario"].values)
+        raise FieldError(f"is {scenario!r}; the comparison has {', '.join(names)}", "scenario")
+    table = comparison.data.sel(scenario=scenario)
+    table = table.assign({_FORCE: (table["axial_rms_N"] ** 2 + table["shear_rms_N"] ** 2) ** 0.5})
+    table = table.assign_coords(label=("controller", list(map(as_written, comparison.labels(scenario)))))
+    table = table.sel(controller=comparison.ranks(_TRACKING).index).dropna(
+        "trial", how="all", subset=["runs"]
+    )
+    rows, grid = table.sizes["controller"], (1, 2) if table.sizes["trial"] <= _TRIALS else (2, 1)
     heights = (0.8 + _ROW * max(rows, _ROWS), 1.8 + grid[0] * (0.3 + _ROW * rows))
     with styled():
         figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
         (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)
         front, ranks = upper.subplots(1, 2)
-        _draw_front(front, own)
+        _draw_front(front, table)
         _draw_ranks(ranks, comparison)
         maps = lower.subplots(*grid, sharex="col", sharey="row")
         for panel, name in zip(maps, _TITLES, strict=True):
-            _draw_map(panel, own, name)
+            _draw_map(panel, table, name)
         lower.supxlabel(
             "darker: larger; *: not all runs are trustworthy; failed: half of the runs or more",
             fontsize=7.5,
@@ -78,38 +80,38 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     return figure
 
 
-def _draw_front(panel: Axes, own: xr.Dataset) -> None:
+def _draw_front(panel: Axes, table: xr.Dataset) -> None:
     """Draw a mark for each controller, the medians over the trials, and its name at the side."""
-    medians = own[list(_TITLES)].median("trial").to_array().values.T
+    medians = table[list(_TITLES)].median("trial").to_array().values.T
     has_mark = np.isfinite(medians).all(axis=1)
     panel.plot(*medians[has_mark].T, "o", color=palette.ACTUAL)
     for axis, values in zip("xy", medians.T, strict=True):
         scale_to_metric(panel, axis, values[has_mark])
     panel.autoscale_view()
-    wanted = np.ones(len(medians))  # heights of the marks, as parts of the panel's
-    wanted[has_mark] = (panel.transScale + panel.transLimits).transform(medians[has_mark])[:, 1]
-    upwards = np.argsort(wanted, kind="stable")
-    steps = np.arange(len(wanted)) / max(len(wanted), _ROWS)
-    spread = np.maximum.accumulate(wanted[upwards] - steps) + steps
+    heights = np.ones(len(medians))  # of the marks, as parts of the panel's
+    heights[has_mark] = (panel.transScale + panel.transLimits).transform(medians[has_mark])[:, 1]
+    upwards = np.argsort(heights, kind="stable")
+    steps = np.arange(len(heights)) / max(len(heights), _ROWS)
+    spread = np.maximum.accumulate(heights[upwards] - steps) + steps
     for number, height in zip(upwards, np.minimum(spread, 1.0 - steps[::-1]), strict=True):
-        name, side = own["label"].values[number], (1.04, height)
+        name, side = table["label"].values[number], (1.04, height)
         style: Any = {"textcoords": "axes fraction", "va": "center", "fontsize": 7.5}
         if has_mark[number]:
             panel.annotate(name, medians[number], side, arrowprops=_LEADER, **style)
         else:
             panel.annotate(f"{name}: failed", side, side, xycoords="axes fraction", **style)
     panel.set_xlabel(_TITLES[_TRACKING])
-    label(panel, f"medians over the trials: {own.sizes['trial']}", _TITLES[_FORCE])
+    label(panel, f"medians over the trials: {table.sizes['trial']}", _TITLES[_FORCE])
 
 
 def _draw_ranks(panel: Axes, comparison: Comparison) -> None:
     """Draw the mean ranks in tracking and in axial force with their 95 % intervals."""
     order = comparison.ranks(_TRACKING).index
     for (measure, style), offset in zip(_RANKED.items(), (-0.14, 0.14), strict=True):
-        found = comparison.ranks(measure).loc[order]
-        reach: Any = (found["rank"] - found["low"], found["high"] - found["rank"])
+        ranks = comparison.ranks(measure).loc[order]
+        reach: Any = (ranks["rank"] - ranks["low"], ranks["high"] - ranks["rank"])
         panel.errorbar(
-            found["rank"], np.arange(len(order)) + offset, xerr=reach, fmt="o", markersize=4.5, **style
+            ranks["rank"], np.arange(len(order)) + offset, xerr=reach, fmt="o", markersize=4.5, **style
         )
     panel.set_yticks(range(len(order)), [as_written(name) for name in order])
     panel.invert_yaxis()
@@ -117,10 +119,10 @@ def _draw_ranks(panel: Axes, comparison: Comparison) -> None:
     legend_above(panel)
 
 
-def _draw_map(panel: Axes, own: xr.Dataset, name: str) -> None:
+def _draw_map(panel: Axes, table: xr.Dataset, name: str) -> None:
     """Draw a map of controllers by trials."""
     shown, runs, trusted = (
-        own[part].transpose("controller", "trial").values for part in (name, "runs", "trustworthy")
+        table[part].transpose("controller", "trial").values for part in (name, "runs", "trustworthy")
     )
     shades = np.ma.masked_where(~(np.isfinite(shown) & (shown > 0.0)), shown)
     most = float(shades.max()) if shades.count() else 1.0
@@ -133,8 +135,8 @@ def _draw_map(panel: Axes, own: xr.Dataset, name: str) -> None:
         star = "*" if np.isfinite(value) and trusted[row, column] < runs[row, column] else ""
         colour = "white" if math.sqrt(least * most) < value < np.inf else "black"  # dark and light cells
         panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6.5, color=colour)
-    trials = [as_written(trial) for trial in own["trial"].values]
-    panel.set_yticks(np.arange(len(shown)) + 0.5, own["label"].values)
+    trials = [as_written(trial) for trial in table["trial"].values]
+    panel.set_yticks(np.arange(len(shown)) + 0.5, table["label"].values)
     panel.set_xticks(np.arange(len(trials)) + 0.5, trials, rotation=35, ha="right")
     panel.set(ylim=(len(shown), 0.0), frame_on=False)
     panel.tick_params(length=0.0)

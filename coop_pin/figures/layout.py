@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,9 +35,6 @@ class PanelLayout(LayoutEngine):
         super().__init__()
         self._title, self._caption = title, caption
 
-    def set(self, **_: Any) -> None:
-        """Do nothing: it has no parameters."""
-
     def execute(self, fig: Figure) -> None:
         """Lay out a figure whose panels were all made by one call of ``subplots``."""
         panels = [panel for panel in fig.axes if panel.get_visible()]
@@ -68,12 +64,14 @@ class PanelLayout(LayoutEngine):
 def _characters(panel: Axes) -> int:
     """Return the number of characters of the longest number at the vertical axis that is in view."""
     low, high = sorted(panel.get_ylim())
-    found, axis = [_LEAST_CHARACTERS], panel.yaxis
-    major = axis.get_major_locator(), axis.get_major_formatter()
-    for locator, formatter in (major, (axis.get_minor_locator(), axis.get_minor_formatter())):
+    lengths, axis = [_LEAST_CHARACTERS], panel.yaxis
+    for locator, formatter in (
+        (axis.get_major_locator(), axis.get_major_formatter()),
+        (axis.get_minor_locator(), axis.get_minor_formatter()),
+    ):
         texts: Iterable[str] = formatter.format_ticks([at for at in locator() if low <= at <= high])
-        found += [len(re.sub(r"\\\w+|[${}^]", "", text)) for text in texts]
-    return max(found)
+        lengths += [len(re.sub(r"\\\w+|[${}^]", "", text)) for text in texts]
+    return max(lengths)
 
 
 def write_decades(panel: Axes) -> None:

@@ -21,7 +21,6 @@ FLOOR = "#dfe3e8"
 FLOOR_LINES = "#b9c0ca"
 
 
-def rgb(colour: str) -> tuple[float, float, float]:
-    """Return red, green and blue of "#rrggbb", from 0 to 1."""
-    red, green, blue = (int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
-    return red, green, blue
+def series(number: int) -> str:
+    """Return the colour of a line by its number among others; they repeat after six."""
+    return SERIES[number % len(SERIES)]

@@ -31,7 +31,7 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
 
     Args:
         result: the run.
-        monitor: of it, by coop_pin.analysis.theorem_monitor.
+        monitor: terms along it, by coop_pin.analysis.theorem_monitor.
     """
     return _payload_space(result, monitor) if "disagreement" in monitor else _sliding_mode(result, monitor)
 
@@ -44,12 +44,11 @@ def _payload_space(result: RunResult, monitor: xr.Dataset) -> Figure:
             monitor["predicted_rate"].values, axis=0
         )
         for index, arm in enumerate(monitor["arm"].values):
-            colour = palette.SERIES[index % len(palette.SERIES)]
-            found = np.linalg.norm(monitor["disagreement"].values[:, index, :], axis=1)
-            apart.plot(time, found, color=colour, label=f"|Z − c Z̄|, {arm}")
-            foretold = np.linalg.norm(predicted[:-1, index], axis=1)
+            norm = np.linalg.norm(monitor["disagreement"].values[:, index, :], axis=1)
+            apart.plot(time, norm, color=palette.series(index), label=f"|Z − c Z̄|, {arm}")
+            prediction = np.linalg.norm(predicted[:-1, index], axis=1)
             apart.plot(
-                time[1:], foretold, ":", color=palette.ACTUAL, label="predicted" if not index else None
+                time[1:], prediction, ":", color=palette.ACTUAL, label="predicted" if not index else None
             )
         label(apart, "disagreement of the integrals", "N, N m")
         V = monitor["V"].values
@@ -57,8 +56,7 @@ def _payload_space(result: RunResult, monitor: xr.Dataset) -> Figure:
         grows = np.where(monitor["V_may_grow"].values, V, np.nan)
         falling.plot(time, grows, color=palette.INTERNAL, label="V may grow")
         label(falling, "V falls where the load is constant", "J")
-        left = np.linalg.norm((monitor["Zbar"] - monitor["d"]).values, axis=1)
-        taken.plot(time, left, color=palette.ACTUAL)
+        taken.plot(time, np.linalg.norm(monitor["Zbar"] - monitor["d"], axis=1), color=palette.ACTUAL)
         label(taken, "|Z̄ − d|: load that the integral has not taken over", "N, N m")
         for panel in (falling, taken):
             panel.set_yscale("log")
@@ -75,10 +73,9 @@ def _sliding_mode(result: RunResult, monitor: xr.Dataset) -> Figure:
         (rates, bounds), (sums, forces), (marks, poses) = axes
         _draw_rate(rates, time, _averaged(monitor["V_rate_3_sum"].values, ticks))
         for index, arm in enumerate(monitor["arm"].values):
-            colour = palette.SERIES[index % len(palette.SERIES)]
             for name, line, text in (("rho", "-", "|ρ|"), ("damping_force", ":", "λ_min |s_r|")):
                 values = _averaged(monitor[name].values[:, index], ticks)
-                bounds.plot(time, values, line, color=colour, label=f"{text}, {arm}")
+                bounds.plot(time, values, line, color=palette.series(index), label=f"{text}, {arm}")
         label(bounds, "V may grow where |ρ| > λ_min |s_r|", "N m")
         bounds.set_yscale("log")
         u = np.apply_along_axis(_averaged, 0, monitor["u_prime"].values, ticks)
@@ -96,8 +93,7 @@ def _sliding_mode(result: RunResult, monitor: xr.Dataset) -> Figure:
         label(marks, "part of the ticks that is marked", "")
         marks.set_ylim(-0.02, 1.35)
         for index, arm in enumerate(monitor["arm"].values):
-            colour = palette.SERIES[index % len(palette.SERIES)]
-            poses.plot(time, monitor["condition"].values[:, index], color=colour, label=arm)
+            poses.plot(time, monitor["condition"].values[:, index], color=palette.series(index), label=arm)
         label(poses, "condition of J", "")
         for panel in (bounds, sums, marks, poses):
             panel.legend(loc="best", ncols=2, fontsize=7.0)

@@ -5,6 +5,7 @@ The tracking figure follows Fig. 2 of Gueaieb et al. (2007).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,9 @@ def tracking_figure(result: RunResult) -> Figure:
         (_draw_heading if planar else _draw_rotation_error)(data, panels[n])
         parts = ("moment", "axial", "shear") if planar else ("axial", "shear")
         for part, panel in zip(parts, panels[n + 1 :], strict=True):
-            _draw_internal(data, part, panel)
+            _draw_internal(panel, data, part)
+            text, unit = ("moment", "N m") if part == "moment" else (f"force, {part}", "N")
+            label(panel, f"arm {as_written(data['arm'].values[0])}: internal {text}", unit)
     return figure
 
 
@@ -80,14 +83,22 @@ def _draw_rotation_error(data: xr.Dataset, panel: Axes) -> None:
     panel.legend(loc="best", ncols=3)
 
 
-def _draw_internal(data: xr.Dataset, part: str, panel: Axes) -> None:
-    """Draw a part of the internal wrench on the first arm, actual and desired."""
-    time, actual = data["time"].values, data[f"internal_{part}"].values[:, 0]
-    panel.plot(time, actual, **ACTUAL)
-    panel.plot(time, data[f"desired_internal_{part}"].values[:, 0], **DESIRED)
-    text, unit = ("moment", "N m") if part == "moment" else (f"force, {part}", "N")
-    label(panel, f"arm {as_written(data['arm'].values[0])}: internal {text}", unit)
-    inset_peak(panel, time)
+_ROLES: dict[str, Any] = {
+    "measured": ("measured_", MEASURED),
+    "actual": ("", ACTUAL),
+    "desired": ("desired_", DESIRED),
+}
+"""Prefix of the variables and style of the curves by role."""
+
+
+def _draw_internal(
+    panel: Axes, data: xr.Dataset, part: str, arm: int = 0, roles: Iterable[str] = ("actual", "desired")
+) -> None:
+    """Draw a part of the internal wrench on an arm, and its peak in an inset if that is high."""
+    for role in roles:
+        prefix, style = _ROLES[role]
+        panel.plot(data["time"].values, data[f"{prefix}internal_{part}"].values[:, arm], label=role, **style)
+    inset_peak(panel, data["time"].values)
 
 
 def torque_figure(result: RunResult) -> Figure:
@@ -144,8 +155,8 @@ def _draw_decades(panel: Axes, time: Array, values: Array, **style: Any) -> None
 def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.axhline(limit, color=palette.LIMIT, linewidth=0.8, linestyle="--")
     panel.set_ylim(top=max(panel.get_ylim()[1], 3.0 * limit))
-    place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
-    panel.annotate(text, (0.995, limit), fontsize=7.5, **place)
+    corner: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+    panel.annotate(text, (0.995, limit), fontsize=7.5, **corner)
 
 
 def internal_force_figure(result: RunResult) -> Figure:
@@ -168,14 +179,8 @@ def internal_force_figure(result: RunResult) -> Figure:
     size, title = (3.6 if len(names) > 1 else 7.2, 1.6), "internal wrench on each arm"
     with run_figure(3, len(names), result, title, panel=size) as (figure, axes):
         for (part, text, unit), row in zip(parts, axes, strict=True):
-            actual, desired = (data[f"{which}internal_{part}"].values for which in ("", "desired_"))
             for arm, (name, panel) in enumerate(zip(names, row, strict=True)):
-                if has_measured:
-                    measured = data[f"measured_internal_{part}"].values[:, arm]
-                    panel.plot(data["time"].values, measured, label="measured", **MEASURED)
-                panel.plot(data["time"].values, actual[:, arm], label="actual", **ACTUAL)
-                panel.plot(data["time"].values, desired[:, arm], label="desired", **DESIRED)
-                inset_peak(panel, data["time"].values)
+                _draw_internal(panel, data, part, arm, list(_ROLES)[not has_measured :])
                 label(panel, f"{name}, {text}", unit)
         if has_measured:  # three entries are too wide beside a title
             figure.set_layout_engine("constrained")
@@ -213,10 +218,8 @@ def singularity_figure(result: RunResult) -> Figure:
     with run_figure(1, 1, result, title, panel=(7.2, 2.2)) as (figure, axes):
         panel = axes[0, 0]
         for index, arm in enumerate(data["arm"].values):
-            colour = palette.SERIES[index % len(palette.SERIES)]
-            panel.plot(
-                data["time"].values, conditions[:, index], color=colour, label=f"arm {as_written(arm)}"
-            )
+            style = {"color": palette.series(index), "label": f"arm {as_written(arm)}"}
+            panel.plot(data["time"].values, conditions[:, index], **style)
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
         label(panel, "condition number of the payload Jacobian", "")
@@ -268,16 +271,16 @@ def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
     tips, actual, desired = (
         data[name].values for name in ("tip_position", "payload_position", "desired_position")
     )
-    chosen = np.unique(np.linspace(0, len(tips) - 1, _INSTANTS).round().astype(int))
-    for age, sample in enumerate(chosen):
+    samples = np.unique(np.linspace(0, len(tips) - 1, _INSTANTS).round().astype(int))
+    for age, sample in enumerate(samples):
         corners = np.concatenate((tips[sample], tips[sample, :1]))
-        style: dict[str, Any] = {"color": palette.LOAD, "alpha": 0.25 + 0.75 * age / len(chosen)}
+        style: dict[str, Any] = {"color": palette.LOAD, "alpha": 0.25 + 0.75 * age / len(samples)}
         panel.plot(corners[:, first], corners[:, second], linewidth=2.5, **style)
     panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
     panel.plot(actual[:, first], actual[:, second], label="actual path", **ACTUAL)
-    for arm, (name, described) in enumerate(result.scenario.cell.arms.items()):
-        base, colour = described.base.xyz, palette.SERIES[(arm + 1) % len(palette.SERIES)]
-        panel.plot(tips[:, arm, first], tips[:, arm, second], color=colour, linewidth=0.6)
+    for number, (name, arm) in enumerate(result.scenario.cell.arms.items()):
+        base, colour = arm.base.xyz, palette.series(number + 1)
+        panel.plot(tips[:, number, first], tips[:, number, second], color=colour, linewidth=0.6)
         panel.plot(base[first], base[second], "^", color=colour, label=f"base of {as_written(name)}")
     panel.set_aspect("equal", adjustable="box")
     label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")

@@ -56,6 +56,14 @@ def styled() -> AbstractContextManager[None]:
 
 
 @contextmanager
+def one_panel(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
+    """Yield an empty figure of a size in inches, and the only axes in it."""
+    with styled():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure, figure.subplots()
+
+
+@contextmanager
 def run_figure(
     rows: int, columns: int, result: RunResult, title: str, panel: tuple[float, float] = (3.6, 2.0)
 ) -> Iterator[tuple[Figure, Grid]]:
@@ -65,8 +73,8 @@ def run_figure(
     labelled.
 
     Args:
-        rows: of panels.
-        columns: of panels.
+        rows: number of rows of panels.
+        columns: number of columns of panels.
         result: the run; its name is in the title, its summary below the panels.
         title: above all panels.
         panel: width and height of a panel, inches.
@@ -129,7 +137,7 @@ def inset_peak(panel: Axes, time: Array) -> None:
 
     Args:
         panel: axes with curves over time.
-        time: of their samples, s, shape (n,).
+        time: times of their samples, s, shape (n,).
     """
     curves = [line for line in panel.lines if np.size(line.get_xdata()) == time.size]
     values = np.array([np.asarray(line.get_ydata(), dtype=float) for line in curves])
@@ -184,7 +192,7 @@ def scale_to_metric(panel: Axes, axis: str, values: Array) -> None:
     Args:
         panel: the axes.
         axis: "x" or "y".
-        values: any shape; those that are not finite are ignored.
+        values: metric of the runs, any shape; those that are not finite are ignored.
     """
     if spans_large_ratio(values):
         panel.set(**{f"{axis}scale": "log"})
@@ -241,7 +249,7 @@ def save_figure(
     Args:
         figure: the figure.
         stem: path of the files without their suffix.
-        formats: those that are written; PNG and SVG when omitted, for a paper PDF.
+        formats: formats to write; PNG and SVG when omitted, for a paper PDF.
         paper: make it as wide as one or two columns of a paper (3.5 or 7.16 inches), without a title inside,
             with fonts that can be searched; text keeps its size.
 

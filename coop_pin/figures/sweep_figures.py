@@ -19,10 +19,10 @@ from coop_pin.figures.style import (
     as_written,
     is_log_spaced,
     label,
+    one_panel,
     scale_to_field,
     scale_to_metric,
     spans_large_ratio,
-    styled,
 )
 from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.sweeps.result import SweepResult
@@ -43,8 +43,9 @@ def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
     untrusted = xr.zeros_like(failed)
     if "trustworthy" in result.metric_names:
         untrusted = (result.values("trustworthy") == 0.0) & ~failed
-    table = {"value": values, "failed": failed, "untrusted": untrusted}
-    return xr.Dataset(table, attrs={"metric": metric_label(metric)})
+    return xr.Dataset(
+        {"value": values, "failed": failed, "untrusted": untrusted}, attrs={"metric": metric_label(metric)}
+    )
 
 
 _UNITS = {"Nm": "N m", "N": "N", "m": "m", "rad": "rad", "s": "s", "J": "J", "hz": "Hz", "mass": "kg"}
@@ -105,13 +106,11 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
             "Let fewer fields vary",
             field,
         )
-    with styled():
-        figure = Figure(figsize=(7.6, 4.0), layout="constrained")
-        panel = figure.subplots()
-        for place, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
-            chosen = dict(zip(others, place, strict=True))
-            line = table.sel(chosen)
-            text = as_written(", ".join(_written(name, value) for name, value in chosen.items()))
+    with one_panel(7.6, 4.0) as (figure, panel):
+        for values, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
+            coordinates = dict(zip(others, values, strict=True))
+            line = table.sel(coordinates)
+            text = as_written(", ".join(_written(name, value) for name, value in coordinates.items()))
             panel.plot(x, line["value"], color=colour, marker=marker, markersize=4.0, label=text or None)
             crosses = x[line["failed"].values]
             at_top: dict[str, Any] = {"transform": panel.get_xaxis_transform(), "clip_on": False}
@@ -149,9 +148,7 @@ def map_figure(table: xr.Dataset) -> Figure:
     across, up = (str(name) for name in table["value"].dims)
     table = table.sortby([across, up]).transpose(up, across)
     values, failed = table["value"].values, table["failed"].values
-    with styled():
-        figure = Figure(figsize=(5.8, 4.2), layout="constrained")
-        panel = figure.subplots()
+    with one_panel(5.8, 4.2) as (figure, panel):
         panel.grid(visible=False)
         x, y = (_edges(table[name].values) for name in (across, up))
         finite = values[np.isfinite(values)]
@@ -240,9 +237,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     shown = np.isfinite(a) & np.isfinite(b)
     dots: dict[str, Any] = {"color": palette.EVENT, "markersize": 3.5, "alpha": 0.7}
     line: dict[str, Any] = {"color": palette.ACTUAL, "marker": "o", "markersize": 4.5}
-    with styled():
-        figure = Figure(figsize=(5.4, 3.8), layout="constrained")
-        panel = figure.subplots()
+    with one_panel(5.4, 3.8) as (figure, panel):
         panel.plot(a[shown], b[shown], "o", label=f"{np.count_nonzero(shown)} runs", **dots)
         panel.step(edge[:, 0], edge[:, 1], where="post", label="front", **line)
         for run, (x, y) in zip(front, edge, strict=True):

@@ -44,5 +44,6 @@ def import_pinocchio() -> ModuleType:
 import_pinocchio()
 
 from coop_pin.model.arm_model import ArmModel  # noqa: E402  after the check
+from coop_pin.model.cell_arm import CellArm  # noqa: E402
 
-__all__ = ["ArmModel"]
+__all__ = ["ArmModel", "CellArm"]

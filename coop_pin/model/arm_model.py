@@ -36,13 +36,14 @@ class ArmModel:
     The payload frame P is rigidly attached to the tip E.
 
     Attributes:
-        name: of the arm, for error messages.
+        name: arm name in error messages.
         model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with
             "arm/".
-        key: what its kinematics depend on, by value.
+        key: values on which its kinematics depend.
         nq: size of q.
         nv: size of v.
-        drive: drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
+        drive: Drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
+        from_drive: Inverse transmission T^-1, with v = T^-1 qdot, shape (nv, nv).
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class ArmModel:
             arm: the description.
             X_PE: pose of the tip in the payload frame, shape (4, 4); identity when omitted.
             gravity: m/s^2, in world axes, shape (3,).
-            name: of the arm, for error messages.
+            name: arm name in error messages.
 
         Raises:
             UrdfError: the URDF is missing or defective.
@@ -79,6 +80,7 @@ class ArmModel:
         self._data = self.model.createData()
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.drive = arm.drive_matrix(self.nv)
+        self.from_drive = np.asarray(np.linalg.inv(self.drive), dtype=np.float64)
         self._angles = JointAngles(self.model)
 
     @classmethod
@@ -215,7 +217,7 @@ class ArmKinematics:
         self._data = self.model.createData()
         self._payload = frame_id(self.model, "payload")
         self._rows = rows
-        self._to_joint_rates = np.linalg.inv(arm_model.drive)
+        self._to_joint_rates = arm_model.from_drive
 
     def view(self, q: Array) -> PayloadKinematics:
         """Return the payload pose and Jacobian at q, shape (nq,)."""

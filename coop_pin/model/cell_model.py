@@ -25,15 +25,18 @@ PayloadAttachment: TypeAlias = Literal["welded", "free"]
 
 
 class ArmPlace(NamedTuple):
-    """Position of an arm in the tree of a cell.
+    """Position of an arm in the tree of a cell, and its numbers that need no model.
 
     Attributes:
-        name: of the arm.
-        q_slice: its entries of q.
-        v_slice: its entries of v.
-        tip: index of its tip frame.
-        drive: drive matrix T, shape (nv, nv).
-        angles: converts between its joint angles and its entries of q.
+        name: Name of the arm.
+        q_slice: Entries of q that are its own.
+        v_slice: Entries of v that are its own.
+        tip: Index of its tip frame.
+        drive: Drive matrix T, shape (nv, nv).
+        from_drive: Inverse transmission T^-1, shape (nv, nv).
+        angles: Conversion between its joint angles and its entries of q.
+        posture: Angles of its posture, zero without one, rad or m, shape (nv,).
+        share: Load share c.
     """
 
     name: str
@@ -41,7 +44,10 @@ class ArmPlace(NamedTuple):
     v_slice: slice
     tip: int
     drive: Array
+    from_drive: Array
     angles: JointAngles
+    posture: Array
+    share: float
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -127,5 +133,15 @@ def _place(model: pin.Model, name: str, cell: Cell) -> ArmPlace:
     first, last = joints[0], joints[-1]
     q = slice(int(model.idx_qs[first]), int(model.idx_qs[last] + model.nqs[last]))
     v = slice(int(model.idx_vs[first]), int(model.idx_vs[last] + model.nvs[last]))
-    drive = cell.arms[name].drive_matrix(v.stop - v.start)
-    return ArmPlace(name, q, v, frame_id(model, f"{name}/grasp"), drive, JointAngles(model, first, last))
+    arm, nv = cell.arms[name], v.stop - v.start
+    return ArmPlace(
+        name,
+        q,
+        v,
+        frame_id(model, f"{name}/grasp"),
+        drive=arm.drive_matrix(nv),
+        from_drive=np.asarray(np.linalg.inv(arm.drive_matrix(nv)), dtype=np.float64),
+        angles=JointAngles(model, first, last),
+        posture=arm.posture_angles(nv),
+        share=cell.share(name),
+    )

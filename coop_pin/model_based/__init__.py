@@ -1,7 +1,7 @@
 """Controllers that use a model of arms and payload, exact or off by stated factors."""
 
 from coop_pin.model_based.adaptive import AdaptiveController
-from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms, ModelFactors
+from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms
 from coop_pin.model_based.computed_torque import ComputedTorqueController
 from coop_pin.model_based.object_impedance import ObjectImpedanceController
 from coop_pin.model_based.torque_qp import TorqueQpController
@@ -11,7 +11,6 @@ __all__ = [
     "ArmDynamics",
     "ArmTerms",
     "ComputedTorqueController",
-    "ModelFactors",
     "ObjectImpedanceController",
     "TorqueQpController",
 ]

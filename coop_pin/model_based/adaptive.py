@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.terms import InternalForceIntegral, gain_vector, right_inverse
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.terms import InternalForceIntegral, right_inverse
+from coop_pin.description.controller import Adaptive
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 
@@ -57,50 +57,23 @@ class AdaptiveController(ArmController):
     is left out. The estimates start at 0, or at those of the ``model``.
     """
 
-    needs = ("regressor", "internal wrench")
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        arm: str,
-        *,
-        pose_gain: ArrayLike = 4.0,
-        damping_gain: ArrayLike = 20.0,
-        adaptation: float = 1.0,
-        payload_adaptation: float = 1.0,
-        disturbance_rate: float = 0.0,
-        anchor_gain: float = 0.1,
-        spare_gain: float = 4.0,
-        model: Mapping[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, law: Adaptive, scenario: Scenario, arm: ControlledArm) -> None:
         """Build the regressors of the arm.
 
         Args:
-            scenario: what is run.
-            arm: name.
-            pose_gain: gamma, 1/s, one for all task rows or one for each.
-            damping_gain: K_d, N m s/rad, one for all drives or one for each.
-            adaptation: G of all parameters of the arm, in their SI units.
-            payload_adaptation: G_0, likewise.
-            disturbance_rate: G_d, N m/rad.
-            anchor_gain: g of the internal force integral.
-            spare_gain: k_p of spare joints, 1/s.
-            model: fields of ModelFactors, by which the first estimates are off; when None they are 0.
+            law: The law, its gains with an entry for each task row and drive.
+            scenario: Scenario to run.
+            arm: The arm.
 
         Raises:
-            ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        self._rows, self._period = scenario.cell.task_rows, scenario.clock.period
-        self._dynamics = ArmDynamics(scenario, arm, model)
-        self._gamma = gain_vector("pose_gain", pose_gain, self._rows.size)
-        self._K_d = gain_vector("damping_gain", damping_gain, self._dynamics.model.nv)
-        self._G, self._G_0, self._G_d = adaptation, payload_adaptation, disturbance_rate
-        self._force, self._spare_gain = InternalForceIntegral(self._rows, float(anchor_gain)), spare_gain
-        share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
+        self._gains, self._rows, self._period = law.gains, arm.rows, arm.period
+        self._dynamics = ArmDynamics(scenario, arm.name, law.model)
+        self._force = InternalForceIntegral(arm.rows, law.gains.anchor_gain)
         theta, phi = self._dynamics.parameters()
-        known = float(model is not None)
-        self._first = known * theta, known * share * phi
+        known = float(law.model is not None)
+        self._first = known * theta, known * arm.load_share * phi
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AdaptiveState:
         """Return the state at t_0: the first estimates, no disturbance, Z = 0."""
@@ -112,27 +85,28 @@ class AdaptiveController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian loses rank.
         """
-        J, v, T = measurement.payload_jacobian, measurement.v, self._period
+        J, v, T, gains = measurement.payload_jacobian, measurement.v, self._period, self._gains
         J_plus, J_dot = right_inverse(J, measurement.time), self._dynamics.jacobian_rate(measurement)
         xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
-        V_r, A_r = reference.twist - self._gamma * xtilde, reference.acceleration - self._gamma * xtildedot
-        spare = -self._spare_gain * (measurement.q - state.start)
+        gamma = gains.pose_gain
+        V_r, A_r = reference.twist - gamma * xtilde, reference.acceleration - gamma * xtildedot
+        spare = -gains.spare_gain * (measurement.q - state.start)
         qdot_r = J_plus @ (V_r - J @ spare) + spare
         s = v - qdot_r
 
         Y = self._dynamics.regressor(measurement, qdot_r, J_plus @ (A_r - J_dot @ qdot_r))
         Y_0 = self._dynamics.payload_regressor(measurement, V_r, A_r)
         f_r, force = self._force.step(measurement, reference, state.force)
-        tau = Y @ state.parameters + state.disturbance - self._K_d * s
+        tau = Y @ state.parameters + state.disturbance - gains.damping_gain * s
         tau = tau + J.T @ (Y_0 @ state.payload - f_r)
         rate = T * (1.0 - measurement.saturated.any())
         return ArmCommand(
             tau,
             AdaptiveState(
-                state.parameters - rate * self._G * (Y.T @ s),
-                state.payload - rate * self._G_0 * (Y_0.T @ (J @ s)),
-                state.disturbance - rate * self._G_d * s,
+                state.parameters - rate * gains.adaptation * (Y.T @ s),
+                state.payload - rate * gains.payload_adaptation * (Y_0.T @ (J @ s)),
+                state.disturbance - rate * gains.disturbance_rate * s,
                 force,
                 state.start,
             ),

@@ -10,25 +10,11 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement
+from coop_pin.description.controller import ModelFactors
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
-from coop_pin.schema.base import Description, NotNegative, Positive
 from coop_pin.simulation.transmission import friction
-
-
-class ModelFactors(Description):
-    """Factors by which the model of a controller is off; 1 is exact.
-
-    Attributes:
-        mass: of the masses of all links and of the payload; gravity and first moments scale with them.
-        inertia: of their rotational inertias about their centres of mass.
-        friction: of all friction coefficients.
-    """
-
-    mass: Positive = 1.0
-    inertia: Positive = 1.0
-    friction: NotNegative = 1.0
 
 
 class ArmTerms(NamedTuple):
@@ -56,20 +42,22 @@ class ArmDynamics:
         from_drive: T^-1, shape (k, k).
     """
 
-    def __init__(self, scenario: Scenario, arm: str, factors: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, arm: str, factors: ModelFactors | Mapping[str, Any] | None = None
+    ) -> None:
         """Build the model.
 
         Args:
-            scenario: for the cell, its payload and its friction.
-            arm: name.
-            factors: fields of ModelFactors.
+            scenario: Scenario with the cell, its payload and its friction.
+            arm: Name of the arm.
+            factors: Factors by which the model is off, or their fields; exact when None.
 
         Raises:
             ScenarioError: a factor is wrong or unknown.
             UrdfError, NameNotFoundError: the arm cannot be built.
         """
-        cell, factor = scenario.cell, ModelFactors(**(factors or {}))
-        self._arm = ArmModel.from_cell(cell, arm)
+        cell, factor = scenario.cell, ModelFactors(**dict(factors or {}))
+        self._arm = CellArm(cell, arm)
         self.model, self._rows = self._arm.model, cell.task_rows
         for joint in range(1, self.model.njoints):
             body = self.model.inertias[joint]
@@ -80,7 +68,7 @@ class ArmDynamics:
             self.model.gravity.linear = np.zeros(3)
         self._friction, self._friction_factor = friction(cell.arms[arm], arm), factor.friction
         self._data, self._payload_frame = self.model.createData(), frame_id(self.model, "payload")
-        self.from_drive = np.asarray(np.linalg.inv(self._arm.drive), dtype=np.float64)
+        self.from_drive = self._arm.from_drive
         self._gravity = np.array(cell.gravity, dtype=float)
         self._mass = factor.mass * cell.payload.mass
         self._inertia = factor.inertia * cell.payload.inertia_matrix

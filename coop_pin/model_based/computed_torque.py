@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
-
-from numpy.typing import ArrayLike
+from typing import NamedTuple
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.terms import InternalForceIntegral, gain_vector, right_inverse
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.terms import InternalForceIntegral, right_inverse
+from coop_pin.description.controller import ComputedTorque
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 
@@ -44,41 +43,20 @@ class ComputedTorqueController(ArmController):
     Stable for g below ``anchor_gain_bound``.
     """
 
-    needs = ("model", "internal wrench")
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        arm: str,
-        *,
-        position_gain: ArrayLike = 25.0,
-        velocity_gain: ArrayLike = 10.0,
-        anchor_gain: float = 0.1,
-        spare_gains: tuple[float, float] = (25.0, 10.0),
-        model: Mapping[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, law: ComputedTorque, scenario: Scenario, arm: ControlledArm) -> None:
         """Build the model of the arm.
 
         Args:
-            scenario: what is run.
-            arm: name.
-            position_gain: K_p, 1/s^2, one for all task rows or one for each.
-            velocity_gain: K_v, 1/s, likewise.
-            anchor_gain: g.
-            spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
-            model: fields of ModelFactors, by which the model is off.
+            law: The law, its gains with k_0 entries.
+            scenario: Scenario to run.
+            arm: The arm.
 
         Raises:
-            ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        self._rows = scenario.cell.task_rows
-        self._load_share = float(scenario.cell.shares[list(scenario.cell.arms).index(arm)])
-        self._dynamics = ArmDynamics(scenario, arm, model)
-        self._K_p = gain_vector("position_gain", position_gain, self._rows.size)
-        self._K_v = gain_vector("velocity_gain", velocity_gain, self._rows.size)
-        self._force = InternalForceIntegral(self._rows, float(anchor_gain))
-        self._spare_gains = spare_gains
+        self._gains, self._rows, self._load_share = law.gains, arm.rows, arm.load_share
+        self._dynamics = ArmDynamics(scenario, arm.name, law.model)
+        self._force = InternalForceIntegral(arm.rows, law.gains.anchor_gain)
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ComputedTorqueState:
         """Return the state at t_0: Z = 0."""
@@ -92,13 +70,13 @@ class ComputedTorqueController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian loses rank.
         """
-        xtilde = self._rows.pose_error(measurement.payload_pose, reference.pose)
+        gains, xtilde = self._gains, self._rows.pose_error(measurement.payload_pose, reference.pose)
         xtildedot = measurement.payload_twist - reference.twist
-        a = reference.acceleration - self._K_v * xtildedot - self._K_p * xtilde
+        a = reference.acceleration - gains.velocity_gain * xtildedot - gains.position_gain * xtilde
         M_0 = self._dynamics.payload_inertia(measurement.payload_pose)
         F_0 = M_0 @ a + self._dynamics.payload_bias(measurement)
         f_r, force = self._force.step(measurement, reference, state.force)
-        along, rest = acceleration_torque(self._dynamics, measurement, state.start, self._spare_gains)
+        along, rest = acceleration_torque(self._dynamics, measurement, state.start, gains.spare_gains)
         F = f_r - self._load_share * F_0
         tau = along @ a + rest - measurement.payload_jacobian.T @ F
         return ArmCommand(tau, state._replace(force=force))
@@ -113,9 +91,9 @@ def acceleration_torque(
     joints' b = -k_p (q - q(t_0)) - k_v qdot.
 
     Args:
-        dynamics: of the arm.
-        measurement: of the arm.
-        start: drive angles to which the spare joints return, rad, shape (k,).
+        dynamics: Model of the arm.
+        measurement: Measurement of the arm.
+        start: Drive angles to which the spare joints return, rad, shape (k,).
         spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
 
     Raises:

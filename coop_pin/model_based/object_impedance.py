@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.control.terms import InternalForceIntegral, gain_vector
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.terms import InternalForceIntegral
+from coop_pin.description.controller import ObjectImpedance
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque
@@ -20,8 +21,9 @@ class ObjectImpedanceState(NamedTuple):
     """Memory of the law.
 
     Attributes:
-        arms: of each arm, as of computed torque.
-        accelerations: commanded at the last tick, each arm's own, shape (k_0,); none before the first.
+        arms: State of each arm, as of computed torque.
+        accelerations: Accelerations commanded at the last tick, one of each arm, shape (k_0,); none before
+            the first.
     """
 
     arms: tuple[ComputedTorqueState, ...]
@@ -46,41 +48,20 @@ class ObjectImpedanceController(CellController):
     within a tick, friction above all, counts as external: a small M_d makes that unstable.
     """
 
-    needs = ("model", "wrenches of all arms", "internal wrench")
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        inertia: ArrayLike = 20.0,
-        damping: ArrayLike = 400.0,
-        stiffness: ArrayLike = 2000.0,
-        anchor_gain: float = 0.1,
-        spare_gains: tuple[float, float] = (25.0, 10.0),
-        model: Mapping[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, law: ObjectImpedance, scenario: Scenario, arms: Sequence[ControlledArm]) -> None:
         """Build the models of the arms.
 
         Args:
-            scenario: what is run.
-            inertia: M_d, kg and kg m^2, one number for all task rows or one for each.
-            damping: D, N s/m and N m s/rad, likewise.
-            stiffness: K, N/m and N m/rad, likewise.
-            anchor_gain: g of the internal force integral.
-            spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
-            model: fields of ModelFactors, by which the model is off.
+            law: The law, its gains with k_0 entries.
+            scenario: Scenario to run.
+            arms: The arms.
 
         Raises:
-            ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
-        cell = scenario.cell
-        self._rows, k_0 = cell.task_rows, cell.task_rows.size
-        self._shares, self._dynamics = cell.shares, [ArmDynamics(scenario, arm, model) for arm in cell.arms]
-        self._M_d, self._D = gain_vector("inertia", inertia, k_0), gain_vector("damping", damping, k_0)
-        self._K = gain_vector("stiffness", stiffness, k_0)
-        self._force = InternalForceIntegral(self._rows, float(anchor_gain))
-        self._spare_gains = spare_gains
+        self._gains, self._rows, self._shares = law.gains, arms[0].rows, [arm.load_share for arm in arms]
+        self._dynamics = [ArmDynamics(scenario, arm.name, law.model) for arm in arms]
+        self._force = InternalForceIntegral(self._rows, law.gains.anchor_gain)
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
@@ -103,18 +84,18 @@ class ObjectImpedanceController(CellController):
         wrenches = [m.interaction_wrench for m in measurements if m.interaction_wrench is not None]
         measured = len(wrenches) == len(measurements) and bool(state.accelerations)
         total = np.sum(wrenches, axis=0) if measured else np.zeros(self._rows.size)
-        torques, arms, accelerations = [], [], []
+        gains, torques, arms, accelerations = self._gains, [], [], []
         for index, (m, reference) in enumerate(zip(measurements, references, strict=True)):
             dynamics = self._dynamics[index]
             M_0, bias = dynamics.payload_inertia(m.payload_pose), dynamics.payload_bias(m)
             E = M_0 @ state.accelerations[index] + bias + total if measured else total
             xtilde = self._rows.pose_error(m.payload_pose, reference.pose)
-            spring = self._D * (m.payload_twist - reference.twist) + self._K * xtilde
-            a = reference.acceleration + (E - spring) / self._M_d
+            spring = gains.damping * (m.payload_twist - reference.twist) + gains.stiffness * xtilde
+            a = reference.acceleration + (E - spring) / gains.inertia
             f_r, force = self._force.step(m, reference, state.arms[index].force)
             F = f_r - self._shares[index] * (M_0 @ a + bias - E)
             start = state.arms[index].start
-            along, rest = acceleration_torque(dynamics, m, start, self._spare_gains)
+            along, rest = acceleration_torque(dynamics, m, start, gains.spare_gains)
             torques.append(along @ a + rest - m.payload_jacobian.T @ F)
             arms.append(ComputedTorqueState(force, start))
             accelerations.append(a)

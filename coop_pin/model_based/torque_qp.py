@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import count
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.control.terms import InternalForceIntegral, gain_vector
+from coop_pin.control.law import ControlledArm
+from coop_pin.control.terms import InternalForceIntegral
+from coop_pin.description.controller import TorqueQp
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InvalidStateError, MissingExtraError
 from coop_pin.model.joint_limits import JointLimits
@@ -37,35 +37,16 @@ class TorqueQpController(CellController):
     stands for the cone. Where no constraint is active the torques are those of computed torque.
     """
 
-    needs = ("model", "internal wrench", "states of all arms")
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        position_gain: ArrayLike = 25.0,
-        velocity_gain: ArrayLike = 10.0,
-        anchor_gain: float = 0.1,
-        tracking_weight: float = 1e4,
-        friction_coefficient: float | None = None,
-        spare_gains: tuple[float, float] = (25.0, 10.0),
-        model: Mapping[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, law: TorqueQp, scenario: Scenario, arms: Sequence[ControlledArm]) -> None:
         """Build the models of the arms.
 
         Args:
-            scenario: what is run.
-            position_gain: K_p, 1/s^2, one for all task rows or one for each.
-            velocity_gain: K_v, 1/s, likewise.
-            anchor_gain: g of the internal force integral.
-            tracking_weight: w, N^2 s^4/m^2.
-            friction_coefficient: mu; no cones when None.
-            spare_gains: k_p, 1/s^2, and k_v, 1/s, of the spare joints.
-            model: fields of ModelFactors, by which the model is off.
+            law: The law, its gains with k_0 entries.
+            scenario: Scenario to run.
+            arms: The arms.
 
         Raises:
             MissingExtraError: proxsuite is not installed.
-            ShapeError: a gain has a wrong number of entries.
             CoopPinError: the model cannot be built.
         """
         try:
@@ -74,14 +55,11 @@ class TorqueQpController(CellController):
             raise MissingExtraError("proxsuite", "compare", "to solve quadratic programs") from None
         self._solve, self._solved = proxqp.dense.solve, proxqp.PROXQP_SOLVED
         cell = scenario.cell
-        self._rows, k_0, self._shares = cell.task_rows, cell.task_rows.size, cell.shares
-        self._dynamics = [ArmDynamics(scenario, arm, model) for arm in cell.arms]
+        self._law, self._rows, self._shares = law, arms[0].rows, [arm.load_share for arm in arms]
+        self._dynamics = [ArmDynamics(scenario, arm.name, law.model) for arm in arms]
         self._limits = [JointLimits(arm, name).torque for name, arm in cell.arms.items()]
-        self._tips = [grasp.matrix[:3, 3] for grasp in (cell.grasps[name] for name in cell.arms)]
-        self._K_p = gain_vector("position_gain", position_gain, k_0)
-        self._K_v = gain_vector("velocity_gain", velocity_gain, k_0)
-        self._force, self._w = InternalForceIntegral(self._rows, float(anchor_gain)), tracking_weight
-        self._mu, self._spare_gains = friction_coefficient, spare_gains
+        self._tips = [cell.grasps[arm.name].matrix[:3, 3] for arm in arms]
+        self._force = InternalForceIntegral(self._rows, law.gains.anchor_gain)
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
@@ -110,14 +88,14 @@ class TorqueQpController(CellController):
         C = [block for block, _ in rows]
         lower = [-limit - rest for limit, (_, rest) in zip(limits, rows, strict=True)]
         upper = [limit - rest for limit, (_, rest) in zip(limits, rows, strict=True)]
-        if self._mu is not None:
-            C.append(self._cones(first.payload_pose[:3, :3], self._mu))
+        if (mu := self._law.friction_coefficient) is not None:
+            C.append(self._cones(first.payload_pose[:3, :3], mu))
             lower.append(np.full(len(C[-1]), -_NO_LIMIT))
             upper.append(np.zeros(len(C[-1])))
         x_d = np.concatenate((a_d, *desired))
-        weights = np.where(np.arange(x_d.size) < a_d.size, self._w, 1.0)
+        weights = np.where(np.arange(x_d.size) < a_d.size, self._law.tracking_weight, 1.0)
         A = np.hstack((M_0, *[np.eye(a_d.size)] * len(measurements)))
-        found = self._solve(
+        solution = self._solve(
             np.diag(weights),
             -weights * x_d,
             A,
@@ -127,11 +105,11 @@ class TorqueQpController(CellController):
             np.concatenate(upper),
             eps_abs=1e-9,
         )
-        if found.info.status != self._solved:
+        if solution.info.status != self._solved:
             raise InvalidStateError(
-                f"at t = {first.time:g} s no torques within the limits: {found.info.status}"
+                f"at t = {first.time:g} s no torques within the limits: {solution.info.status}"
             )
-        return CellCommand([block @ found.x + rest for block, rest in rows], tuple(arms))
+        return CellCommand([block @ solution.x + rest for block, rest in rows], tuple(arms))
 
     def _desired(
         self,
@@ -142,20 +120,22 @@ class TorqueQpController(CellController):
         bias: Array,
     ) -> tuple[Array, list[Array], list[ComputedTorqueState]]:
         """Return a_d, F_d of each arm, shape (k_0,) each, and the next states."""
-        seen, reference = measurements[0], references[0]
-        a_d = reference.acceleration - self._K_p * self._rows.pose_error(seen.payload_pose, reference.pose)
-        a_d = a_d - self._K_v * (seen.payload_twist - reference.twist)
+        seen, reference, gains = measurements[0], references[0], self._law.gains
+        xtilde = self._rows.pose_error(seen.payload_pose, reference.pose)
+        a_d = reference.acceleration - gains.position_gain * xtilde
+        a_d = a_d - gains.velocity_gain * (seen.payload_twist - reference.twist)
         wrenches, arms = [], []
-        for share, m, wanted, own in zip(self._shares, measurements, references, state, strict=True):
-            f_r, force = self._force.step(m, wanted, own.force)
+        for share, m, desired, last in zip(self._shares, measurements, references, state, strict=True):
+            f_r, force = self._force.step(m, desired, last.force)
             wrenches.append(f_r - share * (M_0 @ a_d + bias))
-            arms.append(own._replace(force=force))
+            arms.append(last._replace(force=force))
         return a_d, wrenches, arms
 
-    def _torque_rows(self, index: int, m: ArmMeasurement, own: ComputedTorqueState) -> tuple[Array, Array]:
+    def _torque_rows(self, index: int, m: ArmMeasurement, state: ComputedTorqueState) -> tuple[Array, Array]:
         """Return C and r with tau = C [a, F_1, ...] + r, shapes (k, k_0 (1 + m)) and (k,)."""
         k_0 = self._rows.size
-        along, rest = acceleration_torque(self._dynamics[index], m, own.start, self._spare_gains)
+        spare_gains = self._law.gains.spare_gains
+        along, rest = acceleration_torque(self._dynamics[index], m, state.start, spare_gains)
         C = np.zeros((len(rest), k_0 * (1 + len(self._dynamics))))
         C[:, :k_0] = along
         C[:, k_0 * (1 + index) : k_0 * (2 + index)] = -m.payload_jacobian.T

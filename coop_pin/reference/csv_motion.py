@@ -95,13 +95,13 @@ def _read(path: str) -> tuple[tuple[str, ...], list[int], Array]:
 def _header(path: str, cells: Sequence[str]) -> tuple[str, ...]:
     """Return the columns' names, checked."""
     columns = tuple(cell.strip() for cell in cells)
-    wanted = _POSITION + (_QUATERNION if set(columns) & set(_QUATERNION) else _RPY)
-    if missing := ", ".join(name for name in wanted if name not in columns):
+    known = _POSITION + (_QUATERNION if set(columns) & set(_QUATERNION) else _RPY)
+    if missing := ", ".join(name for name in known if name not in columns):
         needed = f"{', '.join(_POSITION)} and {', '.join(_RPY)} or {', '.join(_QUATERNION)}"
         raise FileReadError(f"columns missing: {missing}; needed: {needed}", path, 1)
     for index, name in enumerate(columns):
-        if name not in wanted:
-            raise FileReadError(f"unknown column {name!r}; {suggestion(name, wanted)}", path, 1)
+        if name not in known:
+            raise FileReadError(f"unknown column {name!r}; {suggestion(name, known)}", path, 1)
         if name in columns[:index]:
             raise FileReadError(f"column {name!r} is given twice; keep one", path, 1)
     return columns

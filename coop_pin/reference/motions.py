@@ -127,7 +127,7 @@ class LineMotion(PoseReference):
     Attributes:
         start: X_WP_d before the motion.
         goal: X_WP_d after it; its orientation is less than half a turn away.
-        duration: of the motion, s.
+        duration: time from start to goal, s.
         start_time: s.
     """
 
@@ -174,7 +174,7 @@ class CircleMotion(PoseReference):
         radius: r, m.
         angular_rate: Omega after the ramp, rad/s; positive is counter-clockwise seen against the normal.
         ramp: time from rest to the full rate, s.
-        normal: of the plane, world axes.
+        normal: normal of the plane, world axes.
         start_angle: phi_0, rad.
         start_time: start of the ramp, s.
     """
@@ -222,7 +222,7 @@ class TurnMotion(PoseReference):
         pose: X_WP_d before the turn.
         axis: e in world axes, any length.
         angle: reached at the end, rad; may be more than a whole turn.
-        duration: of the turn, s.
+        duration: time from rest to rest, s.
         start_time: s.
         centre: c, a point of the axis in world axes, m; P itself, which then rests, when omitted.
     """

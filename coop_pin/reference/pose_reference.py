@@ -122,12 +122,12 @@ def check_consistency(
     Linear and angular parts are compared apart; each may be off by a fraction of its largest norm.
 
     Args:
-        reference: any motion, also a user-written one.
+        reference: motion, also a user-written one.
         times: s, shape (n,).
         allowed: largest accepted gap as a fraction of the largest norm over the times.
 
     Returns:
-        the largest gaps, if all are accepted.
+        The largest gaps, if all are accepted.
 
     Raises:
         ShapeError, OutOfRangeError, NotAPoseError: a target is not what PoseTarget says.
@@ -149,15 +149,15 @@ def check_consistency(
 
 
 def _largest_gap(
-    name: str, times: Sequence[float], given: Sequence[Array], found: Sequence[Array], allowed: float
+    name: str, times: Sequence[float], values: Sequence[Array], differences: Sequence[Array], allowed: float
 ) -> float:
-    """Return the largest entry of given - found, both n arrays of shape (6,), if both halves are accepted."""
-    differences = np.reshape(found, (-1, 6))
-    gaps = np.reshape(given, (-1, 6)) - differences
+    """Return the largest entry of values - differences, n arrays of shape (6,) each, if both halves pass."""
+    expected = np.reshape(differences, (-1, 6))
+    gaps = np.reshape(values, (-1, 6)) - expected
     for part, half in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
         norms = np.linalg.norm(gaps[:, half], axis=1)
         limit = allowed * max(
-            _SMALLEST_SCALE, float(np.linalg.norm(differences[:, half], axis=1).max(initial=0.0))
+            _SMALLEST_SCALE, float(np.linalg.norm(expected[:, half], axis=1).max(initial=0.0))
         )
         if norms.max(initial=0.0) > limit:
             worst = int(norms.argmax())

@@ -41,7 +41,7 @@ class PoseSpline(NamedTuple):
 
     Attributes:
         knots: times t_i, s.
-        coefficients: of powers 0 to 5 of (t - t_i) on each segment, shape (n - 1, 6, 7).
+        coefficients: coefficients of powers 0 to 5 of (t - t_i) on each segment, shape (n - 1, 6, 7).
         first: target before the first time.
         last: target after the last.
     """

@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from coop_pin.arrays import Array, as_array, frozen, require_type
-from coop_pin.errors import FieldError, ScenarioError, one_or_all
+from coop_pin.errors import FieldError, InfeasibleMotionError, ScenarioError, one_or_all
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
 from coop_pin.schema.pose import Pose
@@ -66,6 +66,22 @@ class SqueezeReference(Description):
             if table:
                 check_arm_names(table, grasps, FieldError, field)
 
+    def scaled(self, part: float) -> Self:
+        """Return the squeeze with all wrenches times a part.
+
+        Raises:
+            InfeasibleMotionError: it is a function, which cannot be scaled.
+        """
+        if not self.tables():
+            detail = f"the drives can hold {part:g} of the squeeze; scale its function"
+            raise InfeasibleMotionError("torque", detail)
+        return self.replace(
+            **{
+                field or "wrenches": {arm: tuple(part * np.array(wrench)) for arm, wrench in table.items()}
+                for field, table in self.tables().items()
+            }
+        )
+
 
 class ConstantSqueeze(SqueezeReference):
     """f_d = wrenches at all times.
@@ -115,6 +131,10 @@ class TipForceSqueeze(SqueezeReference):
         """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
         return _pressed(self.force, _tips(grasps))
 
+    def scaled(self, part: float) -> Self:
+        """Return the squeeze with the force times a part."""
+        return self.replace(force=part * self.force)
+
 
 class TipWrenchSqueeze(SqueezeReference):
     """f_d of wrenches stated at the tips: about P they are ``[f_i, n_i + r_i x f_i]``, and sum to zero.
@@ -152,7 +172,7 @@ class RampSqueeze(SqueezeReference):
     Attributes:
         start: for each arm, before; zero when omitted.
         goal: for each arm, afterwards.
-        duration: of the ramp, s.
+        duration: time of the ramp, s.
         start_time: s.
     """
 
@@ -179,7 +199,7 @@ class FunctionSqueeze(SqueezeReference):
         target: "module:function", called as ``function(time, **options)``. It returns a table {arm: six
             numbers} or an array of shape (m, 6) in the order of the arms, payload axes, N and N m, that sums
             to zero. In Python it may be given as the function itself.
-        options: its keyword arguments.
+        options: keyword arguments of the function.
     """
 
     kind: Literal["function"] = "function"

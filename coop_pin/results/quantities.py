@@ -13,19 +13,19 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
-from coop_pin.description.controller import NoForcePath
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
 
-Samples: TypeAlias = dict[str, NDArray[Any]]
-"""Arrays by names of quantities, n samples along the first axis; ``load_share`` holds the c_i, shape (m,).
+Samples: TypeAlias = dict[str, Any]
+"""Arrays by names of quantities, n samples along the first axis.
 
-Axes before that of the samples, such as the runs of a batch, are allowed.
+Besides, for sources: ``load_share``, the c_i, shape (m,); and in lists, of each arm: ``angles`` and ``rates``
+of its joints, shape (n, k), ``drive``, T, shape (k, k), and its payload ``jacobian``, shape (n, k_0, k). Axes
+before that of the samples, such as the runs of a batch, are allowed.
 """
 Arrays: TypeAlias = Mapping[Any, Any] | xr.Dataset
 """Arrays of a run by name: numpy's, or labelled ones."""
@@ -36,10 +36,13 @@ class Quantity(NamedTuple):
 
     Attributes:
         name: of its samples, and of its variable in the dataset.
-        dims: its dimensions after time, separated by blanks.
-        unit: several where entries differ: of linear, then of angular ones.
-        text: what it is; the variable's ``long_name``.
-        source: computes it from the samples of quantities above it; None where it is recorded at every tick.
+        dims: dimensions after time, separated by blanks.
+        unit: unit, or several where entries differ: of linear, then of angular ones.
+        text: meaning; the variable's ``long_name``.
+        source: computes it from the samples of quantities above it and of the joints, see Samples; None where
+            it is recorded at every tick.
+        read: reads it at a tick from the measurements and torques (``Applied``) of all arms, as a value for
+            each arm, or a single one if it has no dimension "arm"; None if it is none of these.
         fill: value where nothing is recorded, for example beyond the joints of an arm.
         stored: whether it is a variable of the dataset; the others serve to compute such variables.
         group: one of ``GROUPS``, which says in which runs it is recorded; "" in all.
@@ -50,6 +53,7 @@ class Quantity(NamedTuple):
     unit: str
     text: str
     source: Callable[[Any], Array] | None = None
+    read: Callable[[Any, Any], Sequence[Any]] | None = None
     fill: float | bool = np.nan
     stored: bool = True
     group: str = ""
@@ -73,6 +77,28 @@ def _axial_directions(tips: Array) -> Array:
     line = others - tips
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+
+
+def padded(arms: Sequence[Array]) -> Array:
+    """Return values of the joints or drives of each arm, NaN beyond its own, shape (..., m, k)."""
+    table = np.full((*arms[0].shape[:-1], len(arms), max(arm.shape[-1] for arm in arms)), np.nan)
+    for index, arm in enumerate(arms):
+        table[..., index, : arm.shape[-1]] = arm
+    return table
+
+
+def _at_drives(joints: Sequence[Array], drives: Sequence[Array]) -> Array:
+    """Return T x of each arm for values of its joints, shape (..., m, k)."""
+    return padded([values @ T.T for values, T in zip(joints, drives, strict=True)])
+
+
+def condition_numbers(jacobians: Sequence[Array]) -> Array:
+    """Return the condition number of each arm's Jacobian, shape (..., m); NaN after NaN."""
+    conditions = np.full((*jacobians[0].shape[:-2], len(jacobians)), np.nan)
+    for index, J in enumerate(jacobians):
+        is_finite = np.isfinite(J).all(axis=(-2, -1))
+        conditions[is_finite, index] = np.linalg.cond(J[is_finite])
+    return conditions
 
 
 def _internal_parts(
@@ -130,12 +156,18 @@ QUANTITIES = (
     Quantity("pose_error", "axis", "m, rad", "actual minus desired pose",
              lambda s: _pose_errors(s["payload_pose"], s["desired_pose"])),
     Quantity("tip_position", "arm position", "m", "position of each tip"),
-    Quantity("drive_velocity", "arm joint", "rad/s", "velocities of the drives"),
-    Quantity("joint_position", "arm joint", "rad or m", "joint positions; continuous ones count full turns"),
-    Quantity("joint_velocity", "arm joint", "rad/s or m/s", "joint velocities"),
-    Quantity("torque", "arm joint", "N m", "drive torques that act at the tick"),
-    Quantity("commanded_torque", "arm joint", "N m", "drive torques that the controller asked for"),
-    Quantity("saturated", "arm joint", "1", "whether the torque was cut at its limit", fill=False),
+    Quantity("drive_velocity", "arm joint", "rad/s", "velocities of the drives",
+             lambda s: _at_drives(s["rates"], s["drive"])),
+    Quantity("joint_position", "arm joint", "rad or m", "joint positions; continuous ones count full turns",
+             lambda s: padded(s["angles"])),
+    Quantity("joint_velocity", "arm joint", "rad/s or m/s", "joint velocities",
+             lambda s: padded(s["rates"])),
+    Quantity("torque", "arm joint", "N m", "drive torques that act at the tick",
+             read=lambda _, applied: applied.torques),
+    Quantity("commanded_torque", "arm joint", "N m", "drive torques that the controller asked for",
+             read=lambda _, applied: applied.commanded),
+    Quantity("saturated", "arm joint", "1", "whether the torque was cut at its limit", fill=False,
+             read=lambda _, applied: applied.saturated),
     Quantity("interaction_wrench", "arm axis", "N, N m", "F_i on the arm by the payload, about P"),
     Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j",
              lambda s: internal_wrenches(s["interaction_wrench"], s["load_share"])),
@@ -151,7 +183,8 @@ QUANTITIES = (
     Quantity("external_wrench", "axis", "N, N m", "on the payload, about P"),
     Quantity("closure_distance", "arm", "m", "closure error: distance from tip to grasp"),
     Quantity("closure_angle", "arm", "rad", "closure error: angle from tip to grasp"),
-    Quantity("jacobian_condition", "arm", "1", "condition number of the payload Jacobian"),
+    Quantity("jacobian_condition", "arm", "1", "condition number of the payload Jacobian",
+             lambda s: condition_numbers(s["jacobian"])),
     Quantity("kinetic_energy", "", "J", "of arms and payload"),
     Quantity("potential_energy", "", "J", "of arms and payload"),
     Quantity("work_actuation", "", "J", "done by the drives since the start"),
@@ -159,23 +192,26 @@ QUANTITIES = (
     Quantity("work_external", "", "J", "done by external wrenches since the start"),
     Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
-             " arrived, and gravity compensation", group="compensation"),
-    Quantity("drive_position", "arm joint", "rad", "positions of the drives", group="encoder"),
+             " arrived, and gravity compensation",
+             read=lambda _, applied: applied.requested, group="compensation"),
+    Quantity("drive_position", "arm joint", "rad", "positions of the drives",
+             lambda s: _at_drives(s["angles"], s["drive"]), group="encoder"),
     Quantity("measured_drive_position", "arm joint", "rad", "positions that the encoders read",
-             group="encoder"),
+             read=lambda seen, _: [arm.q for arm in seen], group="encoder"),
     Quantity("measured_drive_velocity", "arm joint", "rad/s", "velocities that the controller gets",
-             group="encoder"),
-    Quantity("seen_pose", "arm row column", "1, m", "X_WP by each arm's own kinematics", stored=False,
-             group="kinematics"),
+             read=lambda seen, _: [arm.v for arm in seen], group="encoder"),
+    Quantity("seen_pose", "arm row column", "1, m", "X_WP by each arm's own kinematics",
+             read=lambda seen, _: [arm.payload_pose for arm in seen], stored=False, group="kinematics"),
     Quantity("seen_pose_error", "arm axis", "m, rad", "pose of P that each arm sees, minus the actual one",
              lambda s: _pose_errors(s["seen_pose"], s["payload_pose"][..., None, :, :]), group="kinematics"),
     Quantity("measured_wrench", "arm axis", "N, N m", "F_i that each arm's wrist sensor reports; task rows",
-             group="wrist"),
-    Quantity("measured_wrench_age", "arm", "ticks", "age of measured_wrench", group="wrist"),
+             read=lambda seen, _: [arm.interaction_wrench for arm in seen], group="wrist"),
+    Quantity("measured_wrench_age", "arm", "ticks", "age of measured_wrench",
+             read=lambda seen, _: [arm.interaction_wrench_age for arm in seen], group="wrist"),
     Quantity("measured_internal_wrench", "arm axis", "N, N m", "f_i that each controller gets; task rows",
-             group="force path"),
+             read=lambda seen, _: [arm.internal_wrench for arm in seen], group="force path"),
     Quantity("measured_internal_wrench_age", "", "ticks", "age of measured_internal_wrench",
-             group="force path"),
+             read=lambda seen, _: [seen[0].internal_wrench_age], group="force path"),
     *_internal_parts("measured_internal_{}", "measured internal wrench",
                      lambda s: s["measured_internal_wrench"], group="force path"),
 )
@@ -197,7 +233,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (
-        not isinstance(path := scenario.controller.force_path, NoForcePath)
+        (path := scenario.controller.force_path).measures
         and (path.delay > 0 or any(s.wrist is not None for s in _sensors(scenario)))
     ),
 }
@@ -244,6 +280,20 @@ def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) ->
         for quantity in table
         if quantity.source is None
     }
+
+
+def shape_of(quantity: Quantity, arms: int, drives: int, rows: int) -> tuple[int, ...]:
+    """Return the shape of what ``read`` reads at a tick, with the drives of all arms in one row.
+
+    Args:
+        quantity: Quantity that is read at ticks.
+        arms: Number of arms, m.
+        drives: Number of drives of all arms.
+        rows: Number of task rows, k_0.
+    """
+    per_arm = {"arm joint": (drives,), "arm axis": (arms, rows)}
+    sizes = {**_FIXED_SIZES, "arm": arms}
+    return per_arm.get(quantity.dims) or tuple(sizes[dim] for dim in quantity.dims.split())
 
 
 def computed(

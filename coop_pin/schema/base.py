@@ -171,23 +171,23 @@ NumberVectorOrMatrix = Annotated[
 
 
 def check_arm_names(
-    given: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError, path: str = ""
+    names: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError, path: str = ""
 ) -> None:
     """Refuse a table by arm that misses an arm or names an unknown one.
 
     Args:
-        given: the names in the table.
-        arms: the names in the cell; None, because the arms themselves have mistakes, accepts any table.
+        names: names in the table.
+        arms: names in the cell; None, because the arms themselves have mistakes, accepts any table.
         error: type of the error to raise.
-        path: of the table, for the error.
+        path: path of the table, for the error.
     """
     if arms is None:
         return
-    given, arms = list(given), list(arms)
-    for name in given:
+    names, arms = list(names), list(arms)
+    for name in names:
         if name not in arms:
             raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}", path)
-    missing = [name for name in arms if name not in given]
+    missing = [name for name in arms if name not in names]
     if missing:
         raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one", path)
 

@@ -37,13 +37,13 @@ def load_function(name: str, options: Mapping[str, Any]) -> Callable[..., Any]:
 
     Args:
         name: ``module:function``.
-        options: its keyword arguments.
+        options: keyword arguments of the function.
 
     Raises:
         NameNotFoundError: there is no such module or function.
     """
-    found = _load(name, "function", callable)
-    return functools.partial(found, **options) if options else found
+    function = _load(name, "function", callable)
+    return functools.partial(function, **options) if options else function
 
 
 def load_class(name: str) -> type[Any]:
@@ -55,23 +55,23 @@ def load_class(name: str) -> type[Any]:
     Raises:
         NameNotFoundError: there is no such module or class.
     """
-    return _load(name, "class", lambda found: isinstance(found, type))
+    return _load(name, "class", lambda value: isinstance(value, type))
 
 
 def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
     """Import the object ``module:name`` of a kind ("function" or "class"); raises NameNotFoundError."""
     module_name, _, path = name.partition(":")
-    place = f"module {module_name!r}"
+    module = f"module {module_name!r}"
     try:
-        found: Any = importlib.import_module(module_name)
+        value: Any = importlib.import_module(module_name)
     except ImportError as error:
         raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):
-        if not hasattr(found, part):
-            public = [entry for entry in dir(found) if not entry.startswith("_")]
-            known = [entry for entry in public if is_kind(getattr(found, entry, None))]
-            raise NameNotFoundError(kind, path, known, place)
-        found = getattr(found, part)
-    if not is_kind(found):
-        raise NameNotFoundError(kind, path, [], f"{place}: {path} is {found!r}, which is not a {kind}")
-    return found
+        if not hasattr(value, part):
+            public = [entry for entry in dir(value) if not entry.startswith("_")]
+            known = [entry for entry in public if is_kind(getattr(value, entry, None))]
+            raise NameNotFoundError(kind, path, known, module)
+        value = getattr(value, part)
+    if not is_kind(value):
+        raise NameNotFoundError(kind, path, [], f"{module}: {path} is {value!r}, which is not a {kind}")
+    return value

@@ -1,12 +1,10 @@
-"""Actuation: from commanded drive torques to the torques that act, see description/actuators.py.
-
-Like the plant, the actuation holds state that changes in place: last commands, torques in lag, lost arms.
-"""
+"""Actuation: from commanded drive torques to the torques that act, see description/actuators.py."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +13,9 @@ from coop_pin.control.interface import CellCommand
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, ShapeError
 from coop_pin.model.arm_model import ArmModel
-from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, per_joint
-from coop_pin.simulation.noise import generator
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.signals import MissedTicks
 from coop_pin.spatial import weight_wrench
 
 TORQUE_LIMIT = 1e7
@@ -32,74 +29,40 @@ _SAME = 1e-9
 
 
 class Applied(NamedTuple):
-    """Torques at a tick, for each arm, N m, shape (k,).
+    """Torques at a tick, for each arm, N m, shape (k,); read-only.
 
     Attributes:
-        commanded: by the controller.
-        requested: of the drives: the last command that arrived and the robot's gravity compensation.
-        torques: that act at the tick.
-        saturated: which of them the torque limits cut, or their rate limits over the whole tick; read-only.
-        force: the generalised force of the torques, N m, shape (nv,).
+        commanded: torques by the controller.
+        requested: torques asked of the drives: the last command that arrived and the robot's gravity
+            compensation.
+        torques: torques that act at the tick.
+        saturated: which of them the torque limits cut, or their rate limits over the whole tick.
     """
 
-    commanded: list[Array]
-    requested: list[Array]
-    torques: list[Array]
-    saturated: list[Mask]
-    force: Array
+    commanded: Sequence[Array]
+    requested: Sequence[Array]
+    torques: Sequence[Array]
+    saturated: Sequence[Mask]
 
 
-class ArmActuation:
-    """What one arm makes of a command before lag: missed ticks, gravity compensation, torque limits.
+class ResponseState(NamedTuple):
+    """Torques of drives after a target, in the letters of TorqueResponse; every row is of shape (drives,).
 
     Attributes:
-        limit: of the torques, N m, shape (k,).
-        carried: 1 + mass_error of the robot's gravity compensation, 0 without.
+        target: u, N m.
+        sign: sgn(e).
+        ramp: D, N m.
+        rest: |e| - D, N m.
     """
 
-    def __init__(self, scenario: Scenario, place: ArmPlace, limit: Array, q: Array) -> None:
-        """Start with the command that holds the arm at q, the configuration of the cell."""
-        options, cell, self.limit = scenario.actuators_of(place.name), scenario.cell, limit
-        self._place, self._model = place, ArmModel.from_cell(cell, place.name)
-        share = cell.shares[list(cell.arms).index(place.name)]
-        self._load = share * weight_wrench(cell.payload.mass, cell.gravity)
-        robot, self._missed = options.gravity_compensation, options.missed_ticks
-        self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
-        self._random = generator(scenario.seed, f"{place.name}/missed_ticks") if self._missed else None
-        self._last = self.holding_command(q)
-
-    def holding_torque(self, q: Array) -> Array:
-        """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""
-        rest = np.zeros(len(self.limit))
-        return self._at_drives(self._model.inverse_dynamics(q[self._place.q_slice], rest, rest, self._load))
-
-    def holding_command(self, q: Array) -> Array:
-        """Return the command that makes the drives hold: without what the robot itself adds, shape (k,)."""
-        torque = self.holding_torque(q)
-        return torque - self._carried_weight(q) if self.carried else torque
-
-    def torque(self, command: Array, q: Array) -> tuple[Array, Array, Mask]:
-        """Return the torque asked for, that within the limits, and where it was cut, (k,); read-only."""
-        if self._random is not None:
-            if self._random.random() < self._missed:
-                command = self._last
-            self._last = command = command.copy()
-        asked = command + self._carried_weight(q) if self.carried else command
-        torque: Array = np.minimum(np.maximum(asked, -self.limit), self.limit)
-        return asked, torque, frozen(torque != asked)
-
-    def _carried_weight(self, q: Array) -> Array:
-        """Return (1 + mass_error) T^-T g(q): the arm's weight by the robot's model of itself, (k,)."""
-        rest = np.zeros(len(self.limit))
-        return self.carried * self._at_drives(self._model.nonlinear_effects(q[self._place.q_slice], rest))
-
-    def _at_drives(self, tau: Array) -> Array:
-        """Return T^-T tau, shape (k,)."""
-        return np.asarray(np.linalg.solve(self._place.drive.T, tau), dtype=np.float64)
+    target: Array
+    sign: Array
+    ramp: Array
+    rest: Array
 
 
 class TorqueResponse(NamedTuple):
-    """Torques of drives with lag and rate limit: d tau/dt = clip((u - tau) / lag, -rate, rate).
+    """Response of drives with lag and rate limit: d tau/dt = clip((u - tau) / lag, -rate, rate).
 
     With e = u - tau(t_k) they first change by D = max(|e| - rate lag, 0) at the largest rate, then decay:
 
@@ -109,67 +72,162 @@ class TorqueResponse(NamedTuple):
 
     Attributes:
         at_once: which drives have neither lag nor rate limit.
-        lag: s.
-        rate: N m/s.
-        target: u, N m.
-        sign: sgn(e).
-        ramp: D, N m.
-        rest: |e| - D, N m.
+        lag: time constant, s.
+        rate: largest rate, N m/s.
     """
 
     at_once: Mask
     lag: Array
     rate: Array
-    target: Array
-    sign: Array
-    ramp: Array
-    rest: Array
 
     @classmethod
-    def at_rest(cls, lag: Array, rate: Array, torque: Array) -> TorqueResponse:
-        """Return the response at rest at a torque, shape (drives,) each; lag 0 and rate inf where none."""
+    def of_drives(cls, lag: Array, rate: Array) -> TorqueResponse:
+        """Return the response of drives, shape (drives,) each; lag 0 and rate inf where none."""
         at_once = (lag == 0.0) & np.isinf(rate)
-        lag, rate = np.maximum(lag, _NO_LAG), np.minimum(rate, _NO_RATE_LIMIT)
-        return cls(at_once, lag, rate, torque, *np.zeros((3, len(torque))))
+        return cls(at_once, np.maximum(lag, _NO_LAG), np.minimum(rate, _NO_RATE_LIMIT))
 
-    def follow(self, s: float, target: Array) -> TorqueResponse:
-        """Return the response to new torques to follow, shape (drives,), s seconds after the last."""
-        error = np.where(self.at_once, 0.0, target - self.at(s))
+    def start(self, torque: Array) -> ResponseState:
+        """Return the state at rest at a torque, shape (drives,)."""
+        return ResponseState(torque, *np.zeros((3, len(torque))))
+
+    def step(self, state: ResponseState, s: float, target: Array) -> ResponseState:
+        """Return the state at a new target, shape (drives,), s seconds after the last."""
+        error = np.where(self.at_once, 0.0, target - self.at(state, s))
         ramp = np.maximum(np.abs(error) - self.rate * self.lag, 0.0)
-        return self._replace(target=target, sign=np.sign(error), ramp=ramp, rest=np.abs(error) - ramp)
+        return ResponseState(target, np.sign(error), ramp, np.abs(error) - ramp)
 
-    def at(self, s: float) -> Array:
+    def at(self, state: ResponseState, s: float) -> Array:
         """Return the torques s seconds after the last target, N m, shape (drives,)."""
-        m = np.minimum(s, self.ramp / self.rate)
-        error = self.ramp - self.rate * m + self.rest * np.exp((m - s) / self.lag)
-        torque: Array = self.target - self.sign * error
+        m = np.minimum(s, state.ramp / self.rate)
+        error = state.ramp - self.rate * m + state.rest * np.exp((m - s) / self.lag)
+        torque: Array = state.target - state.sign * error
         return torque
 
-    def mean(self, s: float, duration: float) -> Array:
+    def mean(self, state: ResponseState, s: float, duration: float) -> Array:
         """Return the mean torques over a duration that begins at s: their exact impulse, shape (drives,)."""
-        error = self._integrated_error(s + duration) - self._integrated_error(s)
-        torque: Array = self.target - self.sign * error / duration
+        error = self._integrated_error(state, s + duration) - self._integrated_error(state, s)
+        torque: Array = state.target - state.sign * error / duration
         return torque
 
-    def _integrated_error(self, s: float) -> Array:
+    def _integrated_error(self, state: ResponseState, s: float) -> Array:
         """Return the integral of |u - tau| from t_k over s."""
-        m = np.minimum(s, self.ramp / self.rate)
+        m = np.minimum(s, state.ramp / self.rate)
         decayed = m - self.lag * np.expm1((m - s) / self.lag)
-        integral: Array = (self.ramp - 0.5 * self.rate * m) * m + self.rest * decayed
+        integral: Array = (state.ramp - 0.5 * self.rate * m) * m + state.rest * decayed
         return integral
 
-    def is_limited(self, duration: float) -> Mask:
+    def is_limited(self, state: ResponseState, duration: float) -> Mask:
         """Return which torques still change at their largest rate after a duration, s, shape (drives,)."""
-        limited: Mask = self.ramp > (1.0 + _SAME) * self.rate * duration
+        limited: Mask = state.ramp > (1.0 + _SAME) * self.rate * duration
         return limited
 
 
-class Actuation:
-    """Actuators of all arms: check a command, make torques of it, map them to generalised forces.
+class ArmDrives(NamedTuple):
+    """Drives of one arm before lag: missed ticks, gravity compensation, torque limits.
 
     Attributes:
-        arms: what each makes of its commands.
-        response: of all drives; None if torques are held between ticks.
+        limit: torque limits, N m, shape (k,).
+        carried: 1 + mass_error of the robot's gravity compensation; None without.
+        misses: whether ticks may be missed.
+    """
+
+    limit: Array
+    carried: float | None
+    misses: bool
+
+    def step(
+        self, last: Array, command: Array, missed: Array, weight: Callable[[], Array]
+    ) -> tuple[tuple[Array, Array, Mask], Array]:
+        """Return the torque asked for, that within the limits, and where it was cut; and the last command.
+
+        Args:
+            last: Last command that arrived, N m, shape (k,).
+            command: Command of this tick, likewise.
+            missed: Whether it is missed, a mask.
+            weight: Returns T^-T g(q), N m, shape (k,).
+        """
+        if self.misses:
+            last = command = np.where(missed, last, command)
+        requested = command if self.carried is None else command + self.carried * weight()
+        torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
+        return (requested, torque, frozen(np.not_equal(torque, requested))), last
+
+
+class DriveState(NamedTuple):
+    """Memory of the drives of a cell.
+
+    Attributes:
+        last: last command of each arm that arrived, N m, shape (k,) each.
+        response: torques in lag; None if torques are held between ticks.
+    """
+
+    last: tuple[Array, ...]
+    response: ResponseState | None
+
+
+class CellDrives(NamedTuple):
+    """Drives of all arms, see coop_pin.description.actuators for the equations.
+
+    Attributes:
+        arms: drives of each arm before lag.
+        response: lag and rate limit of all drives; None if torques are held between ticks.
+        period: T, s.
+    """
+
+    arms: tuple[ArmDrives, ...]
+    response: TorqueResponse | None
+    period: float
+
+    def step(
+        self,
+        state: DriveState,
+        commanded: Sequence[Array],
+        missed: Array,
+        weights: Sequence[Callable[[], Array]],
+        gives: Sequence[float],
+        s: float,
+    ) -> tuple[Applied, DriveState]:
+        """Return what the drives make of commands, and the state.
+
+        Args:
+            state: State after the tick before.
+            commanded: Torques by the controller, N m, shape (k,) each.
+            missed: Masks, whether each arm misses the tick, shape (m,).
+            weights: Functions that return T^-T g(q) of each arm, N m, shape (k,).
+            gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
+            s: Time since the tick before, s.
+        """
+        parts, last = zip(
+            *[
+                arm.step(*inputs)
+                for arm, *inputs in zip(self.arms, state.last, commanded, missed, weights, strict=True)
+            ],
+            strict=True,
+        )
+        requested, torques, saturated = map(list, zip(*parts, strict=True))
+        if self.response is None or state.response is None:
+            return Applied(commanded, requested, torques, saturated), DriveState(last, None)
+        response = self.response.step(state.response, s, np.concatenate(torques))
+        limited = self.split(self.response.is_limited(response, self.period))
+        saturated = [frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)]
+        torques = self.acting(self.response.at(response, 0.0), gives)
+        return Applied(commanded, requested, torques, saturated), DriveState(last, response)
+
+    def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
+        """Return the torques of each arm, zero where they are lost, of those of all drives."""
+        return [factor * torque for factor, torque in zip(gives, self.split(torques), strict=True)]
+
+    def split(self, values: Any) -> list[Any]:
+        """Return the part of each arm of the values of all drives."""
+        return np.split(values, np.cumsum([len(arm.limit) for arm in self.arms])[:-1])
+
+
+class Actuation:
+    """Drives of all arms in a run: check a command and make torques of it.
+
+    Attributes:
+        drives: the drives.
+        state: their memory.
         lost_at: when each arm loses its torque, s; inf for never.
     """
 
@@ -177,29 +235,35 @@ class Actuation:
         """Start from the torques that hold the cell at rest at the plant's configuration.
 
         Args:
-            scenario: for actuators and seed.
-            plant: for its configuration and transmission.
-            limits: of each arm, in the order of the arms.
+            scenario: Actuators and seed.
+            plant: Its configuration.
+            limits: Limits of each arm, in the order of the arms.
 
         Raises:
             FieldError: the number of rate limits differs from the number of an arm's joints.
         """
-        places = plant.chain.model.arms
-        self._transmission, self._period = plant.transmission, scenario.clock.period
-        self.arms = {
-            place.name: ArmActuation(scenario, place, limit.torque, plant.q)
-            for place, limit in zip(places, limits, strict=True)
-        }
-        lost = [scenario.actuators_of(name).torque_lost_at for name in self.arms]
+        self._places, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
+        self._names = [place.name for place in self._places]
+        self._models = [ArmModel.from_cell(cell, name) for name in self._names]
+        self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
+        lost = [scenario.actuators_of(name).torque_lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
-        self._edges = np.cumsum([len(place.drive) for place in places])[:-1]
-        self._gives, self._start = self.gives(0.0), 0.0
-        self.response = self._lagging(scenario, plant.q)
+        arms = tuple(map(partial(_arm_drives, scenario), self._names, limits))
+        period = scenario.clock.period
+        self.drives = CellDrives(arms, self._response(scenario, arms), period)
+        self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
+        self.state = DriveState(tuple(self.holding_commands(plant.q)), None)
+        if self.drives.response is not None:
+            holding = [
+                np.clip(self._holding_torque(index, plant.q), -arm.limit, arm.limit)
+                for index, arm in enumerate(arms)
+            ]
+            self.state = self.state._replace(response=self.drives.response.start(np.concatenate(holding)))
 
-    def _lagging(self, scenario: Scenario, q: Array) -> TorqueResponse | None:
-        """Return the response of all drives from the holding torques; None if each delivers and holds."""
+    def _response(self, scenario: Scenario, arms: Sequence[ArmDrives]) -> TorqueResponse | None:
+        """Return the response of all drives; None if each delivers and holds."""
         lags, rates = [], []
-        for name, arm in self.arms.items():
+        for name, arm in zip(self._names, arms, strict=True):
             options, own = scenario.actuators_of(name), name in scenario.arm_actuators
             path = f"arm_actuators.{name}.rate_limit" if own else "actuators.rate_limit"
             limit = np.inf if options.rate_limit is None else options.rate_limit
@@ -208,8 +272,7 @@ class Actuation:
         lag, rate = np.concatenate(lags), np.concatenate(rates)
         if not lag.any() and np.isinf(rate).all() and np.isinf(self.lost_at).all():
             return None
-        holding = [np.clip(arm.holding_torque(q), -arm.limit, arm.limit) for arm in self.arms.values()]
-        return TorqueResponse.at_rest(lag, rate, np.concatenate(holding))
+        return TorqueResponse.of_drives(lag, rate)
 
     def holding_commands(self, q: Array) -> list[Array]:
         """Return the commands that hold the cell at rest, N m, shape (k,) each, read-only.
@@ -218,60 +281,74 @@ class Actuation:
         without internal wrench.
 
         Args:
-            q: configuration of the cell at rest.
+            q: Configuration of the cell at rest.
         """
-        return [frozen(arm.holding_command(q)) for arm in self.arms.values()]
+        commands = []
+        for index, arm in enumerate(self.drives.arms):
+            torque = self._holding_torque(index, q)
+            carried = 0.0 if arm.carried is None else arm.carried * self._weight(index, q)
+            commands.append(frozen(torque - carried))
+        return commands
 
     def apply(self, time: float, command: CellCommand, q: Array) -> Applied:
         """Return what the actuators make of a command.
 
         Args:
-            time: of the tick, s.
-            command: the controller's output.
-            q: configuration of the cell, for gravity compensation.
+            time: Time of the tick, s.
+            command: Output of the controller.
+            q: Configuration of the cell, for gravity compensation.
 
         Raises:
             ShapeError: not one torque for each drive of each arm.
             DivergedError: a torque is not finite, or beyond 1e7 N m.
         """
-        commanded, requested = self.commanded(command), []
-        torques, saturated = [], []
-        for (name, arm), asked in zip(self.arms.items(), commanded, strict=True):
-            largest = float(np.abs(asked).max())
+        commanded = self.commanded(command)
+        for name, torque in zip(self._names, commanded, strict=True):
+            largest = float(np.abs(torque).max())
             if not largest < TORQUE_LIMIT:  # also catches NaN
                 raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, TORQUE_LIMIT)
-            wanted, torque, cut = arm.torque(asked, q)
-            requested.append(wanted)
-            torques.append(torque)
-            saturated.append(cut)
-        if self.response is not None:
-            self.response = self.response.follow(time - self._start, np.concatenate(torques))
-            self._start, self._gives = time, self.gives(time)
-            limited = np.split(self.response.is_limited(self._period), self._edges)
-            saturated = [frozen(cut | late) for cut, late in zip(saturated, limited, strict=True)]
-            torques = self._acting(self.response.at(0.0))
-        return Applied(commanded, requested, torques, saturated, self._transmission.torque(torques))
+        weights = [partial(self._weight, index, q) for index in range(len(commanded))]
+        since, self._start = time - self._start, time
+        applied, self.state = self.drives.step(
+            self.state, commanded, self._missed.draw(1)[0], weights, self.gives(time), since
+        )
+        return applied
 
-    def force(self, response: TorqueResponse, time: float) -> Array:
-        """Return the generalised force just before a time, after the last tick, N m, shape (nv,)."""
-        return self._transmission.torque(self._acting(response.at(time - self._start)))
+    @property
+    def is_held(self) -> bool:
+        """Whether torques are held between ticks: no lag, no rate limit, none lost."""
+        return self.drives.response is None
 
-    def mean_force(self, response: TorqueResponse, time: float, duration: float) -> Array:
-        """Return the mean generalised force from a time over a duration in the tick, N m, shape (nv,).
+    def torques(self, time: float, duration: float = 0.0) -> list[Array]:
+        """Return the mean torques of each arm from a time in the tick over a duration, N m, shape (k,) each.
 
-        No arm loses its torque in between: plant steps end there.
+        No arm loses its torque in between: plant steps end there. Without a duration they are those just
+        before the time, which is after the last plant step.
         """
+        response, state, s = self.drives.response, self.state.response, time - self._start
+        assert response is not None
+        assert state is not None
+        if not duration:
+            return self.drives.acting(response.at(state, s), self._gives)
         self._gives = self.gives(time)
-        return self._transmission.torque(self._acting(response.mean(time - self._start, duration)))
+        return self.drives.acting(response.mean(state, s, duration), self._gives)
 
     def gives(self, time: float) -> list[float]:
         """Return 1.0 for each arm that gives torque from a time on, s, and 0.0 for one that does not."""
-        return [float(lost > time + _SAME * self._period) for lost in self.lost_at]
+        return [float(lost > time + _SAME * self.drives.period) for lost in self.lost_at]
 
-    def _acting(self, torques: Array) -> list[Array]:
-        """Return the torques of each arm, zero where they are lost."""
-        parts = np.split(torques, self._edges)
-        return [gives * torque for gives, torque in zip(self._gives, parts, strict=True)]
+    def _holding_torque(self, index: int, q: Array) -> Array:
+        """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""
+        place, model = self._places[index], self._models[index]
+        rest = np.zeros(model.nv)
+        tau = model.inverse_dynamics(q[place.q_slice], rest, rest, self._loads[index])
+        return np.asarray(np.linalg.solve(place.drive.T, tau), dtype=np.float64)
+
+    def _weight(self, index: int, q: Array) -> Array:
+        """Return T^-T g(q): the arm's weight at its drives, N m, shape (k,)."""
+        place, model = self._places[index], self._models[index]
+        g = model.nonlinear_effects(q[place.q_slice], np.zeros(model.nv))
+        return np.asarray(np.linalg.solve(place.drive.T, g), dtype=np.float64)
 
     def commanded(self, command: CellCommand) -> list[Array]:
         """Return the torques of a command as arrays.
@@ -280,11 +357,19 @@ class Actuation:
             ShapeError: not one torque for each drive of each arm.
         """
         torques = [np.asarray(torque, dtype=np.float64) for torque in command.torques]
-        if len(torques) != len(self.arms):
+        if len(torques) != len(self._names):
             raise ShapeError(
-                "the list of torques, one entry for each arm,", (len(torques),), (len(self.arms),)
+                "the list of torques, one entry for each arm,", (len(torques),), (len(self._names),)
             )
-        for (name, arm), torque in zip(self.arms.items(), torques, strict=True):
+        for name, torque, arm in zip(self._names, torques, self.drives.arms, strict=True):
             if torque.shape != arm.limit.shape:
                 raise ShapeError(f"torque of arm {name!r}", torque.shape, arm.limit.shape)
         return torques
+
+
+def _arm_drives(scenario: Scenario, name: str, limits: JointLimits) -> ArmDrives:
+    """Return the drives of an arm before lag."""
+    options = scenario.actuators_of(name)
+    robot = options.gravity_compensation
+    carried = None if robot is None else 1.0 + robot.mass_error
+    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0)

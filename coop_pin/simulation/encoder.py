@@ -34,16 +34,14 @@ class Encoders(NamedTuple):
     """Encoders of one arm; every row has one value for each drive, shape (k,).
 
     Attributes:
-        resolution: of a count, rad; 0 is continuous.
-        noise: standard deviation at each tick, rad.
-        offset: of the zero, rad.
-        velocity: kind of the estimate.
-        pole: p of its filter or observer.
+        resolution: size of a count, rad; 0 is continuous.
+        offset: error of the zero, rad.
+        velocity: kind of the velocity estimate.
+        pole: p of the estimate's filter or observer.
         period: T, s.
     """
 
     resolution: Array
-    noise: Array
     offset: Array
     velocity: str
     pole: float
@@ -54,15 +52,15 @@ class Encoders(NamedTuple):
         """Return the encoders of an arm.
 
         Args:
-            sensors: of the arm.
+            sensors: Sensors of the arm.
             period: T, s.
-            joints: number of drives.
-            path: of the sensors in the scenario, for error messages.
+            joints: Number of drives.
+            path: Place of the sensors in the scenario, for error messages.
 
         Raises:
             FieldError: the number of values differs from that of the drives.
         """
-        resolution, noise, offset = (
+        resolution, _, offset = (
             per_joint(np.array(getattr(sensors.encoder, name)), joints, f"{path}.encoder.{name}")
             for name in Encoder.model_fields
         )
@@ -71,31 +69,43 @@ class Encoders(NamedTuple):
                 pole = exp(-2.0 * pi * rate_hz * period)
             case IdealVelocity():
                 pole = 0.0
-        return cls(resolution, noise, offset, sensors.velocity.kind, pole, period)
+        return cls(resolution, offset, sensors.velocity.kind, pole, period)
 
-    def read(
-        self, q: Array, v: Array, noise: Array, state: EncoderState | None
-    ) -> tuple[Array, Array, EncoderState]:
-        """Return measured position and velocity of the drives at the next tick, shape (k,), and the state.
+    def start(self, q: Array, noise: Array) -> EncoderState:
+        """Return the state before the first tick, at rest.
 
         Args:
-            q: true drive coordinates, rad, shape (k,).
-            v: true drive velocities, rad/s, shape (k,).
-            noise: of this tick, rad, shape (k,).
-            state: after the tick before; None at the first, at rest.
+            q: True drive coordinates at the first tick, rad, shape (k,).
+            noise: Noise of the first tick, rad, shape (k,).
         """
+        return EncoderState(self._reading(q, noise), np.zeros(q.size))
+
+    def step(
+        self, state: EncoderState, q: Array, v: Array, noise: Array
+    ) -> tuple[tuple[Array, Array], EncoderState]:
+        """Return measured position and velocity of the drives at a tick, shape (k,) both, and the state.
+
+        Args:
+            state: State after the tick before.
+            q: True drive coordinates, rad, shape (k,).
+            v: True drive velocities, rad/s, shape (k,).
+            noise: Noise of this tick, rad, shape (k,).
+        """
+        q, (last, estimate), p, T = self._reading(q, noise), state, self.pole, self.period
+        if self.velocity == "ideal":
+            return (q, v), EncoderState(q, estimate)
+        if self.velocity == "difference":
+            estimate = p * estimate + (1.0 - p) * (q - last) / T
+            return (q, estimate), EncoderState(q, estimate)
+        e = q - last - T * estimate
+        state = EncoderState(q - p**2 * e, estimate + (1.0 - p) ** 2 * e / T)
+        return (q, state.velocity), state
+
+    def _reading(self, q: Array, noise: Array) -> Array:
+        """Return the counted positions of the drives, rad, shape (k,)."""
         is_counted = self.resolution > 0.0
         # A continuous encoder divides by one and keeps the undivided value.
         count = np.where(is_counted, self.resolution, 1.0)
         q = q + noise
-        q = np.where(is_counted, count * np.round(q / count), q) + self.offset
-        last, estimate = (q, np.zeros(q.size)) if state is None else state
-        p, T = self.pole, self.period
-        if self.velocity == "ideal":
-            return q, v.copy(), EncoderState(q, estimate)
-        if self.velocity == "difference":
-            estimate = p * estimate + (1.0 - p) * (q - last) / T
-            return q, estimate.copy(), EncoderState(q, estimate)
-        e = q - last - T * estimate
-        state = EncoderState(q - p**2 * e, estimate + (1.0 - p) ** 2 * e / T)
-        return q, state.velocity.copy(), state
+        reading: Array = np.where(is_counted, count * np.round(q / count), q) + self.offset
+        return reading

@@ -8,6 +8,8 @@ hands out (measurements, references, controller states, snapshots, results) is a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from coop_pin.arrays import Array
@@ -59,6 +61,10 @@ class Plant:
     def hold(self, force: Array) -> None:
         """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
         self._forces[0] = force
+
+    def drive(self, torques: Sequence[Array]) -> None:
+        """Hold drive torques of each arm from now on, N m, shape (k,) each."""
+        self.hold(self.transmission.torque(torques))
 
     def push(self, external: Array) -> None:
         """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from coop_pin.simulation.timeline import Timeline
 _WORK = tuple(f"work_{channel}" for channel in CHANNELS)
 _BLOCK = 1024
 """Samples that are observed together, at most."""
+_WATCHED = ("joint_position", "jacobian_condition")
+"""Computed quantities that a TrustMonitor reads."""
 _OBSERVED = (
     *("payload_pose", "payload_twist", "tip_position", "interaction_wrench"),
     *("kinetic_energy", "potential_energy"),
@@ -50,7 +53,6 @@ class Recorder:
         self.count = 0
         self.payload_energy = 0.0
         self._table = quantities(scenario)
-        self._has_groups = any(quantity.group for quantity in self._table)
         self._determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
         count, rows = self._sample(timeline.ticks) + 1, scenario.cell.task_rows.size
@@ -63,7 +65,17 @@ class Recorder:
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
         self._samples = allocate(self._table, count, sizes)
+        self._read = [
+            (self._samples[each.name], each.read, self._entries(each.dims))
+            for each in self._table
+            if each.read
+        ]
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
+        self._turned = {
+            index: np.zeros((count, len(arm.drive)))
+            for index, arm in enumerate(arms)
+            if not arm.angles.is_vector
+        }
         self._forces, self._observed = np.zeros((count, model.nv)), 0
         postures = [scenario.cell.arms[arm.name].posture for arm in arms]
         self._angles = [
@@ -99,21 +111,17 @@ class Recorder:
             kept[name][sample] = value
         for name, done in zip(_WORK, plant.work, strict=True):
             kept[name][sample] = done
-        for index, measurement in enumerate(measurements):
-            drives = len(measurement.v)
-            kept["torque"][sample, index, :drives] = applied.torques[index]
-            kept["commanded_torque"][sample, index, :drives] = applied.commanded[index]
-            kept["saturated"][sample, index, :drives] = applied.saturated[index]
-            if "requested_torque" in kept:
-                kept["requested_torque"][sample, index, :drives] = applied.requested[index]
-            self._jacobians[index][sample] = measurement.payload_jacobian
+        for samples, read, entries in self._read:
+            for entry, value in zip(entries, read(measurements, applied), strict=True):
+                if value is not None:
+                    samples[(sample, *entry)] = value
+        for jacobians, seen in zip(self._jacobians, measurements, strict=True):
+            jacobians[sample] = seen.payload_jacobian
+        for index, turned in self._turned.items():
+            # Full turns are counted at every tick: between kept samples a joint may make several.
             place = plant.chain.model.arms[index]
-            if not place.angles.is_vector:
-                # Full turns are counted at every tick: between kept samples a joint may make several.
-                turned = place.angles.along(plant.q[None, place.q_slice], self._angles[index])[0]
-                kept["joint_position"][sample, index, :drives] = self._angles[index] = turned
-            if self._has_groups:
-                self._record_measured(sample, index, measurement)
+            along = place.angles.along(plant.q[None, place.q_slice], self._angles[index])
+            turned[sample] = self._angles[index] = along[0]
         self._forces[sample] = plant.force
         self._observed, self.count = min(self._observed, sample), sample + 1
         if self.count - self._observed == _BLOCK:
@@ -137,31 +145,23 @@ class Recorder:
             kept[name][new] = values
         self._observed = self.count = new.stop
 
-    def _record_measured(self, sample: int, index: int, seen: ArmMeasurement) -> None:
-        """Record what an arm measures, as far as the groups of this run have it."""
-        place, rows = self._plant.chain.model.arms[index], list(self._cell.task_rows.indices)
-        own, joints = self._plant.q[place.q_slice], slice(len(place.drive))
-        angles = place.angles.of(own) if place.angles.is_vector else self._angles[index]
-        for name, entry, value in (
-            ("drive_position", (index, joints), place.drive.dot(angles)),
-            ("measured_drive_position", (index, joints), seen.q),
-            ("measured_drive_velocity", (index, joints), seen.v),
-            ("seen_pose", (index,), seen.payload_pose),
-            ("measured_wrench", (index, rows), seen.interaction_wrench),
-            ("measured_wrench_age", (index,), seen.interaction_wrench_age),
-            ("measured_internal_wrench", (index, rows), seen.internal_wrench),
-            ("measured_internal_wrench_age", (), seen.internal_wrench_age),
-        ):
-            if name in self._samples and value is not None:
-                self._samples[name][(sample, *entry)] = value
+    def _entries(self, dims: str) -> list[tuple[Any, ...]]:
+        """Return where the values that are read at a tick go in a sample."""
+        rows, arms = list(self._cell.task_rows.indices), self._plant.chain.model.arms
+        if not dims:
+            return [()]
+        match dims.split()[1:]:
+            case ["joint"]:
+                return [(index, slice(len(arm.drive))) for index, arm in enumerate(arms)]
+            case ["axis"]:
+                return [(index, rows) for index in range(len(arms))]
+        return [(index,) for index in range(len(arms))]
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         self.observe()
         last = slice(self.count - 1, self.count)
-        samples = self._kept(last)
-        samples["jacobian_condition"] = np.array([[np.linalg.cond(J[last])[0] for J in self._jacobians]])
-        values = computed(self._table, samples, self._cell.shares, Snapshot._fields)
+        values = computed(self._table, self._kept(last), self._cell.shares, Snapshot._fields)
         arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
         return Snapshot(time=float(values["time"][0]), **arrays)
 
@@ -174,8 +174,8 @@ class Recorder:
         while self._observed < self.count:
             with contextlib.suppress(CoopPinError):  # which drops the last sample
                 self.observe()
-        kept, names = self._filled(slice(0, self.count)), [joints for _, joints in self.joints]
-        data = dataset(scenario, kept, names, self.limit_table())
+        samples, names = self._kept(slice(0, self.count)), [joints for _, joints in self.joints]
+        data = dataset(scenario, samples, names, self.limit_table())
         if self._plant.engine != Plant.engine:
             data.attrs[RunResult.ENGINE] = self._plant.engine
         return RunResult(scenario, data)
@@ -183,33 +183,28 @@ class Recorder:
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
         self.observe()
-        return self._monitor.breaches(self._filled(slice(self.count - 1, self.count)))
+        samples = self._kept(slice(self.count - 1, self.count))
+        return self._monitor.breaches(computed(self._table, samples, self._cell.shares, _WATCHED))
 
     @property
     def joints(self) -> list[tuple[str, list[str]]]:
         """Name of each arm and names of its joints."""
         return [(arm.name, list(arm.joint_names)) for arm in self._plant.chain.model.arms]
 
-    def _filled(self, ticks: slice) -> Samples:
-        """Return the samples of some ticks, with what needs no record of its own filled in."""
-        kept = self._kept(ticks)
-        for index, place in enumerate(self._plant.chain.model.arms):
-            kept["jacobian_condition"][:, index] = np.linalg.cond(self._jacobians[index][ticks])
-            joints = len(place.drive)
-            if place.angles.is_vector:
-                kept["joint_position"][:, index, :joints] = place.angles.of(
-                    kept["configuration"][:, place.q_slice]
-                )
-            v = kept["velocity"][:, place.v_slice]
-            kept["joint_velocity"][:, index, :joints] = v
-            kept["drive_velocity"][:, index, :joints] = v.dot(place.drive.T)
-        return kept
-
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
-        kept = {name: values[ticks] for name, values in self._samples.items()}
+        kept: Samples = {name: values[ticks] for name, values in self._samples.items()}
         kept["interaction_wrench"][..., ~self._determined] = np.nan
-        return kept
+        arms, q, v = self._plant.chain.model.arms, kept["configuration"], kept["velocity"]
+        return kept | {
+            "angles": [
+                self._turned[index][ticks] if index in self._turned else arm.angles.of(q[:, arm.q_slice])
+                for index, arm in enumerate(arms)
+            ],
+            "rates": [v[:, arm.v_slice] for arm in arms],
+            "drive": [arm.drive for arm in arms],
+            "jacobian": [J[ticks] for J in self._jacobians],
+        }
 
     def _sample(self, tick: int) -> int:
         """Return the index of the sample that a tick is written to."""

@@ -199,7 +199,7 @@ class Simulation:
         command = self.controller.step(measurements, references, self.controller_state)
         self.controller_state = command.state
         self._applied = self.actuation.apply(time, command, self.plant.q)
-        self.plant.hold(self._applied.force)
+        self.plant.drive(self._applied.torques)
         self.recorder.record(tick, time, measurements, self._applied, target, squeeze)
         self.ticks_done = tick + 1
         if tick < self.timeline.ticks:
@@ -236,15 +236,15 @@ class Simulation:
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
-        response = self.actuation.response
+        actuation = self.actuation
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-            if response is not None:
-                self.plant.hold(self.actuation.mean_force(response, step.start, step.length))
+            if not actuation.is_held:
+                self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
-        if response is not None:
-            self.plant.hold(self.actuation.force(response, self.timeline.time(tick + 1)))
+        if not actuation.is_held:
+            self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
 
     def _require_closed(self, time: float) -> None:

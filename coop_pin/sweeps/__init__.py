@@ -7,6 +7,7 @@ from coop_pin import lazy_names
 
 _PUBLIC = {
     "Estimate": "coop_pin.sweeps.engine",
+    "Execution": "coop_pin.sweeps.execution",
     "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.dimensions",
     "Span": "coop_pin.sweeps.dimensions",
@@ -16,8 +17,8 @@ _PUBLIC = {
     "linspace": "coop_pin.sweeps.dimensions",
     "logspace": "coop_pin.sweeps.dimensions",
     "sweep": "coop_pin.sweeps.engine",
-    "TuneResult": "coop_pin.sweeps.tuner",
-    "tune": "coop_pin.sweeps.tuner",
+    "TuneResult": "coop_pin.sweeps.optimisation",
+    "tune": "coop_pin.sweeps.optimisation",
 }
 
 __all__ = sorted(_PUBLIC)

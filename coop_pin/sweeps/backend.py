@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -52,11 +52,17 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             else:
                 from coop_pin.sweeps.batch_job import run_batch  # slow to load
 
-                found = run_batch(batch)
-                yield [outcome for outcome in found if outcome]
-                for job, outcome in zip(batch, found, strict=True):
-                    if outcome is None:
-                        yield [run_job(job)]
+                yield from _with_singles(batch, run_batch(batch), lambda job: [run_job(job)])
+
+
+def _with_singles(
+    batch: Sequence[Job], outcomes: Sequence[Outcome | None], run: Callable[[Job], list[Outcome]]
+) -> Iterator[list[Outcome]]:
+    """Yield the outcomes of a batch, then one by one those of its jobs that must be run singly."""
+    yield list(filter(None, outcomes))
+    for job, outcome in zip(batch, outcomes, strict=True):
+        if outcome is None:
+            yield run(job._replace(engine="single"))
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
@@ -139,10 +145,10 @@ class Worker:
         limit_s, memory_limit = jobs[0].time_limit_s, jobs[0].memory_limit
         kill_s = limit_s + max(2.0, 0.5 * limit_s)  # most runs notice their limit by themselves
         arguments = pickle.dumps(jobs), memory_limit
-        error, content = self._reply(kill_s, worker_host.compute, arguments, {}, kill_s)
+        error, content = self._reply(kill_s, worker_host.run_pickled, arguments, {}, kill_s)
         if error is None:
-            done = zip(jobs, pickle.loads(content), strict=True)
-            return [outcome or self.compute([job._replace(engine="single")])[0] for job, outcome in done]
+            done = _with_singles(jobs, pickle.loads(content), lambda job: self.compute([job]))
+            return list(itertools.chain.from_iterable(done))
         is_late, deaths = isinstance(error, TimeoutError), deaths + 1
         if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
             raise error
@@ -213,7 +219,7 @@ _workers: dict[int, tuple[str, Worker]] = {}
 """The sweep and the worker of each thread of this process that computes jobs."""
 
 
-def compute(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
+def run_in_thread(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
     """Return the outcomes of jobs, by the worker that the calling thread keeps for a sweep."""
     thread = threading.get_ident()
     known, worker = _workers.get(thread, ("", Worker()))
@@ -248,7 +254,7 @@ class LocalBackend:
 
     def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
         """Send a batch to the next free worker."""
-        return self._threads.submit(compute, self._name, batch)
+        return self._threads.submit(run_in_thread, self._name, batch)
 
     def close(self) -> None:
         """End all workers, also those at work."""

@@ -1,4 +1,4 @@
-"""Jobs of a sweep that are simulated together; what cannot be is simulated singly."""
+"""Jobs of a sweep that are simulated together; what cannot be is left to single runs."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ import dataclasses
 import functools
 import logging
 import sys
-import time
-from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Iterator, Sequence
 
-from coop_pin.batch import BatchSimulator, families
+from coop_pin.arrays import Array
+from coop_pin.batch import BatchSimulator
+from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import TracingError
-from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate
+from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate, times
 from coop_pin.sweeps.run_key import require_unchanged
 
-_simulators: dict[Hashable, BatchSimulator | None] = {}
-"""With their code, by the family of the scenarios, for all batches of a process; None for single runs."""
-_KEPT = 8
-"""Families whose code is kept, those used last; the tapes of one may take 60 MB."""
+_simulator = BatchSimulator()
+"""With plants, code and memory of the last families, for all batches of a process."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 
 
@@ -37,60 +35,79 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         CodeChangedError: this process has loaded other code than a job's key covers.
         KeyboardInterrupt: Ctrl-C.
     """
-    groups, found = defaultdict[Hashable, list[int]](list), dict[int, Outcome | None]()
-    jobs = [job._replace(scenario=separate(job.scenario)) for job in jobs]
-    for place, kind in enumerate(families([job.scenario for job in jobs])):
-        require_unchanged(jobs[place].code)
-        groups[kind].append(place)
-    for kind, places in groups.items():
-        found |= zip(places, _family(kind, [jobs[place] for place in places]), strict=True)
-    return [found[place] for place in range(len(jobs))]
+    start, outcomes = times(), dict[int, Outcome | None]()
+    families = list[dict[int, Prepared]]()
+    for index, job in enumerate(jobs):
+        require_unchanged(job.code)
+        with _left_to_single_runs(job):
+            run = _simulator.prepare(separate(job.scenario))
+            same = (each for each in families if next(iter(each.values())).kind == run.kind)
+            if (family := next(same, None)) is None:
+                families.append(family := {})
+            family[index] = run
+    preparation = (times() - start) / len(jobs)
+    for family in families:
+        members = [jobs[index] for index in family]
+        with _left_to_single_runs(members[0]):
+            outcomes |= zip(family, _together(members, [*family.values()], preparation), strict=True)
+    return [outcomes.get(index) for index in range(len(jobs))]
 
 
-def _family(kind: Hashable, jobs: Sequence[Job]) -> list[Outcome | None]:
-    """Return the outcomes of runs of a family; why it cannot be traced is told once."""
-    simulator = _simulators[kind] = _simulators.pop(kind) if kind in _simulators else BatchSimulator()
-    if len(_simulators) > _KEPT:
-        del _simulators[next(iter(_simulators))]
+@contextlib.contextmanager
+def _left_to_single_runs(job: Job) -> Iterator[None]:
+    """Leave to single runs what fails here; why a law cannot be traced is told once.
+
+    Any other error, of a run that cannot start or of the user's motion, is told by its own run.
+    """
     try:
-        if simulator is not None:
-            return _together(simulator, jobs)
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
     except CtrlC:
         raise
     except (TracingError, SystemExit, KeyboardInterrupt) as error:  # the last two of a user's controller
-        _simulators[kind] = None
-        _LOG.warning("runs of %r are simulated one by one: %s", jobs[0].scenario.name, error)
-    return [None] * len(jobs)
+        _tell(f"runs of {job.scenario.name!r} are simulated one by one: {error}")
+    except Exception:
+        return
 
 
-def _together(simulator: BatchSimulator, jobs: Sequence[Job]) -> list[Outcome | None]:
-    """Return the outcomes of runs of a family.
+@functools.lru_cache(maxsize=64)
+def _tell(message: str) -> None:
+    _LOG.warning("%s", message)
 
-    A run that breaks a guard is repeated singly, for its error; when a batch cannot start, its halves can.
+
+def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array) -> list[Outcome | None]:
+    """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
+
+    When a batch cannot start, for example for lack of memory, its halves can.
+
+    Args:
+        jobs: jobs of the runs.
+        runs: runs, prepared.
+        preparation: wall and processor time that the preparation of one run took, s, shape (2,).
 
     Raises:
-        TracingError: the runs cannot be traced, or not together.
+        TracingError: the runs cannot be traced.
     """
-    wall, cpu = time.perf_counter(), time.process_time()
+    start = times()
     try:
-        with contextlib.redirect_stdout(sys.stderr):
-            batch = simulator.run([job.scenario for job in jobs])
-            metrics = batch.metrics()
+        batch = _simulator.run_prepared(runs)
+        metrics = batch.metrics()
     except TracingError:
         raise
-    except Exception:  # of a run that cannot start, or of the user's motion
+    except Exception:
         half = len(jobs) // 2
-        return _together(simulator, jobs[:half]) + _together(simulator, jobs[half:]) if half else [None]
-    wall, cpu = (time.perf_counter() - wall) / len(jobs), (time.process_time() - cpu) / len(jobs)
-    found = list[Outcome | None]()
-    for place, job in enumerate(jobs):
-        if not batch.is_valid[place]:
-            found.append(None)
+        parts = (slice(half), slice(half, None)) if half else ()
+        return [each for part in parts for each in _together(jobs[part], runs[part], preparation)] or [None]
+    shared, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
+    for index, job in enumerate(jobs):
+        if not batch.is_valid[index]:
+            outcomes.append(None)
             continue
-        outcome = Outcome(Record(job.key, dict(job.changes), metrics[place]))
+        outcome = Outcome(Record(job.key, dict(job.changes), metrics[index]))
         if job.metrics or job.keep:
-            outcome = outcome_of(job, functools.partial(batch.result, place))
-        wall_s, cpu_s = outcome.record.wall_s + wall, outcome.record.cpu_s + cpu
+            outcome = outcome_of(job, functools.partial(batch.result, index))
+        wall_s, cpu_s = outcome.record.wall_s + float(shared[0]), outcome.record.cpu_s + float(shared[1])
         record = dataclasses.replace(outcome.record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
-        found.append(outcome._replace(record=record))
-    return found
+        outcomes.append(outcome._replace(record=record))
+    batch.release()
+    return outcomes

@@ -47,7 +47,7 @@ class DaskBackend:
 
     def submit(self, batch: Sequence[Job]) -> Future[list[Outcome]]:
         """Send a batch to the scheduler."""
-        future: Future[list[Outcome]] = self._executor.submit(compute, self._name, pickle.dumps(batch))
+        future: Future[list[Outcome]] = self._executor.submit(run_pickled, self._name, pickle.dumps(batch))
         return future
 
     def close(self) -> None:
@@ -56,9 +56,9 @@ class DaskBackend:
             self._client.run(backend.close_workers, self._name)
 
 
-def compute(sweep: str, jobs: bytes) -> list[Outcome]:
+def run_pickled(sweep: str, jobs: bytes) -> list[Outcome]:
     """Return the outcomes of pickled jobs, in which dask does not look for its own keys."""
-    return backend.compute(sweep, pickle.loads(jobs))
+    return backend.run_in_thread(sweep, pickle.loads(jobs))
 
 
 def _close(client: Any) -> None:

@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import functools
 import itertools
-import os
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
+from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import (
     FieldError,
+    FileReadError,
     MissingExtraError,
     RunTimeoutError,
     ScenarioError,
@@ -25,7 +27,7 @@ from coop_pin.errors import (
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
-from coop_pin.sweeps.engine_choice import with_engine
+from coop_pin.sweeps.execution import HERE, Execution
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
@@ -33,21 +35,42 @@ from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import TRANSIENT, SweepStore
 from coop_pin.sweeps.table import require_own_names
 
+_LOG = logging.getLogger("coop_pin.sweeps")
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
 
 
-def worker_count(workers: int | None) -> int:
-    """Return the number of local workers; one for each available processor if it is None.
+def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> SweepPlan:
+    """Return a plan with its engine decided: as the folder has it, otherwise by its first run.
+
+    Args:
+        plan: plan.
+        store: folder of the plan.
+        runs: number of runs of its kind in all; the plan's own when omitted.
 
     Raises:
-        FieldError: it is negative.
+        FieldError: the plan wants batches, and its first run cannot be in one.
+        MissingExtraError: it wants them, and llvmlite is not installed.
     """
-    require_type("workers", workers, int, type(None))
-    if workers is not None and workers < 0:
-        raise FieldError(f"is {workers}; it must be 0 (this process) or a number of processes", "workers")
-    affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
-    return len(affinity(0)) if workers is None else workers
+    if plan.engine == "single":
+        return plan
+    with contextlib.suppress(FileReadError):
+        kept = store.read_plan()
+        if plan.engine == "auto" and kept.replace(engine="auto") == plan:
+            return kept
+    # A user's code runs in workers only; if it cannot be traced, they tell why.
+    count = len(plan) if runs is None else runs
+    (choice,) = choose_engines([plan.resolved(0)], plan.engine, count, traces_user_code=False)
+    if choice.obstacle is not None and plan.engine == "batch":
+        if choice.obstacle == "compiler":
+            from coop_pin.batch import require_compiler  # slow to load
+
+            require_compiler()
+        message = f"is 'batch', but the first run cannot be simulated in one: {choice.reason}"
+        raise FieldError(message, "engine")
+    if choice.obstacle is not None:
+        _LOG.warning("runs are simulated one by one: %s", choice.reason)
+    return plan.model_copy(update={"engine": choice.engine})
 
 
 class Session:
@@ -61,8 +84,8 @@ class Session:
 
     keys: list[str]
 
-    def __init__(self, store: SweepStore, bar: ProgressBar, workers: int, scheduler: str | None) -> None:
-        self.store, self.bar, self._workers, self._scheduler = store, bar, workers, scheduler
+    def __init__(self, store: SweepStore, bar: ProgressBar, execution: Execution) -> None:
+        self.store, self.bar, self._execution = store, bar, execution
         self.stack = contextlib.ExitStack()
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
@@ -80,6 +103,8 @@ class Session:
             FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
+        for folder in self._execution.merge:
+            self.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(plan)))
         self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
@@ -96,16 +121,17 @@ class Session:
     @functools.cached_property
     def _outcomes(self) -> Callable[[Iterator[Job]], Generator[list[Outcome]]]:
         """Outcomes of jobs, by the backend."""
-        if not self._scheduler:
-            if not self._workers:
+        scheduler, processes = self._execution.scheduler, self._execution.processes
+        if not scheduler:
+            if not processes:
                 return outcomes_here
-            local = contextlib.closing(LocalBackend(self._workers))
+            local = contextlib.closing(LocalBackend(processes))
             return functools.partial(outcomes, self.stack.enter_context(local))
         try:
             from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
         except ModuleNotFoundError:
             raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
-        return functools.partial(outcomes, self.stack.enter_context(connected(self._scheduler)))
+        return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
         self, plan: SweepPlan, retry_failed: bool, under_way: Counter[str], refused: list[Outcome]
@@ -131,7 +157,7 @@ class Session:
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
         for name, digests in code:
-            is_here = not (self._workers or self._scheduler)
+            is_here = not (self._execution.processes or self._execution.scheduler)
             if name.startswith("__main__:") and not (is_here and digests):
                 reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
                 detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"
@@ -139,29 +165,23 @@ class Session:
 
 
 @contextlib.contextmanager
-def open_session(
-    folder: str | Path, workers: int | None, scheduler: str | None, total: int, *, quiet: bool = False
-) -> Iterator[Session]:
+def open_session(folder: str | Path, execution: Execution, total: int) -> Iterator[Session]:
     """Yield a session that has the folder to itself.
 
     Args:
         folder: folder of the sweep.
-        workers: number of local workers, 0 for this process; one for each processor if None.
-        scheduler: address of a dask scheduler to use instead.
+        execution: workers, and whether there is a progress bar.
         total: number of runs that the progress bar counts to.
-        quiet: no progress bar.
 
     Raises:
         StoreLockedError: another process works on the folder.
         FileReadError: an older version wrote the folder.
         SweepInterruptedError: Ctrl-C.
     """
-    require_type("scheduler", scheduler, str, type(None))
-    require_type("quiet", quiet, bool)
-    count, store = worker_count(workers), SweepStore(folder)
-    with store.locked(), ProgressBar("runs", total=total, quiet=quiet, keep=True) as bar:
+    store = SweepStore(folder)
+    with store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
         try:
-            session = Session(store, bar, count, scheduler)
+            session = Session(store, bar, execution)
             with session.stack:
                 yield session
         except KeyboardInterrupt:
@@ -176,11 +196,8 @@ def sweep(
     axes: Mapping[str, Any] | None = None,
     *,
     out: str | Path,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    execution: Execution = HERE,
     retry_failed: bool = False,
-    merge: Sequence[str | Path] = (),
-    quiet: bool = False,
     **plan: Any,
 ) -> SweepResult:
     """Return the results of many runs of a scenario; finished runs are stored in a folder and never repeated.
@@ -190,14 +207,11 @@ def sweep(
     what is new.
 
     Args:
-        base: a SweepPlan, or the plan's ``base``: a scenario, its name or path, or several.
-        axes: the values of each varied field.
+        base: SweepPlan, or the plan's ``base``: a scenario, its name or path, or several.
+        axes: values of each varied field.
         out: folder of the sweep.
-        workers: number of processes; one for each processor when omitted, 0 for this process (debugging).
-        scheduler: address of a dask scheduler to use instead of local processes.
-        retry_failed: repeat runs that failed for lack of time, of memory or of a worker.
-        merge: folders of other sweeps, whose runs are taken over by their keys.
-        quiet: no progress bar.
+        execution: workers, engine, folders to merge: ``Execution(workers=0)`` computes in this process.
+        retry_failed: whether runs that failed for lack of time, of memory or of a worker are repeated.
         plan: further fields of the SweepPlan: changes, cases, zipped, sample, metrics, time_limit_s,
             memory_limit_gb, keep, engine, repeats.
 
@@ -215,16 +229,16 @@ def sweep(
     """
     require_path("out", out)
     require_type("retry_failed", retry_failed, bool)
-    require_type("merge", merge, list, tuple)
-    for folder in merge:
-        require_path("merge", folder)
+    require_type("execution", execution, Execution)
+    for field in {"workers", "scheduler", "merge", "quiet"} & {*plan}:
+        raise FieldError(f"is a field of execution; write execution=coop_pin.Execution({field}=...)", field)
     fields = plan if axes is None else {**plan, "axes": axes}
+    if execution.engine is not None:
+        fields = {**fields, "engine": execution.engine}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
-    with open_session(out, workers, scheduler, len(chosen), quiet=quiet) as session:
+    with open_session(out, execution, len(chosen)) as session:
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
-        for folder in merge:
-            session.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(chosen)))
         session.compute(chosen, retry_failed=retry_failed)
         result = SweepResult(chosen, session.store, session.keys)
         result.write_tables()
@@ -266,7 +280,7 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
         FieldError: the number of workers is negative.
         CoopPinError: the first point cannot be run.
     """
-    count, scenario = max(worker_count(workers), 1), plan.scenario(0)
+    count, scenario = max(Execution(workers=workers).processes, 1), plan.scenario(0)
     _run_s(scenario)  # the first run of a process also loads modules
     return Estimate(len(plan), _run_s(scenario), count)
 

@@ -12,9 +12,11 @@ import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError, place_of
 from coop_pin.results import RunResult
@@ -175,22 +177,27 @@ def separate(scenario: Scenario) -> Scenario:
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
     """Return the outcome of a job whose result is computed by a function; see run_job."""
-    content, wall, cpu = None, time.perf_counter(), time.process_time()
+    content, start = None, times()
     try:
         with contextlib.redirect_stdout(sys.stderr):
             result = compute()
             metrics = result.metrics()
             for name in job.metrics:  # the user's last
-                metrics |= {own: float(value) for own, value in load_function(name, {})(result).items()}
+                metrics |= {key: float(value) for key, value in load_function(name, {})(result).items()}
         record = Record(job.key, dict(job.changes), metrics)
     except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
         if CtrlC in (type(error), type(error.__context__)):
             raise
         record = Record.of_failure(job.key, job.changes, error)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall_s, cpu_s = (times() - start).tolist()
     if job.keep and not record.failure:
         content = to_netcdf(result.data, result.scenario.to_toml())
-    return Outcome(dataclasses.replace(record, wall_s=wall, cpu_s=cpu), content)
+    return Outcome(dataclasses.replace(record, wall_s=wall_s, cpu_s=cpu_s), content)
+
+
+def times() -> Array:
+    """Return wall and processor time, s, shape (2,); their differences are durations."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def deadline(limit: float) -> Callable[[int, int], None]:

@@ -6,9 +6,9 @@ import functools
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -19,6 +19,7 @@ from coop_pin.errors import FieldError, NameNotFoundError, ScenarioError, Unknow
 from coop_pin.schema.base import Description
 from coop_pin.schema.user_code import FunctionName
 from coop_pin.sweeps.dimensions import Dimension, Sample, Values
+from coop_pin.sweeps.execution import SweepEngine
 from coop_pin.user_files import read_toml
 
 COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "wall_s", "cpu_s", "key")
@@ -47,8 +48,6 @@ def _scenario(given: Any) -> Scenario:
 
 Bases = Annotated[dict[str, Scenario], BeforeValidator(_scenarios), Field(min_length=1)]
 """Scenarios by name."""
-Engine = Literal["single", "batch", "auto"]
-"""What simulates the runs of a plan."""
 Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 """Named groups of changes."""
 
@@ -113,7 +112,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    engine: Engine = "single"
+    engine: SweepEngine = "single"
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")
@@ -196,8 +195,43 @@ class SweepPlan(Description):
         Raises:
             ScenarioError: the changed scenario has mistakes.
         """
+        scenario = self.resolved(index)
+        if isinstance(scenario, ScenarioError):
+            raise scenario
+        return scenario
+
+    def resolved(self, index: int) -> Scenario | ScenarioError:
+        """Return the scenario of one point, or the mistakes in it."""
+        return self._tried[index] if index in self._tried else self._overridden(index)
+
+    def _overridden(self, index: int) -> Scenario | ScenarioError:
         point = self[index]
-        return self.base[point.base].override(point.changes) if point.changes else self.base[point.base]
+        try:
+            return self.base[point.base].override(point.changes) if point.changes else self.base[point.base]
+        except ScenarioError as error:
+            return error
+
+    @functools.cached_property
+    def _tried(self) -> dict[int, Scenario | ScenarioError]:
+        """Scenarios of the first point and of every case, which are validated once."""
+        trials, stride = {0}, len(self)
+        for dimension in self.dimensions:
+            stride //= dimension.size
+            trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
+        return {index: self._overridden(index) for index in sorted(trials)}
+
+    def part(self, cases: Collection[str], engine: SweepEngine) -> Self:
+        """Return the plan of some of the cases that are its first dimension, by another engine.
+
+        Nothing is validated again.
+        """
+        ((name, known),) = self.cases.items()
+        repeats, numbers = len(self) // len(known), [n for n, case in enumerate(known) if case in cases]
+        tried = {place * repeats: self._tried[n * repeats] for place, n in enumerate(numbers)}
+        chosen = {name: {case: changes for case, changes in known.items() if case in cases}}
+        part = self.model_copy(update={"cases": chosen, "engine": engine, "_tried": tried})
+        vars(part).pop("dimensions")
+        return part
 
     def keeps(self, index: int) -> bool:
         """Return whether the full result of a point is stored."""
@@ -219,14 +253,7 @@ class SweepPlan(Description):
 
         Values that a scenario refuses fail in their runs: a sweep may search for their limit.
         """
-        trials, stride = {0}, len(self)
-        for dimension in self.dimensions:
-            stride //= dimension.size
-            trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
-        for index in sorted(trials):
-            try:
-                self.scenario(index)
-            except ScenarioError as error:
-                unknown = [problem for problem in error.problems if isinstance(problem, UnknownFieldError)]
-                if unknown:
-                    raise one_or_all(unknown, "the plan") from None
+        for scenario in self._tried.values():
+            problems = scenario.problems if isinstance(scenario, ScenarioError) else ()
+            if unknown := [problem for problem in problems if isinstance(problem, UnknownFieldError)]:
+                raise one_or_all(unknown, "the plan") from None

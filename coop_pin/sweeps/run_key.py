@@ -92,7 +92,7 @@ def source_files(name: str) -> tuple[Path, ...]:
 
 def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the user's code that a run needs, each once."""
-    parts = (scenario.controller, scenario.motion, scenario.squeeze)
+    parts = (scenario.controller.stored_as, scenario.motion, scenario.squeeze)
     users = [part for part in parts if part.kind in ("user", "function")]
     named = [getattr(part, field, None) for part in users for field in ("target", "twist", "acceleration")]
     return tuple(dict.fromkeys([*filter(None, named), *metrics]))
@@ -151,7 +151,8 @@ def run_key(
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
-    content = {"coop_pin": __version__, "scenario": scenario.model_dump_json(), "metrics": list(metrics)}
+    stored = scenario.model_copy(update={"controller": scenario.controller.stored_as})
+    content = {"coop_pin": __version__, "scenario": stored.model_dump_json(), "metrics": list(metrics)}
     files = {name: digest(path) for name, path in _files(scenario)}
     named = {} if engine == "single" else {"engine": engine}
     return _hash(content | {"files": files, "code": dict(code)} | named)
@@ -201,10 +202,9 @@ def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
     """Yield all points of a plan with their keys; every file is looked at once."""
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     for point in plan.points():
-        try:
-            scenario = plan.base[point.base].override(point.changes)
-        except ScenarioError as error:
-            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), error)
+        scenario = plan.resolved(point.number)
+        if isinstance(scenario, ScenarioError):
+            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
         code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
         key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine)

@@ -28,7 +28,7 @@ _POLL_S, _PAUSE_S = 0.2, 0.1
 """Interval of looks at the parent and at the pool, and pause at the end, s."""
 
 
-def compute(jobs: bytes, memory_limit: int) -> bytes:
+def run_pickled(jobs: bytes, memory_limit: int) -> bytes:
     """Return the pickled outcomes of pickled jobs; called in a worker."""
     from coop_pin.sweeps.batch_job import run_jobs
 

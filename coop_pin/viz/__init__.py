@@ -1,4 +1,4 @@
-"""3-D views of runs, with the forces drawn: live view, replay, images and videos, and a Jupyter panel.
+"""Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, and report.
 
 Public names are loaded on first use: meshcat takes its time.
 """
@@ -8,13 +8,17 @@ from coop_pin import lazy_names
 _PUBLIC = {
     "LiveView": "coop_pin.viz.live_view",
     "LiveRun": "coop_pin.viz.live_run",
+    "MetricRow": "coop_pin.viz.report",
     "NotebookView": "coop_pin.viz.replay",
     "Panel": "coop_pin.viz.panel",
+    "metrics_table": "coop_pin.viz.report",
     "notebook_view": "coop_pin.viz.replay",
     "open_view": "coop_pin.viz.live_view",
     "replay_html": "coop_pin.viz.replay",
+    "report_html": "coop_pin.viz.report",
     "save_image": "coop_pin.viz.export",
     "save_replay": "coop_pin.viz.replay",
+    "save_report": "coop_pin.viz.report",
     "save_video": "coop_pin.viz.export",
 }
 

@@ -11,8 +11,9 @@ from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
+from coop_pin.spatial import make_pose
 from coop_pin.viz.arrows import LONGEST_M
-from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned, translation
+from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned
 
 LINK_FACES = 1800
 """Largest number of triangles of one link's mesh."""
@@ -47,13 +48,8 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     floor = min(feet.values())
     reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
     points = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
-    camera = _camera(cell, points, tips[-1] - tips[0])
-    items = (
-        *_plates(cell, feet, floor),
-        *arms,
-        *_payload_items(cell),
-    )
-    return Scene(items, camera, floor)
+    items = (*_plates(cell, feet, floor), *arms, *_payload_items(cell))
+    return Scene(items, _camera(cell, points, tips[-1] - tips[0]), floor)
 
 
 def _camera(cell: Cell, points: Array, line: Array) -> Camera:
@@ -108,7 +104,7 @@ def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Ite
         if feet[name] - floor > _FLUSH_M and arm.base.matrix[2, 2] > 0.0:
             x, y, _ = arm.base.xyz
             plate = Box((*_PLATE_M, feet[name] - floor))
-            yield Item("floor", plate, _PLATE_COLOUR, translation((x, y, (feet[name] + floor) / 2.0)))
+            yield Item("floor", plate, _PLATE_COLOUR, make_pose((x, y, (feet[name] + floor) / 2.0)))
 
 
 def _body_items(bodies: tuple[Body, ...]) -> tuple[Item, ...]:

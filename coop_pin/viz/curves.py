@@ -20,9 +20,9 @@ class Plot(NamedTuple):
     """Time plot.
 
     Attributes:
-        key: its name in the page.
-        title: what it shows.
-        unit: of its values.
+        key: name in the page.
+        title: heading of the plot.
+        unit: unit of the values.
         tile: heading of the tile with the present value; "" for none.
     """
 
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
         label: beside its present value.
         colour: "#rrggbb".
         role: "actual", "desired" or "measured".
-        values: of a run's samples, shape (n,).
+        values: function of a run's samples, which returns one value for each, shape (n,).
         limit: largest amount allowed; None where there is none, or none is recorded.
     """
 
@@ -82,7 +82,7 @@ def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
             shown = is_known * (1 if len(arms) == 2 and role != "measured" else len(arms))
             for arm in range(shown):
                 colour = {"desired": palette.DESIRED, "measured": palette.MEASURED}.get(
-                    role, palette.INTERNAL if shown == 1 else palette.SERIES[arm % len(palette.SERIES)]
+                    role, palette.INTERNAL if shown == 1 else palette.series(arm)
                 )
                 label = role if shown == 1 else f"{arms[arm]} {role}".removesuffix(" actual")
                 curves.append(Curve(part, label, colour, role, _column(name, arm)))
@@ -95,7 +95,7 @@ def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
     for number, drive in enumerate(np.flatnonzero(np.isfinite(torque).any(axis=0)).tolist()):
         label, colour = (
             f"{arms[drive // joints]} {drive % joints + 1}",
-            palette.SERIES[number % len(palette.SERIES)],
+            palette.series(number),
         )
         limit = limits[drive] if np.isfinite(limits[drive]) else None
         curves.append(Curve("torque", label, colour, "actual", _column("torque", drive), limit))

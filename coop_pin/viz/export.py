@@ -21,7 +21,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, as_positive
 from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
+from coop_pin.errors import BrowserError, FileWriteError, OutOfRangeError, needs_extra
 from coop_pin.results import RunResult
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html
@@ -120,12 +120,14 @@ def save_video(
     for name, value in (("width", width), ("height", height)):
         if value % 2:
             raise OutOfRangeError(name, value, "an even number of pixels in a video")
-    encoder, page = _video_encoder(), replay_html(result, other, times=times)
+    with needs_extra("imageio-ffmpeg", "video", "to write videos"):
+        import imageio_ffmpeg
+    page = replay_html(result, other, times=times)
 
     def encode(stop: threading.Event, part: Path) -> int:
         with closing(page_images(page, times, width, height)) as images:
-            wanted = itertools.takewhile(lambda _: not stop.is_set(), images)
-            return _encode(wanted, part, frames_per_second, encoder)
+            frames = itertools.takewhile(lambda _: not stop.is_set(), images)
+            return _encode(frames, part, frames_per_second, imageio_ffmpeg)
 
     def write(part: Path) -> None:
         frames = run_in_thread(lambda stop: encode(stop, part))
@@ -183,10 +185,8 @@ def offline_page(width: int, height: int) -> Iterator[Any]:
         MissingExtraError: playwright is not installed.
         BrowserError: there is no browser; the browser does not start, or the page reported an error.
     """
-    try:
+    with needs_extra("playwright", "video", "to draw images"):
         from playwright import sync_api
-    except ImportError:
-        raise MissingExtraError("playwright", "video", "to draw images") from None
     errors: list[str] = []
     with sync_api.sync_playwright() as driver:
         path = find_browser(Path(driver.chromium.executable_path))
@@ -217,22 +217,23 @@ def launch(driver: Any, path: str) -> Any:
     return driver.chromium.launch(executable_path=path, args=list(_ARGUMENTS), env=environment)
 
 
-def find_browser(own: Path) -> str:
+def find_browser(installed: Path) -> str:
     """Return the path of a Chromium: that of the variable CHROMIUM, playwright's own, or one of the system's.
 
     Args:
-        own: path at which playwright installs its own.
+        installed: path at which playwright installs its own.
 
     Raises:
         BrowserError: there is none, or none at the path in the variable.
     """
     named = os.environ.get(_VARIABLE)
-    places = (named,) if named else (str(own), *_NAMES, _MAC)
-    path = next((found for place in places if (found := shutil.which(place))), None)
+    candidates = (named,) if named else (str(installed), *_NAMES, _MAC)
+    path = next(filter(None, map(shutil.which, candidates)), None)
     if path is None:
         raise BrowserError(
             None,
-            "looked for " + ", ".join((f"{_VARIABLE}={named}",) if named else (_VARIABLE, str(own), *_NAMES)),
+            "looked for "
+            + ", ".join((f"{_VARIABLE}={named}",) if named else (_VARIABLE, str(installed), *_NAMES)),
         )
     return path
 
@@ -243,7 +244,7 @@ def run_in_thread(job: Callable[[threading.Event], _Returned]) -> _Returned:
     Playwright refuses threads with an event loop, such as the main thread of a notebook.
 
     Args:
-        job: is given an event, and should end soon after it is set (by Ctrl-C).
+        job: function of an event; it should end soon after the event is set (by Ctrl-C).
     """
     stop = threading.Event()
     with ThreadPoolExecutor(1, "coop_pin export") as pool:
@@ -271,11 +272,3 @@ def _encode(images: Iterable[bytes], part: Path, frames_per_second: float, encod
         return int(encoder.count_frames_and_secs(str(part))[0])
     except RuntimeError:  # the file cannot be read
         return 0
-
-
-def _video_encoder() -> Any:
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise MissingExtraError("imageio-ffmpeg", "video", "to write videos") from None
-    return imageio_ffmpeg

@@ -41,9 +41,14 @@ class CellFrames:
     def __init__(self, cell: Cell, visuals: CellVisuals) -> None:
         self.visuals, arms, bodies = visuals, len(cell.arms), visuals.bodies
         self.nodes = (*(f"arms/{body.name}" for body in bodies), "payload", "desired")
-        self.blocks = {"time": 1, "poses": 7 * len(self.nodes), "tips": 3 * arms}
-        self.blocks |= dict.fromkeys(("interaction", "internal", "wanted"), 6 * arms)
-        self.blocks |= {"external": 6, "warnings": len(bodies)}
+        self.blocks = {
+            "time": 1,
+            "poses": 7 * len(self.nodes),
+            "tips": 3 * arms,
+            **dict.fromkeys(("interaction", "internal", "wanted"), 6 * arms),
+            "external": 6,
+            "warnings": len(bodies),
+        }
 
     def rows(self, samples: Samples) -> Array:
         """Return the frames of samples, shape (n, columns); NaN in wrenches counts as zero.
@@ -77,9 +82,10 @@ def run_samples(result: RunResult) -> Samples:
 def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
     """Return a snapshot as one sample, with the quantities that follow from it."""
     given = {name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None}
-    names = {q.name for q in QUANTITIES if q.source is not None and not (q.group or q.name in given)}
+    follow = [q for q in QUANTITIES if q.source is not None and q.dims != "arm joint"]  # of the payload
+    names = {q.name for q in follow if not (q.group or q.name in given)}
     if snapshot.measured_internal_wrench is not None:
-        names |= {q.name for q in QUANTITIES if q.name.startswith("measured_internal_") and q.source}
+        names |= {q.name for q in follow if q.name.startswith("measured_internal_")}
     return computed(QUANTITIES, given, cell.shares, names)
 
 
@@ -91,8 +97,8 @@ def frame_samples(time: Array, frames_per_second: float, instants: Sequence[floa
         frames_per_second: 1/s.
         instants: s.
     """
-    wanted = np.concatenate((np.arange(time[0], time[-1], 1.0 / frames_per_second), instants, time[-1:]))
-    return np.unique(np.maximum(np.searchsorted(time, wanted + 1e-9, side="right") - 1, 0))
+    times = np.concatenate((np.arange(time[0], time[-1], 1.0 / frames_per_second), instants, time[-1:]))
+    return np.unique(np.maximum(np.searchsorted(time, times + 1e-9, side="right") - 1, 0))
 
 
 def warning_codes(
@@ -105,7 +111,7 @@ def warning_codes(
     Args:
         bodies: ``<arm>/<joint>`` or ``<arm>/base``.
         joints: driven joints of each arm, in the order of the arrays.
-        saturated: whether a torque is at its limit, shape (n, m, k).
+        saturated: mask of the torques at their limits, shape (n, m, k).
         condition: condition numbers of the payload Jacobians, shape (n, m).
 
     Returns:

@@ -1,4 +1,4 @@
-"""Highlights of a run: its worst moments, one computed sentence, and the marks on its clock."""
+"""Highlights of a run: its worst instants, one computed sentence, and the marks on its clock."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Instant(NamedTuple):
     """Instant of a run that is worth a look.
 
     Attributes:
-        text: what happens then.
+        text: description of what happens then.
         time: s.
     """
 

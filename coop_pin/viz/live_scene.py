@@ -12,7 +12,7 @@ from coop_pin.chain.cell_chain import CellChain, determinate_rows
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import GROUPS
@@ -78,9 +78,8 @@ def _payload_pose(cell: Cell) -> Array:
     """Return X_WP of a cell without a scenario."""
     if cell.payload_pose is not None:
         return cell.payload_pose.matrix
-    name, arm = next(iter(cell.arms.items()))
-    model = ArmModel(arm, cell.grasps[name].matrix)
-    return model.payload_pose(model.configuration(np.zeros(model.nv) if arm.posture is None else arm.posture))
+    first = CellArm(cell, next(iter(cell.arms)))
+    return first.payload_pose(first.posture_configuration)
 
 
 def _initial_snapshot(
@@ -89,7 +88,7 @@ def _initial_snapshot(
     """Return the snapshot of a cell at rest; the squeeze is in payload axes, shape (m, 6)."""
     chain = CellChain(cell, plant)
     q, arms = chain.configuration(X_WP), len(cell.arms)
-    joints = max(len(place.drive) for place in chain.model.arms)
+    joints = max(len(arm.drive) for arm in chain.model.arms)
     zero = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
     return Snapshot(
         time=0.0,

@@ -106,7 +106,7 @@ class LiveView:
         """Return the page with the latest snapshot: it connects to the server, or is a still image.
 
         Args:
-            still: of a still image, which needs no server, the reason that the page shows.
+            still: reason shown on a still image, which needs no server; "" for a page that connects to it.
         """
         scene = self._scene
         return page_html(

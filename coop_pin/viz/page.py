@@ -12,6 +12,7 @@ from string import Template
 from typing import Any
 
 from coop_pin.arrays import Array
+from coop_pin.atomic_write import write_atomically
 from coop_pin.figures import palette
 from coop_pin.viz.arrows import LINEAR_M, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
@@ -42,7 +43,7 @@ def packed_run(
 
     Args:
         frames: layout of the rows.
-        scene: its scene.
+        scene: scene of the run.
         arms: names of the arms.
         desired: desired path of P, m, shape (p, 3).
         rows: frames, shape (n, columns).
@@ -79,7 +80,7 @@ def page_html(
         told: HTML above the tiles: verdict and sentence.
         scales: scales of the arrows.
         curves: curves of the plots, of one run or two.
-        data: what the page needs besides plots, colours and scales.
+        data: entries of the page's data besides plots, colours and scales.
     """
     forces, moments = scales
     page = {
@@ -98,14 +99,14 @@ def page_html(
         },
         **data,
     }
-    return Template(_file("page.html")).substitute(
+    return Template(web_file("page.html")).substitute(
         kind=kind,
-        style=_file("uplot/uPlot.min.css") + _file("page.css"),
-        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + _file("uplot/LICENSE"),
+        style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
+        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + web_file("uplot/LICENSE"),
         scripts="\n".join(
-            (_viewer_file("main.min.js"), *map(_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
+            (_viewer_file("main.min.js"), *map(web_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
         ),
-        player=_file("player.js"),
+        player=web_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
         told=told,
@@ -114,6 +115,11 @@ def page_html(
         shortened=f"{LINEAR_M * forces:g} N",
         data=json.dumps(page).replace("<", "\\u003c"),
     )
+
+
+def save_page(page: str, path: str | Path) -> None:
+    """Write a page; an existing file is replaced only by a complete one."""
+    write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
 
 
 def page_frame(height: int, title: str, **source: str) -> str:
@@ -135,6 +141,6 @@ def _viewer_file(name: str) -> str:
     return Path(meshcat.origin).with_name("viewer").joinpath("dist", name).read_text(encoding="utf-8")
 
 
-def _file(name: str) -> str:
-    """Return a file of the folder ``page``."""
-    return resources.files("coop_pin.viz").joinpath("page", name).read_text(encoding="utf-8")
+def web_file(name: str) -> str:
+    """Return the text of a file in the folder ``web``."""
+    return resources.files("coop_pin.viz").joinpath("web", name).read_text(encoding="utf-8")

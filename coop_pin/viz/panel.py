@@ -9,9 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from coop_pin.description.controller import NoForcePath, PayloadSpace, UserController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, MissingExtraError
+from coop_pin.errors import CoopPinError, needs_extra
 from coop_pin.results import RunResult
 from coop_pin.viz.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live_view import open_view
@@ -60,21 +59,12 @@ class Slider(NamedTuple):
 
 def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
     """Return the sliders of a scenario's gains; none for a user's own controller."""
-    chosen = scenario.controller
-    if isinstance(chosen, UserController):
-        return ()
-    gains, sliders = dict(chosen.gains), list[Slider]()
-    if isinstance(chosen.force_path, NoForcePath):
-        del gains["force_gain"]  # it has no effect
-    if isinstance(chosen, PayloadSpace):
-        gains["leak"] = chosen.leak_of(next(iter(scenario.cell.arms)))
-        if not chosen.measures:
-            del gains["anchor_gain"]
-    for name, gain in gains.items():
+    sliders = list[Slider]()
+    for name, gain in scenario.controller.active_gains.items():
         field, label = f"controller.gains.{name}", name.replace("_", " ")
         if isinstance(gain, tuple):
             sliders.append(Slider(field, f"{label} \u00d7", 1.0, 1.0 / _DECADE, _DECADE, gain))
-        elif name in ("sign_gain", "force_gain"):
+        elif name in ("sign_gain", "force_gain") or gain == 0.0:
             sliders.append(Slider(field, label, gain, 0.0, max(5.0 * gain, 1.0)))
         else:
             largest = scenario.clock.rate_hz if name == "leak" else math.inf
@@ -94,7 +84,7 @@ class Panel:
 
     Attributes:
         run: the interactive run.
-        view: its live view.
+        view: live view of the run.
         widget: the whole panel, an ipywidget.
         sliders: widgets by dotted path of the gain in the scenario, and "mass", "squeeze" and "push".
         buttons: widgets "start", "reset" and "push".
@@ -113,10 +103,8 @@ class Panel:
             ScenarioError: the scenario has mistakes.
             UnreachablePoseError: an arm does not reach its grasp at the start.
         """
-        try:
+        with needs_extra("ipywidgets", "notebook", "for the panel"):
             import ipywidgets
-        except ImportError:
-            raise MissingExtraError("ipywidgets", "notebook", "for the panel") from None
         self._kit: Any = ipywidgets
         scenario = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
         self.view = open_view(scenario)

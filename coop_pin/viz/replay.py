@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.atomic_write import write_atomically
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz.arrows import recorded_scales
@@ -17,7 +16,7 @@ from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
 from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
-from coop_pin.viz.page import packed_run, page_frame, page_html
+from coop_pin.viz.page import packed_run, page_frame, page_html, save_page
 
 
 def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
@@ -33,9 +32,9 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
     """
     runs = [result] if other is None else [result, other]
     start, chips = telling_instant(result).time, instants(result)
-    wanted = [start, *(chip.time for chip in chips), *times]
+    shown = [start, *(chip.time for chip in chips), *times]
     curves = [cell_curves(run_samples(run), list(run.scenario.cell.arms)) for run in runs]
-    packed = [_packed(run, own, wanted) for run, own in zip(runs, curves, strict=True)]
+    packed = [_packed(*run, shown) for run in zip(runs, curves, strict=True)]
     if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
         packed[1]["scene"]["meshes"] = None  # the page takes those of the first run
     data: dict[str, Any] = {
@@ -66,8 +65,7 @@ def save_replay(result: RunResult, path: str | Path, other: RunResult | None = N
         path: the file, for example "replay.html".
         other: a second run to compare it with.
     """
-    page = replay_html(result, other)
-    write_atomically(Path(path), lambda part: part.write_text(page, encoding="utf-8"))
+    save_page(replay_html(result, other), path)
 
 
 def notebook_view(result: RunResult, other: RunResult | None = None, *, height: int = 620) -> NotebookView:

@@ -38,10 +38,10 @@ class Item(NamedTuple):
         node: path of the node.
         drawable: shape or axes.
         colour: "#rrggbb".
-        pose: of the drawable in its node, shape (4, 4).
+        pose: pose of the drawable in its node, shape (4, 4).
         layer: name of the layer that shows and hides it.
         opacity: from 0 to 1.
-        lit: whether it is shaded and casts a shadow.
+        lit: True if it is shaded and casts a shadow.
     """
 
     node: str
@@ -81,20 +81,13 @@ class Scene(NamedTuple):
     floor: float
 
 
-def translation(position: ArrayLike) -> Array:
-    """Return the pose with a position, m, shape (3,), and no rotation, shape (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, 3] = position
-    return pose
-
-
 def thinned(mesh: Mesh, faces: int) -> Mesh:
     """Return a mesh with fewer triangles, by quadric decimation (Garland and Heckbert, 1997).
 
     Pages hold the meshes of all links and must stay small.
 
     Args:
-        mesh: any mesh.
+        mesh: mesh of any size.
         faces: number of triangles to keep.
     """
     import trimesh  # a third of a second, only for cells with meshes

@@ -1,0 +1,42 @@
+"""Monitors of the convergence proofs: every term of the derivation of a law, along a recorded run."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from coop_pin.analysis.proof.monitored_quantities import MONITORED
+from coop_pin.analysis.proof.payload_space_monitor import payload_space_monitor
+from coop_pin.analysis.proof.sliding_mode_monitor import sliding_mode_monitor
+from coop_pin.arrays import require_type
+from coop_pin.errors import ArgumentError
+from coop_pin.results import RunResult
+
+__all__ = ["theorem_monitor"]
+
+
+def theorem_monitor(result: RunResult) -> xr.Dataset:
+    """Return the quantities of the convergence proof of a run's law at every tick.
+
+    Of law (23) what ``sliding_mode_monitor`` returns, of the payload-space law what ``payload_space_monitor``
+    returns. Everything is computed from the recorded motion, torques and wrenches of the plant; only the
+    gains are the controller's.
+
+    Args:
+        result: Run with every tick kept, of the payload-space law, or of the printed law ("sliding-mode")
+            with planar or full task rows.
+
+    Raises:
+        ArgumentError: of another law, or without samples at every tick.
+    """
+    require_type("result", result, RunResult)
+    clock, kind, rows = result.scenario.clock, result.scenario.controller.kind, result.scenario.cell.rows
+    if clock.record_every != 1:
+        raise ArgumentError(
+            f"clock.record_every is {clock.record_every}; the integrals need every tick: run again with 1"
+        )
+    if kind not in MONITORED or (kind, rows) == ("sliding-mode", "positional"):
+        raise ArgumentError(
+            f"controller.kind is {kind!r} with rows {rows!r}; the proofs are about 'payload-space', and about"
+            " 'sliding-mode' with rows 'planar' or 'full'"
+        )
+    return payload_space_monitor(result) if kind == "payload-space" else sliding_mode_monitor(result)

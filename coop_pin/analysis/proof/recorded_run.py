@@ -1,0 +1,140 @@
+"""Recorded run: its states and forces on its plant again, tick by tick, with what the sensors measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array, Mask
+from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.description.payload import Payload
+from coop_pin.results import RunResult
+from coop_pin.simulation import Simulation
+
+_RECORDED = (
+    "configuration",
+    "velocity",
+    "torque",
+    "commanded_torque",
+    "saturated",
+    "interaction_wrench",
+    "internal_wrench",
+    "desired_internal_wrench",
+    "external_wrench",
+)
+_BESIDE = 1e-6
+"""Part of a period by which the time just before or just after a tick differs from the tick's."""
+
+
+class ArmTick(NamedTuple):
+    """One tick of one arm, as plant and sensors had it.
+
+    Attributes:
+        q: Configuration, shape (nq,).
+        v: Joint velocities, shape (k,).
+        a: Joint accelerations under the torques of the tick, shape (k,).
+        friction: Generalised friction of the joints, shape (k,).
+        forces: Generalised force of friction and drive torques, shape (k,).
+        tau: Drive torques held from the tick on, shape (k,).
+        commanded: Drive torques that the controller asked for, shape (k,).
+        saturated: Drives whose torque was limited, shape (k,).
+        F: Interaction wrench about P, indeterminate rows zero, shape (6,).
+        f: Internal wrench, task rows, shape (k_0,).
+        f_d: Desired internal wrench, task rows, shape (k_0,).
+        measured: Measurement of the arm.
+        reference: Reference of the arm.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    friction: Array
+    forces: Array
+    tau: Array
+    commanded: Array
+    saturated: Mask
+    F: Array
+    f: Array
+    f_d: Array
+    measured: ArmMeasurement
+    reference: ArmReference
+
+
+class RecordedTick(NamedTuple):
+    """One tick of the cell.
+
+    Attributes:
+        t: Time, s.
+        q: Configuration, shape (nq,).
+        v: Velocity, shape (nv,).
+        a: Acceleration of the closed chain under the torques of the tick, shape (nv,).
+        external: Wrench on the payload about P, shape (6,).
+        payload: Payload at the tick.
+        arms: Arms in the order of the cell.
+    """
+
+    t: float
+    q: Array
+    v: Array
+    a: Array
+    external: Array
+    payload: Payload
+    arms: tuple[ArmTick, ...]
+
+
+def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[RecordedTick]:
+    """Yield every tick of a run; by the same seed the sensors measure what they measured in the run.
+
+    Args:
+        result: Run with every tick kept; measurements and accelerations are those of the run only if its
+            drives deliver their torques at once.
+        simulation: Simulation of its scenario, at the start; its plant is put to each recorded state.
+    """
+    data, rows = result.data, list(result.scenario.cell.task_rows.indices)
+    plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
+    beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
+    recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
+    arms: tuple[ArmTick, ...] = ()
+    for k, t in enumerate(data["time"].values.tolist()):
+        plant.q, plant.v = recorded["configuration"][k], recorded["velocity"][k]
+        references = simulation.references(t)
+        if k == 0:
+            measured = sensing.start(plant.q, plant.v, references)
+        else:
+            _set_events(simulation, t - beside)
+            measured = sensing.measure(t, plant, [arm.saturated for arm in arms])
+        payload = _set_events(simulation, t + beside)
+        torques = [tau[: len(slot.drive)] for tau, slot in zip(recorded["torque"][k], slots, strict=True)]
+        plant.hold(plant.transmission.torque(torques))
+        friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
+        a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
+        forces = pushed - chain.payload_jacobian(plant.q).T @ plant.external
+        arms = tuple(
+            ArmTick(
+                q=plant.q[slot.q_slice],
+                v=plant.v[slot.v_slice],
+                a=a[slot.v_slice],
+                friction=friction[slot.v_slice],
+                forces=forces[slot.v_slice],
+                tau=torques[i],
+                commanded=recorded["commanded_torque"][k, i, : len(slot.drive)],
+                saturated=recorded["saturated"][k, i, : len(slot.drive)],
+                F=recorded["interaction_wrench"][k, i],
+                f=recorded["internal_wrench"][k, i, rows],
+                f_d=recorded["desired_internal_wrench"][k, i, rows],
+                measured=measured[i],
+                reference=references[i],
+            )
+            for i, slot in enumerate(slots)
+        )
+        yield RecordedTick(t, plant.q, plant.v, a, recorded["external_wrench"][k], payload, arms)
+
+
+def _set_events(simulation: Simulation, time: float) -> Payload:
+    """Let payload and push be those of a time; return the payload."""
+    plant, payload = simulation.plant, simulation.scenario.payload_at(time)
+    plant.chain.set_payload(payload)
+    plant.push(simulation.timeline.push_at(time))
+    return payload

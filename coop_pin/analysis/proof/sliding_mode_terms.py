@@ -1,0 +1,190 @@
+"""Terms of the paper's convergence proof for one arm at one instant of a recorded run of law (23).
+
+Gueaieb et al. (2007), eqs. (13)-(21), with (13)-(15) as they must read; in drive coordinates. See
+coop_pin.analysis.proof.sliding_mode_monitor.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.analysis.proof.recorded_run import ArmTick, RecordedTick
+from coop_pin.arrays import Array
+from coop_pin.control.sliding_mode import SlidingModeController
+from coop_pin.description.payload import Payload
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.simulation.transmission import friction
+from coop_pin.spatial import weight_wrench
+
+_STEP = 1e-5
+_SPAN = 2.0 * _STEP
+"""Span of the central differences along the motion, s."""
+
+
+class LawTerms(NamedTuple):
+    """Quantities of law (23) for one arm at one state.
+
+    Attributes:
+        position: Position of P as this arm sees it, m, shape (3,).
+        J: Payload Jacobian as this arm sees it, shape (k, k).
+        surface: Pose surface xtildedot + gamma xtilde, shape (k,).
+        s: Sliding surface of eq. (19), shape (k,).
+        s_d: Transient of eq. (20), shape (k,).
+        qdot_r: Reference velocity, shape (k,).
+        s_r: Residual qdot - qdot_r, shape (k,).
+    """
+
+    position: Array
+    J: Array
+    surface: Array
+    s: Array
+    s_d: Array
+    qdot_r: Array
+    s_r: Array
+
+
+class DynamicsTerms(NamedTuple):
+    """Terms of eq. (13) for one arm at one state, in drive coordinates.
+
+    Attributes:
+        J: true payload Jacobian, shape (k, k).
+        D: M_i + c_i J^T M_0 J, shape (k, k).
+        coriolis: Q_i without friction, shape (k, k).
+        M_0: payload's inertia in task rows, shape (k, k).
+        Q_0: matrix of eq. (5), shape (k, k).
+    """
+
+    J: Array
+    D: Array
+    coriolis: Array
+    M_0: Array
+    Q_0: Array
+
+
+class ProofArm:
+    """One arm of the run: its true dynamics, its law as it sees the payload, and the law's integral.
+
+    Attributes:
+        sigma: Integral of sgn(s_q) at the next tick, shape (k,).
+        held: Drives whose integral the last tick held, shape (k,).
+        start_surface: Surface s(t_0), shape (k,); None before the first tick.
+    """
+
+    def __init__(self, scenario: Scenario, name: str, law: SlidingModeController) -> None:
+        cell = scenario.cell
+        self.law, self.rows = law, cell.task_rows
+        self.model = CellArm(cell, name)
+        self.motion = scenario.motion
+        self.start_surface: Array | None = None
+        self.sigma, self.held = np.zeros(self.model.nv), np.zeros(self.model.nv, dtype=bool)
+        self.gravity = cell.gravity
+        resistance, back = friction(cell.arms[name], name), self.model.from_drive
+        self.viscous = back.T @ resistance.axes.T @ np.diag(resistance.viscous) @ resistance.axes @ back
+        self.least_damping = float(np.linalg.eigvalsh((law.damping_gain + law.damping_gain.T) / 2)[0])
+        self.data = self.model.model.createData()
+
+    def law_at(self, t: float, q: Array, v: Array, sigma: Array) -> LawTerms:
+        """Return the quantities of the law at a state and sigma."""
+        law, target, view = self.law, self.motion.at(t), self.model.kinematics.view(q)
+        x_d, v_d = target.X_WP_d, self.rows.select(target.V_WP_d)
+        qdot, J_inverse = self.model.drive @ v, np.linalg.inv(view.jacobian)
+        gamma_xtilde = law.pose_gain @ self.rows.pose_error(view.pose, x_d)
+        surface = view.jacobian @ qdot - v_d + gamma_xtilde
+        s = J_inverse @ surface
+        self.start_surface = s if self.start_surface is None else self.start_surface
+        s_d = self.start_surface * np.exp(-law.transient_rate * t)
+        qdot_r = J_inverse @ (v_d - gamma_xtilde) + s_d - law.sign_gain @ sigma
+        return LawTerms(view.pose[:3, 3], view.jacobian, surface, s, s_d, qdot_r, qdot - qdot_r)
+
+    def dynamics_at(self, q: Array, v: Array, payload: Payload) -> DynamicsTerms:
+        """Return the terms of eq. (13) at a state."""
+        to_rates, rows = self.model.from_drive, list(self.rows.indices)
+        J6 = self.model.payload_jacobian(q)
+        J = J6[rows] @ to_rates
+        R, omega = self.model.payload_pose(q)[:3, :3], (J6 @ v)[3:]
+        M_0, Q_0 = payload.spatial_inertia(R), np.zeros((6, 6))
+        Q_0[3:, 3:] = pin.skew(omega) @ M_0[3:, 3:]
+        M_0, Q_0 = M_0[np.ix_(rows, rows)], Q_0[np.ix_(rows, rows)]
+        M = to_rates.T @ self.model.mass_matrix(q) @ to_rates
+        Q = to_rates.T @ pin.computeCoriolisMatrix(self.model.model, self.data, q, v) @ to_rates
+        return DynamicsTerms(J, M + self.model.share * J.T @ M_0 @ J, Q, M_0, Q_0)
+
+
+class ProofTerms(NamedTuple):
+    """Law and dynamics of one arm at one tick, with their rates, central differences, along the motion.
+
+    Attributes:
+        law: quantities of the law.
+        dynamics: terms of eq. (13).
+        sigma: integral of sgn(s_q), shape (k,).
+        sigma_rate: rate sgn(s_q), shape (k,).
+        C: C_i of eq. (13), shape (k, k).
+        Y_mu: D qddot_r + C qdot_r + G, eq. (16), shape (k,).
+        beyond: held torque less the law's with the true force, shape (k,).
+        D_rate: rate of D_i.
+        J_rate: rate of the Jacobian.
+        s_r_rate: rate of the residual.
+        surface_rate: rate of xtildedot + gamma xtilde.
+        V_rate: rate of V_i.
+    """
+
+    law: LawTerms
+    dynamics: DynamicsTerms
+    sigma: Array
+    sigma_rate: Array
+    C: Array
+    Y_mu: Array
+    beyond: Array
+    D_rate: Array
+    J_rate: Array
+    s_r_rate: Array
+    surface_rate: Array
+    V_rate: float
+
+
+def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
+    """Return law, dynamics and rates of one arm at one tick."""
+    sigma = arm.sigma
+    law, gains, dynamics = (
+        arm.law_at(tick.t, x.q, x.v, sigma),
+        arm.law,
+        arm.dynamics_at(x.q, x.v, tick.payload),
+    )
+    sigma_rate = gains.switching(law.s - law.s_d)
+    a = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
+
+    def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
+        q, v = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * a), x.v + dt * a
+        return arm.law_at(tick.t + dt, q, v, sigma + dt * sigma_rate), arm.dynamics_at(q, v, tick.payload)
+
+    (law_0, dynamics_0), (law_1, dynamics_1) = ahead(-_STEP), ahead(_STEP)
+    V_0, V_1 = law_0.s_r @ dynamics_0.D @ law_0.s_r / 2, law_1.s_r @ dynamics_1.D @ law_1.s_r / 2
+    J_rate, qddot_r = (dynamics_1.J - dynamics_0.J) / _SPAN, (law_1.qdot_r - law_0.qdot_r) / _SPAN
+    J = dynamics.J
+    C = dynamics.coriolis + arm.model.share * J.T @ (dynamics.M_0 @ J_rate + dynamics.Q_0 @ J)
+    f_r = x.f_d - gains.force_gain * (x.f - x.f_d)
+    return ProofTerms(
+        law=law,
+        dynamics=dynamics,
+        sigma=sigma,
+        sigma_rate=sigma_rate,
+        C=C,
+        Y_mu=dynamics.D @ qddot_r + C @ law.qdot_r + _load(arm, tick, x, J),
+        beyond=x.tau + gains.damping_gain @ law.s_r + J.T @ f_r,
+        D_rate=(dynamics_1.D - dynamics_0.D) / _SPAN,
+        J_rate=J_rate,
+        s_r_rate=(law_1.s_r - law_0.s_r) / _SPAN,
+        surface_rate=(law_1.surface - law_0.surface) / _SPAN,
+        V_rate=float(V_1 - V_0) / _SPAN,
+    )
+
+
+def _load(arm: ProofArm, tick: RecordedTick, x: ArmTick, J: Array) -> Array:
+    """Return G_i of eq. (13): the arm's weight and friction, and its share of the payload's, shape (k,)."""
+    at_rest = arm.model.nonlinear_effects(x.q, np.zeros_like(x.v)) - x.friction
+    weight = tick.external + weight_wrench(tick.payload.mass, arm.gravity)
+    return arm.model.from_drive.T @ at_rest - arm.model.share * J.T @ weight[list(arm.rows.indices)]

@@ -1,0 +1,132 @@
+"""Proposal of control rate, gains, postures and squeeze for the payload-space law, from a cell's physics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from coop_pin.analysis.feasibility import (
+    PostureMargin,
+    posture_margins,
+    require_feasible,
+    require_rank,
+    squeeze_part,
+    with_best_postures,
+)
+from coop_pin.analysis.reachability import reachability
+from coop_pin.analysis.sampled_stability import start_stability, step_stability
+from coop_pin.analysis.statics import statics_along
+from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
+from coop_pin.arrays import as_count, require_type
+from coop_pin.build_controller import build_controller
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.description.scenario import Scenario
+from coop_pin.simulation import Simulation
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """A scenario with proposed rate, gains, postures and squeeze, and what limits each.
+
+    Attributes:
+        scenario: ready to run.
+        proposal: the numbers of the law.
+        limits: one sentence for each value: what limits it.
+    """
+
+    scenario: Scenario
+    proposal: GainProposal
+    limits: tuple[str, ...]
+
+    def summary(self) -> str:
+        """Return the values and what limits each, as text."""
+        return "\n".join(
+            (f"{self.scenario.name}: {self.proposal.summary()}", *(f"  {s}" for s in self.limits))
+        )
+
+
+def suggest(scenario: Scenario, *, poses: int = 101) -> Suggestion:
+    """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
+
+    The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2.
+    The rate is the scenario's, or the first multiple of it up to 1000 Hz at which the error to expect while
+    moving is below 0.2 mm and 0.2 N. The integral is anchored where the scenario has a force path, or a wrist
+    sensor on every arm; otherwise it leaks (the law of an arm's own wrist is not proposed). The postures are
+    the branches of the inverse kinematics with the largest margin of torque, position limits and singularity.
+    The scenario's own gains are not used; collisions are not considered.
+
+    Args:
+        scenario: cell, motion and squeeze; its controller gives force_path and zero_at_grasp only.
+        poses: number of poses looked at along the motion.
+
+    Raises:
+        InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits or
+            torque.
+        UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
+    """
+    require_type("scenario", scenario, Scenario)
+    poses = as_count("poses", poses, 5)
+    require_rank(scenario)
+    scenario = with_best_postures(scenario, poses)
+    cell_reach = reachability(scenario, poses=poses)
+    statics = statics_along(scenario, cell_reach)
+    require_feasible(scenario, cell_reach, statics)
+    part = squeeze_part(statics)
+    if part < 1.0:
+        scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
+    proposal = gain_proposal(scenario, cell_reach)
+    suggested = _with_gains(scenario, proposal)
+    simulation = Simulation(suggested, build_controller(suggested))
+    steps = step_stability(simulation)
+    if not steps.ok:
+        count = math.ceil(steps.steps_per_tick * steps.value / steps.limit)
+        suggested = suggested.override({"clock.steps_per_tick": count})
+    lines = (
+        *_gain_limits(scenario, proposal),
+        *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
+        "squeeze: as stated"
+        if part == 1.0
+        else f"squeeze: {part:.2f} of what is stated, all the drives can hold",
+        f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
+    )
+    return Suggestion(suggested, proposal, lines)
+
+
+def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
+    clock = scenario.clock
+    steps = max(2, math.ceil(clock.steps_per_tick * clock.rate_hz / proposal.rate_hz))
+    steps = clock.steps_per_tick if proposal.rate_hz == clock.rate_hz else steps
+    controller = PayloadSpace(
+        gains=proposal.gains,
+        posture=proposal.posture,
+        force_path=force_path_of(scenario),
+        zero_at_grasp=getattr(scenario.controller, "zero_at_grasp", False),
+    )
+    clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
+    return scenario.replace(controller=controller, clock=clock)
+
+
+def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
+    """Yield what limits rate and gains."""
+    stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
+    kept = "as stated" if proposal.rate_hz == stated else f"raised from {stated:g} Hz"
+    yield f"rate: {kept}; the error to expect while moving grows with T^3, the internal force with T"
+    yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
+    yield (
+        f"k_I: {proposal.integral_rate:.3g} /s, by half of lambda_min = {proposal.lambda_min:.3g} /s and by"
+        f" 1 / (4 T) = {0.25 / T:.3g} /s; gamma by a quarter of lambda_min"
+    )
+    if proposal.anchor_bound is None:
+        yield "force path: none, so that the integral leaks; weight and bias leave an internal force"
+    else:
+        kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
+        yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
+
+
+def _posture_limit(margin: PostureMargin) -> str:
+    torque, position, singularity = (100.0 * part for part in margin[1:])
+    return (
+        f"posture of {margin.arm}: {torque:.0f} % of the torque, {position:.0f} % of the joint range and"
+        f" {singularity:.0f} % of the condition number are left"
+    )

@@ -1,0 +1,133 @@
+"""Block of the runs of a program: its slots, and how kernels read constants and signals from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array, Mask
+from coop_pin.batch.constants import RunConstants, Start
+from coop_pin.batch.serial_arm import Numbers
+from coop_pin.batch.signals import Desired, RunShape, RunSignals
+from coop_pin.control import ArmReference
+from coop_pin.results.quantities import Quantity, shape_of
+from coop_pin.tracing.kernel import Kernel, Layout
+from coop_pin.tracing.traced_array import parts, traced
+from coop_pin.tracing.tree import leaves, rebuilt
+
+
+class SignalSplit(NamedTuple):
+    """Signals of all runs, split by what must be given to the code.
+
+    Attributes:
+        example: signals of a tick, for their names and shapes.
+        constants: entries that never change, else anything, shape (entries,).
+        is_uniform: which entries change in time, alike in all runs, shape (entries,).
+        is_loaded: which entries differ between runs, shape (entries,).
+    """
+
+    example: RunSignals
+    constants: Array
+    is_uniform: Mask
+    is_loaded: Mask
+
+
+class RunBlock:
+    """Slots of the runs of a shape.
+
+    Attributes:
+        shape: shape of the runs.
+        constants: constants of one of them.
+        start: its start.
+        signals: signals of all runs.
+        lanes: slots of a block.
+        uniforms: numbers that all runs share at a row.
+        recorded: number of slots that are recorded, the first ones.
+        loaded: number of slots after them that are loaded at each tick.
+        read: functions that read quantities at a tick, see Quantity, by name.
+    """
+
+    def __init__(
+        self,
+        shape: RunShape,
+        constants: RunConstants,
+        start: Start,
+        differs: Mask,
+        signals: SignalSplit,
+        table: Sequence[Quantity],
+    ) -> None:
+        """Lay out the block.
+
+        Args:
+            shape: Shape of the runs.
+            constants: Constants of one of them.
+            start: Start of that one.
+            differs: Leaves of the constants that differ between the runs.
+            signals: Signals of all runs.
+            table: Quantities of the runs.
+        """
+        self.shape, self.constants, self.signals, self._differs = shape, constants, signals, differs
+        self.start, self.read = start, {each.name: each.read for each in table if each.read}
+        self._sizes = [len(arm.drive) for arm in constants.arms]
+        m, N, k_0 = len(self._sizes), sum(self._sizes), shape.rows.size
+        self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
+        recorded: tuple[tuple[Any, ...], ...] = (
+            *(("q", N), ("v", N), ("work", 3), ("payload_energy",)),
+            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
+            *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
+            *(("external", 6), ("jacobians", k_0 * N), ("condition_bounds", m)),
+            *((each.name, *shape_of(each, m, N, k_0)) for each in table if each.read),
+        )
+        for field in recorded:
+            lanes.add(*field)
+        self.recorded = lanes.size
+        lanes.add("signals", int(signals.is_loaded.sum()))
+        self.loaded = lanes.size - self.recorded
+        others: tuple[tuple[Any, ...], ...] = (
+            *(("force", N), ("holding", N), ("drives", len(leaves(start.drives)))),
+            *(("rates", N + 3), ("constants", int(differs.sum())), ("payload", 13)),
+        )
+        for field in others:
+            lanes.add(*field)
+        uniforms.add("h")
+        uniforms.add("s")
+        uniforms.add("gives", m)
+        uniforms.add("signals", int(signals.is_uniform.sum()))
+
+    def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
+        """Return an empty kernel and the constants as it reads them."""
+        kernel = Kernel(name, self.lanes, self.uniforms)
+        inputs = iter(kernel.read("constants"))
+        numbers = leaves(self.constants)
+        known = (
+            next(inputs) if differs else number
+            for number, differs in zip(numbers, self._differs.tolist(), strict=True)
+        )
+        constants = rebuilt(self.constants, known)
+        if self.shape.changes_payload:
+            payload = rebuilt(constants.cell.payload, iter(kernel.read("payload")))
+            constants = constants._replace(cell=constants.cell._replace(payload=payload))
+        return kernel, constants
+
+    def split(self, values: Numbers) -> list[Numbers]:
+        """Return the part of each arm."""
+        return parts(values, self._sizes)
+
+    def signals_at(self, kernel: Kernel) -> RunSignals:
+        """Return the signals at the kernel's tick."""
+        split, entries = self.signals, np.empty(len(self.signals.constants), dtype=object)
+        entries[:] = split.constants
+        entries[split.is_uniform] = kernel.uniform("signals")
+        entries[split.is_loaded] = kernel.read("signals")
+        return rebuilt(split.example, iter(entries))
+
+    def references(self, desired: Desired) -> list[ArmReference]:
+        """Return the reference of each arm at a tick."""
+        rows = self.shape.rows
+        twist, acceleration = traced(rows.select(desired.twist)), traced(rows.select(desired.acceleration))
+        return [
+            ArmReference(desired.pose, twist, acceleration, traced(rows.select(wrench)))
+            for wrench in desired.squeeze
+        ]

@@ -1,0 +1,175 @@
+"""Numbers of a run: everything of a scenario that the traced code of its runs computes with."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array
+from coop_pin.batch.cell_dynamics import CellModel
+from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
+from coop_pin.description.payload import Payload
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
+from coop_pin.model.cell_model import ArmPlace
+from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import CellDrives, DriveState
+from coop_pin.simulation.sensing import CellSensors
+from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.tracing.traced_array import traced
+
+
+class Instant(NamedTuple):
+    """What events make of the cell at an instant.
+
+    Attributes:
+        payload: the payload's inertia about P from then on.
+        push: wrench on the payload about P in world axes from then on, shape (6,).
+    """
+
+    payload: RigidInertia
+    push: Numbers
+
+
+class ArmConstants(NamedTuple):
+    """Numbers of one arm besides its dynamics.
+
+    Attributes:
+        seen: the arm as its own kinematics have it, calibration errors included.
+        drive: T, shape (k, k).
+        to_joints: T^-1, shape (k, k).
+        friction: friction of its joints or drives.
+    """
+
+    seen: SerialArm
+    drive: Numbers
+    to_joints: Numbers
+    friction: Friction
+
+    def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
+        """Return payload pose and Jacobian by the arm's own kinematics.
+
+        Args:
+            rows: Task rows of the cell.
+            angles: Angles of the joints as measured, shape (n,).
+        """
+        seen, X_WP = frames(self.seen, angles), np.eye(4).astype(object)
+        X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
+        J = rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints)
+        return PayloadKinematics(traced(X_WP), traced(J))
+
+
+class RunConstants(NamedTuple):
+    """Numbers of a run.
+
+    Attributes:
+        cell: dynamics of the cell.
+        arms: kinematics and friction of each arm.
+        sensors: sensors of all arms.
+        drives: drives of all arms.
+        instants: what events make of the cell, in order.
+        controller: controller of all arms.
+    """
+
+    cell: CellModel
+    arms: tuple[ArmConstants, ...]
+    sensors: CellSensors
+    drives: CellDrives
+    instants: tuple[Instant, ...]
+    controller: Any
+
+
+class Start(NamedTuple):
+    """Start of a run.
+
+    Attributes:
+        q: joint positions of all arms, of continuous joints near the posture, shape (N,).
+        holding: torques that the drives report, N m, shape (N,).
+        drives: memory of the drives.
+    """
+
+    q: Array
+    holding: Array
+    drives: DriveState
+
+
+def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
+    """Return the numbers of a run.
+
+    Args:
+        scenario: Scenario that is run.
+        run: Simulation of this scenario.
+
+    Raises:
+        TracingError: an arm is no serial chain.
+    """
+    return RunConstants(
+        cell=CellModel.from_chain(run.plant.chain),
+        arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
+        sensors=run.sensing.sensors,
+        drives=run.actuation.drives,
+        instants=instants(scenario, run),
+        controller=run.controller,
+    )
+
+
+def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
+    """Return the numbers of one arm.
+
+    Args:
+        scenario: Scenario with its cell.
+        place: Position of the arm in the cell's model.
+
+    Raises:
+        TracingError: the arm is no serial chain.
+    """
+    cell, name = scenario.cell, place.name
+    seen = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    X_JP = seen.frames[seen.getFrameId("payload")].placement
+    return ArmConstants(
+        seen=SerialArm.from_model(seen, range(1, seen.njoints), X_JP, pin.Inertia.Zero()),
+        drive=place.drive,
+        to_joints=np.linalg.inv(place.drive),
+        friction=friction(cell.arms[name], name),
+    )
+
+
+def instants(scenario: Scenario, run: Simulation) -> tuple[Instant, ...]:
+    """Return what events make of the cell, at each of the times of event_times."""
+    payload, found = scenario.cell.payload, []
+    for time in event_times(run):
+        for change in run.timeline.changes_at(time):
+            payload = change.apply(payload)
+        found.append(Instant(_inertia(payload), run.timeline.push_at(time)))
+    return tuple(found)
+
+
+def event_times(run: Simulation) -> list[float]:
+    """Return the times at which events act: at ticks before the controller, and between plant steps."""
+    timeline, found = run.timeline, []
+    for tick in range(timeline.ticks + 1):
+        times = [timeline.time(tick)]
+        if tick < timeline.ticks:
+            times += [step.start for index, step in enumerate(timeline.steps(tick)) if index > 0]
+        found += [time for time in times if timeline.happens_at(time)]
+    return found
+
+
+def start(scenario: Scenario, run: Simulation) -> Start:
+    """Return the start of a run."""
+    q, holding = [], []
+    measured = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
+    for place, seen in zip(run.plant.chain.model.arms, measured, strict=True):
+        posture = scenario.cell.arms[place.name].posture
+        near = np.zeros(len(place.drive)) if posture is None else np.array(posture)
+        q.append(place.angles.near(run.plant.q[place.q_slice], near))
+        assert seen.holding_torque is not None
+        holding.append(seen.holding_torque)
+    return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)
+
+
+def _inertia(payload: Payload) -> RigidInertia:
+    return RigidInertia.from_model(pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix))

@@ -1,0 +1,165 @@
+"""Samples of a batch, with the names and shapes of a single run's and a leading axis of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.batch.preparation import Prepared
+from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.errors import InvalidStateError
+from coop_pin.results.quantities import Samples, condition_numbers, padded
+from coop_pin.simulation.plant import CHANNELS
+from coop_pin.spatial import internal_wrenches
+from coop_pin.tracing.kernel import Layout
+
+_MARGIN, _LARGEST_BOUND = 1e-6, 1e3
+"""Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
+
+
+class RunSamples(Mapping[str, Any]):
+    """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
+
+    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
+        """Make nothing yet.
+
+        Args:
+            prepared: Batch.
+            layout: Layout of the records' slots.
+            records: Records of blocks of its runs, as a Machine returns them.
+        """
+        self._prepared, self._layout = prepared, layout
+        self._records: Sequence[Array] | None = records
+        self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
+        self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
+        last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
+        self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
+        tables = {id(plant): plant.table for plant in prepared.plants}.values()
+        self._recorded, self._made = self._state(), dict[str, Any]()
+        self._table = {each.name: each for table in tables for each in table}
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(self._table)
+
+    def __len__(self) -> int:
+        """Return the number of quantities."""
+        return len(self._table)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return a quantity, or what sources need of the joints."""
+        if name not in self._made:
+            with np.errstate(all="ignore"):  # of runs that are not valid
+                self._made[name] = self._computed(name)
+        return self._made[name]
+
+    def _computed(self, name: str) -> Any:
+        if name in self._recorded:
+            return self._recorded[name]()
+        quantity = self._table[name]
+        if quantity.read is None:
+            assert quantity.source is not None
+            return quantity.source(self)
+        values = self._field(name)
+        if quantity.dims == "arm joint":
+            values = padded(self._by_arm(values))
+        elif quantity.dims == "arm axis":
+            rows, values = values, np.full((*values.shape[:-1], 6), np.nan)
+            values[..., self._rows.indices] = rows
+        return values if quantity.fill is not False else values > 0.0
+
+    def extremes(self, allowed: float) -> Samples:
+        """Return the extremes in time of what metrics and trust need no more of, as one or two samples.
+
+        Args:
+            allowed: condition number; of runs that keep below it, upper bounds are given, which cost little.
+        """
+        errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
+        is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
+        if is_beyond.any():
+            bounds[is_beyond] = condition_numbers([J[is_beyond] for J in self["jacobian"]]).max(axis=1)
+        positions, torque = self["joint_position"], self._field("torque")
+        return {
+            "joint_position": np.stack((positions.min(axis=1), positions.max(axis=1)), axis=1),
+            "torque": np.stack((torque.min(axis=1), torque.max(axis=1)), axis=1)[:, :, None],
+            "jacobian_condition": bounds[:, None],
+            "closure_distance": errors[:, None, :, 0],
+            "closure_angle": errors[:, None, :, 1],
+        }
+
+    def release(self) -> None:
+        """Drop the records; samples that were not asked for until now cannot be made any more."""
+        self._records = None
+
+    def _field(self, name: str) -> Array:
+        """Return a copy of what was recorded of a field of the block; raises as BatchResult.release."""
+        if self._records is None:
+            raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
+        slots = self._layout.slots(name)
+        mine = slice(slots.min(), slots.max() + 1)
+        # Of one layout for any number of runs: numpy's functions choose their order of operations by it.
+        blocks = [np.moveaxis(record[:, mine], 2, 0) for record in self._records]
+        runs = [np.array(block, order="C").reshape(-1, len(self._kept), *slots.shape) for block in blocks]
+        return runs[0] if len(runs) == 1 else np.concatenate(runs)
+
+    def _desired(self, index: int) -> Array:
+        """Return an entry of Desired."""
+        plants = self._prepared.plants
+        known = {id(plant): plant.desired[index][self._kept] for plant in plants}
+        return np.stack([known[id(plant)] for plant in plants])
+
+    def _by_arm(self, values: Array) -> list[Array]:
+        """Return the part of each arm of values of all joints or drives."""
+        return np.split(values, np.cumsum([len(place.drive) for place in self._places])[:-1], axis=-1)
+
+    def _jacobians(self) -> list[Array]:
+        values, k_0 = self._field("jacobians"), self._rows.size
+        ends = k_0 * np.cumsum([len(place.drive) for place in self._places])
+        return [J.reshape(*J.shape[:2], k_0, -1) for J in np.split(values, ends[:-1], axis=-1)]
+
+    def _configuration(self) -> Array:
+        pairs = zip(self["angles"], self._places, strict=True)
+        return np.concatenate([place.angles.configuration(q) for q, place in pairs], axis=2)
+
+    def _pose(self) -> Array:
+        positions = self._field("p_WP")
+        pose = np.zeros((*positions.shape[:2], 4, 4))
+        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = self._field("R_WP"), positions, 1.0
+        return pose
+
+    def _state(self) -> dict[str, Callable[[], Any]]:
+        """Return what gives the quantities that are read neither from measurements nor from others."""
+        field, plant = self._field, self._plant.run.plant
+        determined = determinate_rows(plant.chain, plant.q)
+        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
+        desired = ("time", "desired_pose", "desired_twist", "", "desired_squeeze")
+        return {
+            **{name: partial(self._desired, index) for index, name in enumerate(desired) if name},
+            "angles": lambda: self._by_arm(field("q")),
+            "rates": lambda: self._by_arm(field("v")),
+            "drive": lambda: [place.drive for place in self._places],
+            "jacobian": self._jacobians,
+            "configuration": self._configuration,
+            "velocity": lambda: field("v"),
+            "payload_pose": self._pose,
+            "payload_twist": lambda: field("V_WP"),
+            "tip_position": lambda: field("tips"),
+            "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
+            "internal_wrench": lambda: np.stack(
+                list(map(internal_wrenches, self["interaction_wrench"], shares))
+            ),
+            "external_wrench": lambda: field("external"),
+            "closure_distance": lambda: field("closure_errors")[..., 0],
+            "closure_angle": lambda: field("closure_errors")[..., 1],
+            "kinetic_energy": lambda: field("kinetic"),
+            "potential_energy": lambda: field("potential"),
+            **{
+                f"work_{name}": partial(lambda channel: field("work")[..., channel], channel)
+                for channel, name in enumerate(CHANNELS)
+            },
+            "work_payload_change": lambda: field("payload_energy"),
+        }

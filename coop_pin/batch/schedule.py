@@ -1,0 +1,140 @@
+"""Program of the runs of a batch: kernels, the order of their calls, and what each run begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array, Mask
+from coop_pin.batch.block import RunBlock, SignalSplit
+from coop_pin.batch.constants import Start
+from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.tick import TickCode
+from coop_pin.simulation import Simulation
+from coop_pin.simulation.timeline import Timeline
+from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
+from coop_pin.tracing.tree import leaves
+
+
+class RunProgram:
+    """Program of runs that differ from a first one in chosen numbers.
+
+    Attributes:
+        program: what a machine runs.
+        uniforms: numbers that all runs share, shape (rows, uniforms).
+    """
+
+    def __init__(self, first: Prepared, differs: Mask, is_loaded: Mask) -> None:
+        """Trace and order the kernels.
+
+        Args:
+            first: a batch whose first run has the numbers that fold.
+            differs: leaves of the constants that are inputs.
+            is_loaded: entries of the signals that are inputs.
+        """
+        plant, signals = first.plants[0], first.signals[0]
+        is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
+        split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
+        self._block = RunBlock(plant.shape, plant.constants, plant.start, differs, split, plant.read)
+        self._differs, kernels = differs, TickCode(self._block).kernels()
+        schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
+        self.uniforms, block = np.array(schedule.rows), self._block
+        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
+
+    def begin(self, prepared: Prepared) -> tuple[Array, Array]:
+        """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
+        lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
+        plants, count = prepared.plants, len(prepared.plants)
+        block = np.zeros((lanes.size, count))
+        for name, given in (
+            *((name, [leaves(getattr(plant.start, name)) for plant in plants]) for name in Start._fields),
+            ("constants", prepared.values[:, self._differs]),
+            ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
+            ("is_valid", np.ones((count, 1))),
+        ):
+            block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T
+        if not is_loaded.any():
+            return block, np.zeros((1, 0, count))
+        return block, np.stack([signals[:, is_loaded] for signals in prepared.signals], axis=2)
+
+
+class Schedule:
+    """Order of the kernels of a run.
+
+    Attributes:
+        instructions: in order.
+        rows: uniforms that they refer to.
+    """
+
+    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel], signals: Array) -> None:
+        """Order the kernels.
+
+        Args:
+            run: Simulation of one of the runs, for its timeline.
+            block: Block of the runs.
+            kernels: Kernels of the block.
+            signals: Signals that are uniform, shape (ticks + 1, ...).
+        """
+        self.instructions: list[Instruction] = []
+        self.rows: list[Array] = []
+        self._steps: dict[float, int] = {}
+        self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
+        self._events, self._block, self._actuation = 0, block, run.actuation
+        timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
+        for tick in range(timeline.ticks + 1):
+            time = timeline.time(tick)
+            row = self._row(s=time - before, gives=run.actuation.gives(time), signals=signals[tick])
+            before = time
+            if block.loaded:
+                self.instructions.append(Instruction(LOAD, tick))
+            if not tick:
+                self._call("start", row)
+            elif block.constants.sensors.needs_wrenches:
+                self._call("weigh", row)
+            self._call("tick", row)
+            self._happen(timeline, time)  # the law does not see what happens at its tick
+            self._call("observe", row)
+            if tick % every == 0 or tick == timeline.ticks:
+                self.instructions.append(Instruction(RECORD, -(-tick // every)))
+            if tick < timeline.ticks:
+                self._advance(timeline, tick)
+
+    def _advance(self, timeline: Timeline, tick: int) -> None:
+        """Add the plant steps of a tick."""
+        time, varies, row = timeline.time(tick), not self._actuation.is_held, 0
+        gives = self._actuation.gives(time)
+        for index, (start, length) in enumerate(timeline.steps(tick)):
+            if index > 0:
+                self._happen(timeline, start)
+            if varies:
+                gives = self._actuation.gives(start)
+                row = self._row(h=length, s=start - time, gives=gives)
+                self._call("drive", row)
+            elif length in self._steps:
+                row = self._steps[length]
+            else:
+                row = self._steps[length] = self._row(h=length)
+            if varies or index > 0:  # else the observation has left them
+                self._call("rates", row)
+            self._call("step", row)
+        if varies:
+            self._call("release", self._row(s=timeline.time(tick + 1) - time, gives=gives))
+
+    def _row(self, **fields: Any) -> int:
+        """Return the index of a new row of uniforms."""
+        values = np.zeros(self._block.uniforms.size)
+        for name, value in fields.items():
+            values[self._block.uniforms.slots(name)] = value
+        self.rows.append(values)
+        return len(self.rows) - 1
+
+    def _call(self, kernel: str, row: int) -> None:
+        self.instructions.append(Instruction(self._index[kernel], row))
+
+    def _happen(self, timeline: Timeline, time: float) -> None:
+        """Add the kernel of the events at a time, if there are any."""
+        if timeline.happens_at(time):
+            self._call(f"event_{self._events}", 0)
+            self._events += 1

@@ -1,0 +1,243 @@
+"""Code of a tick: kernels of the sensors, law, drives, observation, plant steps and events of runs.
+
+Sensors and drives are the functions of coop_pin.simulation, called with traced numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from coop_pin.batch.arm_dynamics import newton_euler
+from coop_pin.batch.block import RunBlock
+from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
+from coop_pin.batch.constants import ArmConstants, RunConstants
+from coop_pin.batch.law_code import only_tracing_errors
+from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
+from coop_pin.batch.serial_arm import Numbers, frames
+from coop_pin.batch.signals import RunSignals
+from coop_pin.control import ArmMeasurement
+from coop_pin.model.arm_model import PayloadKinematics
+from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState
+from coop_pin.simulation.sensing import Truth, View
+from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
+from coop_pin.spatial.generic_numbers import inverse
+from coop_pin.tracing import elementary
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import traced
+from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
+
+
+class TickCode:
+    """Kernels of the runs of a block."""
+
+    def __init__(self, block: RunBlock) -> None:
+        self._block, self._shape = block, block.shape
+        self._functions = SharedFunctions()
+        self._sensors: Any = None
+        self._law: Any = None
+
+    def kernels(self) -> list[Kernel]:
+        """Return the kernels, the last of which are one for each instant of events."""
+        start = self._start()  # it adds the slots of the states of sensors and law
+        return [
+            *(start, self._weigh(), self._tick(), self._observe(), self._rates(), self._step()),
+            *(self._drive(), self._release()),
+            *(self._event(index) for index in range(len(self._block.constants.instants))),
+        ]
+
+    def _plant(self, kernel: Kernel, constants: RunConstants) -> PlantNumbers:
+        """Return the numbers of the plant with the present push."""
+        external = kernel.read("external") if self._shape.pushes else np.zeros(6)
+        return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
+
+    def _motion(self, kernel: Kernel, constants: RunConstants) -> tuple[CellMotion, list[Number]]:
+        """Return the motion under the held torques and its rates."""
+        return plant_motion(self._functions, self._plant(kernel, constants), PlantState.of(kernel))
+
+    # ------------------------------------------------------------ kernels
+
+    def _start(self) -> Kernel:
+        """Return the kernel before the first tick: states of sensors and law, and the wrenches at rest."""
+        kernel, constants = self._block.kernel("start")
+        signals, weight = self._block.signals_at(kernel), constants.cell.payload.mass * constants.cell.gravity
+        references = self._block.references(signals.desired)
+        truth, views = self._truth(kernel, constants, signals)
+        if constants.sensors.wrists:
+            load = np.concatenate((weight, np.zeros(3)))
+            loads = np.stack([share * load for share in constants.sensors.shares])
+            R_WP = frames(constants.cell.arms[0], truth.angles[0]).R_WP
+            truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
+            kernel.write("wrenches", loads)
+            kernel.write("R_WP", R_WP)
+        self._sensors = constants.sensors.start(truth, views, references)
+        measurements, _ = constants.sensors.step(self._sensors, truth, views)
+        holding = self._block.split(kernel.read("holding"))
+        with only_tracing_errors():
+            self._law = constants.controller.init(
+                [
+                    seen._replace(holding_torque=torque)
+                    for seen, torque in zip(measurements, holding, strict=True)
+                ],
+                references,
+            )
+        for name, state in (("sensors", self._sensors), ("law", self._law)):
+            self._block.lanes.add(name, len(leaves(state)))
+            kernel.write(name, state)
+        self._guard(kernel, [])
+        return kernel
+
+    def _truth(
+        self, kernel: Kernel, constants: RunConstants, signals: RunSignals
+    ) -> tuple[Truth, list[View]]:
+        """Return what the sensors sense at a tick, and the kinematics of the arms."""
+        names = ("q", "v", "saturated")
+        q, v, saturated = (self._block.split(kernel.read(name)) for name in names)
+        wrenches, R_WP = kernel.read("wrenches"), kernel.read("R_WP")
+        truth = Truth(signals.desired.time, q, v, saturated, wrenches, R_WP, signals.sensors)
+        return truth, [partial(self._view, *pair) for pair in zip(constants.arms, q, strict=True)]
+
+    def _view(self, arm: ArmConstants, angles: Numbers, measured: Numbers | None) -> PayloadKinematics:
+        return arm.view(self._shape.rows, angles if measured is None else measured)
+
+    def _weigh(self) -> Kernel:
+        """Return the kernel before a later tick: what wrist sensors and force path sense."""
+        kernel, constants = self._block.kernel("weigh")
+        if constants.sensors.needs_wrenches:
+            motion, _ = self._motion(kernel, constants)
+            kernel.write("wrenches", motion.wrenches)
+            kernel.write("R_WP", motion.R_WP)
+        return kernel
+
+    def _tick(self) -> Kernel:
+        """Return the kernel of sensors, law and drives."""
+        kernel, constants = self._block.kernel("tick")
+        signals = self._block.signals_at(kernel)
+        sensors, law = (
+            rebuilt(state, iter(kernel.read(name)))
+            for name, state in (("sensors", self._sensors), ("law", self._law))
+        )
+        measurements, sensors = constants.sensors.step(sensors, *self._truth(kernel, constants, signals))
+        with only_tracing_errors():
+            command = constants.controller.step(measurements, self._block.references(signals.desired), law)
+            kernel.write("law", command.state)
+        commanded = [traced(torque) for torque in command.torques]
+        weights = [partial(self._weight, kernel, constants, index) for index in range(len(commanded))]
+        applied, drives = constants.drives.step(
+            self._drives(kernel),
+            commanded,
+            signals.missed,
+            weights,
+            kernel.uniform("gives"),
+            kernel.uniform("s"),
+        )
+        kernel.write("sensors", sensors)
+        kernel.write("drives", drives)
+        self._hold(kernel, constants, applied.torques)
+        self._record(kernel, measurements, applied)
+        self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
+        return kernel
+
+    def _record(self, kernel: Kernel, measurements: Sequence[ArmMeasurement], applied: Applied) -> None:
+        """Write what is recorded of measurements and torques; NaN of what an arm does not measure."""
+        jacobians = [seen.payload_jacobian for seen in measurements]
+        kernel.write("jacobians", np.concatenate([J.ravel() for J in jacobians]))
+        kernel.write("condition_bounds", [_condition_bound(J) for J in jacobians])
+        for name, read in self._block.read.items():
+            values = read(measurements, applied)
+            absent = np.full(self._block.lanes.slots(name).shape[1:], np.nan)
+            kernel.write(name, [traced(absent if value is None else value) for value in values])
+
+    def _weight(self, kernel: Kernel, constants: RunConstants, index: int) -> Numbers:
+        """Return T^-T g(q) of an arm, N m, shape (k,)."""
+        q, to_joints = self._block.split(kernel.read("q"))[index], constants.arms[index].to_joints
+        rest = np.zeros(len(q))
+        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.gravity, q, rest, rest)
+        weight: Numbers = to_joints.T.dot(traced(tau))
+        return weight
+
+    def _drives(self, kernel: Kernel) -> DriveState:
+        """Return the memory of the drives."""
+        return rebuilt(self._block.start.drives, iter(kernel.read("drives")))
+
+    def _hold(self, kernel: Kernel, constants: RunConstants, torques: Sequence[Numbers]) -> None:
+        """Write the generalised force of drive torques."""
+        forces = [arm.drive.T.dot(torque) for arm, torque in zip(constants.arms, torques, strict=True)]
+        kernel.write("force", np.concatenate(forces))
+
+    def _drive(self) -> Kernel:
+        """Return the kernel before a plant step: the mean force of varying torques over it."""
+        kernel, constants = self._block.kernel("drive")
+        response, state = constants.drives.response, self._drives(kernel).response
+        if response is not None and state is not None:
+            torques = response.mean(state, kernel.uniform("s"), kernel.uniform("h"))
+            self._hold(kernel, constants, constants.drives.acting(torques, kernel.uniform("gives")))
+        return kernel
+
+    def _release(self) -> Kernel:
+        """Return the kernel at the end of a tick: the force of varying torques there."""
+        kernel, constants = self._block.kernel("release")
+        response, state = constants.drives.response, self._drives(kernel).response
+        if response is not None and state is not None:
+            torques = response.at(state, kernel.uniform("s"))
+            self._hold(kernel, constants, constants.drives.acting(torques, kernel.uniform("gives")))
+        return kernel
+
+    def _observe(self) -> Kernel:
+        """Return the kernel of what is recorded of the state and the forces on it, and of the rates."""
+        kernel, constants = self._block.kernel("observe")
+        motion, rates = self._motion(kernel, constants)
+        kernel.write("rates", rates)
+        for name in OBSERVED:
+            kernel.write(name, getattr(motion, name))
+        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
+        bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
+        self._guard(kernel, bounds)
+        return kernel
+
+    def _rates(self) -> Kernel:
+        """Return the kernel of the rates after another step of a tick."""
+        kernel, constants = self._block.kernel("rates")
+        kernel.write("rates", self._motion(kernel, constants)[1])
+        return kernel
+
+    def _step(self) -> Kernel:
+        """Return the kernel of one plant step of h."""
+        kernel, constants = self._block.kernel("step")
+        write_step(kernel, self._functions, self._plant(kernel, constants))
+        return kernel
+
+    def _event(self, index: int) -> Kernel:
+        """Return the kernel of an instant of events: the payload and the push from then on."""
+        kernel, constants = self._block.kernel(f"event_{index}")
+        instant = constants.instants[index]
+        if self._shape.pushes:
+            kernel.write("external", instant.push)
+        if self._shape.changes_payload:
+            motion, _ = self._motion(kernel, constants)
+            after = constants.cell._replace(payload=instant.payload)
+            gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)
+            kernel.write("payload_energy", kernel.read("payload_energy") + gained)
+            kernel.write("payload", leaves(instant.payload))
+        return kernel
+
+    def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:
+        """Keep in mind whether all conditions of a valid run have held so far."""
+        is_valid = kernel.read("is_valid")
+        for condition in (*conditions, *kernel.tape.guards):
+            is_valid = is_valid * condition
+        kernel.write("is_valid", is_valid)
+
+
+def _condition_bound(J: Numbers) -> Number:
+    """Return an upper bound of the condition number of J, NaN or inf if it is singular.
+
+    By the Frobenius norms of J and its inverse, or those of its smaller Gram matrix.
+    """
+    if len(J) == J.shape[1]:
+        return inverse(J)[1]
+    return elementary.sqrt(inverse(J.dot(J.T) if len(J) < J.shape[1] else J.T.dot(J))[1])

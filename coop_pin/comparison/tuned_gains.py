@@ -1,0 +1,106 @@
+"""Tuned gains: every controller by the same search, seed and budget, in one table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from coop_pin.comparison.benchmark import different, engines_of
+from coop_pin.comparison.controllers import controllers_for, tuned_ranges
+from coop_pin.comparison.measures import tuning_cost
+from coop_pin.comparison.trials import benchmark_scenario, standard_trials
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import NothingFeasibleError
+from coop_pin.sweeps import Execution, TuneResult, tune
+from coop_pin.sweeps.execution import HERE
+
+TUNED_SEED = 1000
+"""Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
+_COLUMNS = ("scenario", "controller", "field", "value", "low", "high", "runs", "duration_s", "seed", "cost")
+_LOG = logging.getLogger("coop_pin.comparison")
+
+
+def tune_controllers(
+    scenarios: str | Path | Scenario | Sequence[str | Path | Scenario],
+    controllers: Sequence[str],
+    *,
+    out: str | Path,
+    generations: int = 4,
+    size: int = 6,
+    duration: float | None = None,
+    execution: Execution = HERE,
+) -> list[dict[str, Any]]:
+    """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
+
+    Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
+    of its gains, each run in the nominal trial and in that with noise, with a seed that the comparison does
+    not use. A controller of which no run finishes has no rows.
+
+    Args:
+        scenarios: scenarios, or their names or paths.
+        controllers: names of controllers; those without ranges are passed over.
+        out: folder of the runs; ``gains.csv`` is written there.
+        generations: number of generations after the first one.
+        size: points in a generation, at least 6.
+        duration: duration of every run, s; the scenarios' own when None.
+        execution: workers, engine, folders to merge, as for compare.
+
+    Raises:
+        CoopPinError: whatever ``tune`` raises.
+    """
+    rows = list[dict[str, Any]]()
+    for scenario in different(scenarios):
+        base = benchmark_scenario(scenario, duration)
+        noise = standard_trials(base)["noise"].changes | {"seed": TUNED_SEED}
+        trials = {"nominal": dict[str, Any](), "noise": noise}
+        chosen = controllers_for(scenario, controllers, tuned=False)
+        ranges = {
+            name: {f"controller.{path}": span for path, span in tuned_ranges(name).items()} for name in chosen
+        }
+        bases = {name: base.override({"controller": chosen[name]}) for name in chosen if ranges[name]}
+        for (name, law), engine in zip(bases.items(), engines_of([*bases.values()], execution), strict=True):
+            folder = Path(scenario.name, name)
+            merge = tuple(Path(other, folder) for other in execution.merge if Path(other, folder).is_dir())
+            try:
+                result = tune(
+                    law,
+                    ranges[name],
+                    minimize="cost",
+                    metrics=[tuning_cost],
+                    cases=trials,
+                    out=Path(out) / folder,
+                    generations=generations,
+                    population=max(1, size // len(ranges[name])),
+                    seed=TUNED_SEED,
+                    execution=dataclasses.replace(execution, engine=engine, merge=merge),
+                )
+            except NothingFeasibleError as error:
+                _LOG.warning("%s has no tuned gains in %s: %s", name, scenario.name, error)
+            else:
+                rows += _rows(result, base, name, ranges[name])
+    text = io.StringIO()
+    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    Path(out).mkdir(parents=True, exist_ok=True)
+    (Path(out) / "gains.csv").write_text(text.getvalue(), encoding="utf-8")
+    return rows
+
+
+def _rows(
+    result: TuneResult, scenario: Scenario, name: str, ranges: dict[str, tuple[float, float]]
+) -> list[dict[str, Any]]:
+    """Return the rows of a controller: its best gains, with ranges, budget and cost."""
+    budget = {"runs": len(result.history.plan), "duration_s": scenario.duration, "seed": TUNED_SEED}
+    rows: list[dict[str, Any]] = []
+    for path, value in result.tuned.items():
+        low, high = ranges[path]
+        field = {"scenario": scenario.name, "controller": name, "field": path.removeprefix("controller.")}
+        row = field | {"value": f"{value:.6g}", "low": low, "high": high} | budget
+        rows.append(row | {"cost": f"{result.value:.6g}"})
+    return rows

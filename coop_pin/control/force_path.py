@@ -1,0 +1,110 @@
+"""Force paths, by which measured internal wrenches reach a law, and the timing of sampled force feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from coop_pin.control.bounds import anchor_gain_bound, force_loop_is_stable
+from coop_pin.schema.base import Description
+
+
+class NoForcePath(Description):
+    """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
+
+    measures: ClassVar[bool] = False
+    pole: ClassVar[float] = 0.0
+    delay: ClassVar[int] = 0
+
+    kind: Literal["none"] = "none"
+
+
+_Delay = Annotated[int, Field(ge=0)]
+
+
+class LateForcePath(Description):
+    """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
+
+    Attributes:
+        delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
+    """
+
+    measures: ClassVar[bool] = True
+    pole: ClassVar[float] = 0.0
+
+    kind: Literal["late"] = "late"
+    delay: _Delay = 0
+
+
+class LowPassForcePath(Description):
+    """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
+
+    It takes every sample once, when it arrives; between samples of slow sensors it holds.
+
+    Attributes:
+        pole: p, in [0, 1).
+        delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
+    """
+
+    measures: ClassVar[bool] = True
+
+    kind: Literal["low-pass"] = "low-pass"
+    pole: float = Field(default=0.9, ge=0.0, lt=1.0)
+    delay: _Delay = 0
+
+
+ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
+
+
+class SampledWrist(NamedTuple):
+    """Timing of a wrist sensor, in ticks.
+
+    Attributes:
+        delay: Age of a sample when it arrives.
+        every: Ticks from one sample to the next.
+    """
+
+    delay: int
+    every: int
+
+
+class SampledLoop(NamedTuple):
+    """Feedback of measured wrenches, sampled.
+
+    Attributes:
+        pole: p of the filter.
+        delay: D of force path and wrists together, ticks.
+        every: Ticks from one sample to the next.
+        lag: Time constant of the slowest drives, ticks.
+        force_gain: K_f, by which a wrench acts at once.
+        anchor_gain: g, by which it moves an integral.
+    """
+
+    pole: float
+    delay: int
+    every: int
+    lag: float
+    force_gain: float = 0.0
+    anchor_gain: float = 0.0
+
+    @property
+    def anchor_bound(self) -> float:
+        """The anchor gain at which the loop is unstable, with these other numbers."""
+        return anchor_gain_bound(**self.numbers())
+
+    def is_stable(self, further: int = 0) -> bool:
+        """Return whether the loop decays, with a further delay, ticks."""
+        return force_loop_is_stable(self.anchor_gain, **self._replace(delay=self.delay + further).numbers())
+
+    def numbers(self) -> dict[str, Any]:
+        """Return everything but the anchor gain, by name."""
+        return {name: value for name, value in self._asdict().items() if name != "anchor_gain"}
+
+
+def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:
+    """Return the timing of the slowest feedback over a force path, or over the wrists alone without one."""
+    slowest = max((wrist.delay for wrist in wrists), default=0)
+    every = max((wrist.every for wrist in wrists), default=1)
+    return SampledLoop(path.pole, path.delay + slowest, every, lag)

@@ -1,0 +1,98 @@
+"""Gains of laws: validated numbers that become matrices or vectors of an arm's drives or of the task rows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator
+
+from coop_pin.arrays import Array
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NumberVectorOrMatrix, number_or_row
+
+MatrixGain = NumberVectorOrMatrix
+"""A gain matrix: a number times the identity, a diagonal, or rows."""
+RowGain = Annotated[Any, BeforeValidator(number_or_row)]
+"""A diagonal gain: a number for all entries, or one for each; of sized gains an array."""
+
+
+def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
+    """Refuse an alpha that is not diagonal or has a negative entry."""
+    rows = np.array(alpha)
+    if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
+        raise FieldError(
+            f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
+        )
+    if np.min(rows) < 0.0:
+        raise FieldError(f"is {rows.tolist()}; alpha must not be negative")
+    return alpha
+
+
+def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
+    """Refuse a gain that is not positive, or a matrix whose symmetric part is not positive definite."""
+    rows = np.array(gain, dtype=float)
+    if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
+        raise FieldError(f"has shape {rows.shape}; a gain matrix is square")
+    smallest = float(np.linalg.eigvalsh((rows + rows.T) / 2)[0]) if rows.ndim == 2 else float(np.min(rows))
+    if smallest <= 0.0:
+        expected = (
+            "positive",
+            "positive in every entry",
+            f"positive definite (smallest eigenvalue {smallest:g})",
+        )
+        raise FieldError(f"is {rows.tolist()}; it must be {expected[rows.ndim]}")
+    return gain
+
+
+PositiveGain = Annotated[MatrixGain, AfterValidator(_positive_definite)]
+PositiveRow = Annotated[RowGain, AfterValidator(_positive_definite)]
+SignGain = Annotated[MatrixGain, AfterValidator(_diagonal)]
+
+
+def gain_matrix(gain: Any, size: int, path: str = "") -> Array:
+    """Return a gain as a (size, size) matrix: a number times the identity, a diagonal, or the rows as given.
+
+    Raises:
+        FieldError: its number of entries does not fit.
+    """
+    rows = np.array(gain, dtype=float)
+    if rows.ndim and len(rows) != size:
+        raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)
+    return rows * np.eye(size) if rows.ndim < 2 else rows
+
+
+def gain_vector(gain: Any, size: int, path: str = "") -> Array:
+    """Return the diagonal of a gain, shape (size,); raises as ``gain_matrix``."""
+    return gain_matrix(gain, size, path).diagonal().copy()
+
+
+class Gains(Description):
+    """Gains of a law; those that act on task rows or drives can be numbers, or have an entry for each."""
+
+    on_rows: ClassVar[tuple[str, ...]] = ()
+    """Gains that act on the k_0 task rows."""
+    on_drives: ClassVar[tuple[str, ...]] = ()
+    """Gains that act on the k drives of an arm."""
+    are_matrices: ClassVar[bool] = False
+
+    def sized(self, rows: int, drives: int, path: str = "controller.gains") -> Self:
+        """Return the gains with those of rows and drives as arrays.
+
+        Args:
+            rows: Number k_0 of task rows.
+            drives: Number k of drives of the arm.
+            path: Dotted path of these gains, for errors.
+
+        Raises:
+            FieldError: a gain has a wrong number of entries.
+        """
+        sizes = dict.fromkeys(self.on_rows, rows) | dict.fromkeys(self.on_drives, drives)
+        array, fields = gain_matrix if self.are_matrices else gain_vector, dict(self)
+        arrays = {name: array(fields[name], size, f"{path}.{name}") for name, size in sizes.items()}
+        return self.model_copy(update=arrays)
+
+    def feedback(self) -> tuple[float, float]:
+        """Return K_f, by which a measured wrench acts at once, and g, by which it moves an integral, or 0."""
+        fields = dict(self)
+        return fields.get("force_gain", 0.0), fields.get("anchor_gain", 0.0)

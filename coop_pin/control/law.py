@@ -1,0 +1,348 @@
+"""Control laws as a scenario states them: the questions that every law is asked, with their defaults."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+
+import numpy as np
+from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
+
+from coop_pin.arrays import Array
+from coop_pin.control.bounds import force_gain_bound
+from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.force_path import ForcePath, NoForcePath, SampledLoop, SampledWrist, sampled_loop
+from coop_pin.control.gains import Gains, gain_vector
+from coop_pin.control.interface import ArmController, CellController, DecentralisedController
+from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.terms import Posture
+from coop_pin.errors import FieldError, suggestion
+from coop_pin.schema.base import Description, NotNegative, Vector
+from coop_pin.spatial.task_rows import TaskRows, joint_shortage
+
+_INSIST = "or insist with beyond_bound = true"
+_WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
+"""Fields in the order in which a law is written; the keys of stored runs depend on it."""
+
+
+class ControlledArm(NamedTuple):
+    """Numbers that a law may know of its arm and cell besides measurements.
+
+    Attributes:
+        name: Name of the arm.
+        place: Place among the cell's arms, from 0.
+        rows: The k_0 task rows.
+        period: T, s.
+        load_share: c.
+        drives: Number k of drives.
+        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
+        gravity: Gravity, m/s^2, shape (3,).
+        start_pose: X_WP at t_0, shape (4, 4).
+        oldest_wrench: Age that measured wrenches reach without being lost, ticks.
+    """
+
+    name: str
+    place: int
+    rows: TaskRows
+    period: float
+    load_share: float
+    drives: int
+    posture: Array | None
+    gravity: Array
+    start_pose: Array
+    oldest_wrench: int
+
+
+class CellTiming(NamedTuple):
+    """Arms of a cell, and the timing of its wrists and drives, against which a law is checked.
+
+    Attributes:
+        arms: Names of the arms.
+        rows: Number k_0 of task rows.
+        period: T, s.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+    """
+
+    arms: Sequence[str]
+    rows: int
+    period: float = np.nan
+    wrists: Collection[SampledWrist] = ()
+    lag: float = 0.0
+
+
+class PostureGains(Description):
+    """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
+
+    Attributes:
+        stiffness: N m/rad, one value for all joints or one for each.
+        damping: N m s/rad, likewise.
+    """
+
+    stiffness: NotNegative | Vector = 40.0
+    damping: NotNegative | Vector = 8.0
+
+    def term(self, arm: ControlledArm) -> Posture:
+        """Return the posture term of an arm: a spring towards its posture, and a damper.
+
+        Raises:
+            FieldError: the arm has continuous joints, or a gain does not fit it.
+        """
+        if arm.posture is None:
+            raise FieldError(
+                f"needs angles, but arm {arm.name!r} has continuous joints; lock them or give them limits",
+                "controller.posture",
+            )
+        stiffness, damping = (gain_vector(gain, arm.drives, f"controller.posture.{n}") for n, gain in self)
+        return Posture(arm.posture, stiffness, damping)
+
+
+class Law(Description):
+    """A controller as a scenario states it, and what is asked of every one.
+
+    Attributes:
+        force_path: Path by which the internal wrench reaches the law.
+    """
+
+    uses: ClassVar[tuple[str, ...]] = ()
+    """What the law uses besides kinematics where it is measured."""
+    _stored_as: Any = PrivateAttr(default=None)
+
+    kind: str
+    force_path: ForcePath = NoForcePath()
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = fields_of(self)
+        return {name: fields[name] for name in _WRITTEN_FIRST if name in fields} | fields
+
+    @property
+    def stored_as(self) -> Any:
+        """The law as the data says from which it was read; keys of stored runs are made of it."""
+        return self._stored_as or self
+
+    @property
+    def has_linear_integral(self) -> bool:
+        """Whether the law keeps an integral that is linear near rest."""
+        return False
+
+    @property
+    def user_code(self) -> tuple[str, ...]:
+        """Names of the user's classes that the law runs, "module:name"."""
+        return ()
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What the law uses besides kinematics in its scenario, in the words of ``ArmController.needs``."""
+        return self.measured(self.uses)
+
+    def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
+        """Return needs without an internal wrench that no force path measures."""
+        return tuple(need for need in needs if need != "internal wrench" or self.force_path.measures)
+
+    @property
+    def active_gains(self) -> dict[str, Any]:
+        """Gains that have an effect, by name."""
+        return {}
+
+    @abstractmethod
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controller.
+
+        Args:
+            scenario: Scenario to run; only laws that build a model, and users' classes, look at it.
+            arms: Arms of the cell; made one by one as they are asked for.
+
+        Raises:
+            FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
+            CoopPinError: a model cannot be built, or a user's class does not exist.
+        """
+
+    def problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return what is wrong with the law for a cell."""
+        return []
+
+    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+        """Return the law at rest in each linear task row; none where that takes more than its gains.
+
+        Args:
+            rows: The task rows.
+            sample_period: Time from one measured wrench to the next, s.
+        """
+        return []
+
+    def joint_spring(self, arm: str, J_inverse: Array) -> Array | None:
+        """Return B of the wrench B x by which an arm holds an error x at rest; None if not known.
+
+        Args:
+            arm: Name of the arm.
+            J_inverse: Inverse of its payload Jacobian, shape (k, k_0).
+        """
+        return None
+
+
+G = TypeVar("G", bound=Gains)
+
+
+class ParametricLaw(Law, Generic[G]):
+    """A law of the package with its gains.
+
+    Attributes:
+        gains: Gains of every arm.
+    """
+
+    gains: G
+
+    @classmethod
+    def of_previous_version(cls, user: Any) -> Self:
+        """Return the law that the previous version names as a user's class with options.
+
+        Args:
+            user: The UserController; keys of stored runs are still made of it.
+        """
+        options = {name: value for name, value in user.options.items() if value is not None}
+        fields = {name: options.pop(name) for name in {*options} & {*cls.model_fields}}
+        law = cls(gains=options, force_path=user.force_path, **fields)
+        law._stored_as = user
+        return law
+
+    def gains_of(self, arm: str) -> G:
+        """Return the gains of one arm."""
+        return self.gains
+
+    @property
+    def measures(self) -> bool:
+        """Whether the law measures a wrench."""
+        return self.force_path.measures
+
+    @property
+    def active_gains(self) -> dict[str, Any]:
+        """Gains that have an effect, by name: feedback gains where a wrench is measured."""
+        idle = {"force_gain": not self.force_path.measures, "anchor_gain": not self.measures}
+        return {name: gain for name, gain in self.gains if not idle.get(name)}
+
+    def loop(self, cell: CellTiming) -> SampledLoop:
+        """Return the feedback of measured wrenches with its largest gains."""
+        force_gains, anchors = zip(*(self.gains_of(name).feedback() for name in cell.arms), strict=True)
+        loop = sampled_loop(self.force_path, cell.wrists, cell.lag)
+        return loop._replace(force_gain=max(force_gains), anchor_gain=max(anchors))
+
+    def problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return what is wrong with the law for a cell."""
+        return self.feedback_problems(cell)
+
+    def feedback_problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return gains with which sampled force feedback is unstable, or that need what is not measured."""
+        loop = self.loop(cell)
+        return self._force_problems(cell, loop.force_gain) or self._anchor_problems(loop)
+
+    def _force_problems(self, cell: CellTiming, largest: float) -> list[FieldError]:
+        """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
+        path = self.force_path
+        if not path.measures:
+            allowed = largest == 0.0
+            detail = (
+                "but force_path.kind 'none' measures no force; "
+                "set the gain to 0, or the kind to 'late' or 'low-pass'"
+            )
+        else:
+            # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+            delay = max(((path.delay + w.delay) // w.every for w in cell.wrists), default=path.delay)
+            every = max((wrist.every for wrist in cell.wrists), default=1)
+            bound = min(force_gain_bound(path.pole, delay, lag=lag / every) for lag in (0.0, cell.lag))
+            allowed = largest < bound
+            loop = f"{path.kind!r}{_late(delay, cell.lag)}"
+            detail = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {_INSIST}"
+        return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
+
+    def _anchor_problems(self, loop: SampledLoop) -> list[FieldError]:
+        """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+        # Drives of different lags lie between those of none and of the largest.
+        bound = min(loop._replace(lag=lag).anchor_bound for lag in (0.0, loop.lag))
+        if loop.anchor_gain == 0.0 or loop.anchor_gain < bound:
+            return []
+        detail = (
+            f"is {loop.anchor_gain:g}, but the anchored integral over {self.force_path.kind!r}"
+            f"{_late(loop.delay, loop.lag)} with K_f = {loop.force_gain:g} is unstable from {bound:.4g} on;"
+            f" lower it, {_INSIST}"
+        )
+        return [FieldError(detail, "gains.anchor_gain")]
+
+
+class DecentralisedLaw(ParametricLaw[G], Generic[G]):
+    """A law of one arm, for every arm of the cell.
+
+    Attributes:
+        arm_gains: Gains of single arms, in place of ``gains``.
+        zero_at_grasp: Whether each arm places its payload frame at the scenario's start pose, once: a
+            kinematic bias fixed in its tip vanishes.
+    """
+
+    equal_gains: ClassVar[Mapping[str, str]] = {}
+    """Gains that must be the same for all arms, and why."""
+    needs_square: ClassVar[bool] = False
+    """Whether an arm must have exactly as many joints as task rows."""
+
+    arm_gains: dict[str, G] = Field(default_factory=dict)
+    zero_at_grasp: bool = False
+
+    def gains_of(self, arm: str) -> G:
+        """Return the gains of one arm."""
+        return self.arm_gains.get(arm, self.gains)
+
+    @abstractmethod
+    def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:
+        """Return the controller of one arm.
+
+        Args:
+            arm: The arm.
+            gains: Its gains, those of rows and drives as arrays.
+            scenario: Scenario to run, for laws that build a model.
+        """
+
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controllers of all arms; see Law."""
+        laws = dict[str, ArmController]()
+        for arm in arms:
+            self._require_joints(arm)
+            path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
+            gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
+            law = self.controller_of(arm, gains, scenario)
+            laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
+        return DecentralisedController(laws)
+
+    def _require_joints(self, arm: ControlledArm) -> None:
+        """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
+        k, k_0 = arm.drives, arm.rows.size
+        if k < k_0:
+            count, joints = "at least", joint_shortage(k, k_0)
+        elif self.needs_square and k > k_0:
+            remedy = "choose 'sliding-mode-redundant' or 'payload-space'"
+            count, joints = "exactly", f"{k} joints, {k_0} task rows: {remedy}"
+        else:
+            return
+        expected = f"{count} as many joints as task rows; arm {arm.name!r} has {joints}"
+        raise FieldError(f"is {self.kind!r}, which needs {expected}", "controller.kind")
+
+    def problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return gains of arms that are not there, that must be equal, or with which feedback is unstable."""
+        if strangers := [name for name in self.arm_gains if name not in cell.arms]:
+            detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], cell.arms)}"
+            return [FieldError(detail, "arm_gains")]
+        return [*self._unequal(cell.arms), *self.feedback_problems(cell)]
+
+    def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
+        """Return the gains that differ between arms although the theory needs one value for all."""
+        problems: list[FieldError] = []
+        for field, reason in self.equal_gains.items():
+            values = {name: dict(self.gains_of(name))[field] for name in arms}
+            if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
+                detail = f"differs between arms: {values}; {reason} for all arms"
+                problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
+        return problems
+
+
+def _late(delay: int, lag: float) -> str:
+    late = f" with a delay of {delay}" if delay else ""
+    return f"{late} and drives with a lag of {lag:.3g} ticks" if lag else late

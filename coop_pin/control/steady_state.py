@@ -1,0 +1,37 @@
+"""Steady state of a law in one direction: the force that it holds at rest by an error of the position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+LARGEST_SAG = 1.0
+"""A load that is not carried within it counts as dropped, m."""
+
+
+class SteadyDirection(NamedTuple):
+    """A law at rest in one direction of the position, for an arm with the whole load share.
+
+    Attributes:
+        spring: Force by an error x, m, as a function of it, N; zero where an anchor takes its part out of the
+            internal force or the load.
+        integral: Rate of the integral by an error, N/s, as a function of it.
+        internal_rate: Rate at which the integral loses internal force, 1/s.
+        load_rate: Rate at which the integrals' sum loses the load, 1/s; 0 if it does not.
+    """
+
+    spring: Callable[[float], float]
+    integral: Callable[[float], float] = lambda _: 0.0
+    internal_rate: float = 0.0
+    load_rate: float = 0.0
+
+    def held(self, error: float, rate: float) -> float:
+        """Return spring(x) + integral(x) / rate, N: what an arm with the whole share holds."""
+        integral = self.integral(error)
+        return self.spring(error) + (integral / rate if rate else np.inf if integral else 0.0)
+
+    def force(self, share: float, bias: float) -> float:
+        """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
+        return share * self.held((1.0 - share) * bias, self.internal_rate)

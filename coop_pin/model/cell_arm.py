@@ -1,0 +1,60 @@
+"""One arm of a cell: its model with grasp and gravity, load share, drive Jacobian and posture."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from coop_pin.arrays import Array, require_type
+from coop_pin.description.cell import Cell
+from coop_pin.errors import NameNotFoundError
+from coop_pin.model.arm_model import ArmKinematics, ArmModel
+
+
+class CellArm(ArmModel):
+    """Model of an arm of a cell, about the payload frame that its grasp gives it.
+
+    Attributes:
+        description: Arm in the description of the cell.
+        share: Load share c.
+        rows: Task rows of the cell.
+    """
+
+    def __init__(self, cell: Cell, name: str) -> None:
+        """Build the model.
+
+        Args:
+            cell: Description of the cell.
+            name: Name of the arm in it.
+
+        Raises:
+            NameNotFoundError: the cell has no such arm, or its tip is not in the URDF.
+            UrdfError: the URDF is missing or defective.
+        """
+        require_type("cell", cell, Cell)
+        require_type("name", name, str)
+        if name not in cell.arms:
+            raise NameNotFoundError("arm", name, cell.arms, "the cell")
+        self.description, self._X_PE = cell.arms[name], cell.grasps[name].matrix
+        super().__init__(self.description, self._X_PE, cell.gravity, name=name)
+        self.share, self.rows = cell.share(name), cell.task_rows
+
+    @cached_property
+    def kinematics(self) -> ArmKinematics:
+        """Kinematics as the arm's controller sees them: with its calibration error, without inertias."""
+        return ArmKinematics(self.description, self._X_PE, self.rows)
+
+    @cached_property
+    def posture_configuration(self) -> Array:
+        """Configuration at the arm's posture, all angles zero without one, shape (nq,)."""
+        return self.posture(self.description.posture)
+
+    def task_jacobian(self, q: Array) -> Array:
+        """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv)."""
+        return self.rows.select(self.payload_jacobian(q)) @ self.from_drive
+
+    def null_space(self, q: Array) -> Array:
+        """Return N = I - J^+ J: the drive velocities that do not move the payload, shape (nv, nv)."""
+        J = self.task_jacobian(q)
+        return np.eye(self.nv) - np.linalg.pinv(J) @ J

@@ -1,0 +1,200 @@
+"""Signals of a run: all that depends on time and chance only, for blocks of successive ticks.
+
+Errors of sensors, missed ticks, and when samples arrive and how old they are. Every source of noise has a
+generator of its own, derived from the scenario's seed by the name of the source.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.plant import Clock
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import WristSensor
+from coop_pin.spatial import rotate_vector6, shift_wrench
+
+_LARGEST_BLOCK = 256
+"""Ticks whose signals a run draws at once, at most."""
+_EARLY = 1e-9
+"""A tick this part of a period before an instant is at the instant."""
+
+
+def generator(seed: int, source: str) -> np.random.Generator:
+    """Return the random generator of a source, independent of those of all other names and seeds.
+
+    Adding a source does not change what another one draws.
+
+    Args:
+        seed: Seed of the scenario, not negative.
+        source: Name of the source, for example "left/encoder".
+    """
+    name = int.from_bytes(hashlib.sha256(source.encode()).digest()[:16], "big")
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, name))))
+
+
+class ArmSignals(NamedTuple):
+    """Signals of one arm at n ticks, or without the first axis at one; masks are 0.0 or 1.0.
+
+    Attributes:
+        encoder_noise: noise of the drives' encoders, rad, shape (n, k).
+        wrist_error: error of a wrist sample about P in payload axes, N and N m, shape (n, 6).
+        wrist_arrived: whether a sample of the wrist arrives, shape (n,).
+        wrist_age: age of the newest sample that has arrived, ticks, inf before the first, shape (n,).
+    """
+
+    encoder_noise: Array
+    wrist_error: Array
+    wrist_arrived: Any
+    wrist_age: Any
+
+
+class CellSignals(NamedTuple):
+    """Signals of all arms at n ticks, or without the first axis at one.
+
+    Attributes:
+        arms: signals of each arm.
+        arrived: whether an internal wrench arrives at the controllers, a mask, shape (n,).
+        age: age of the newest that has arrived, ticks, inf before the first, shape (n,).
+    """
+
+    arms: tuple[ArmSignals, ...]
+    arrived: Any
+    age: Any
+
+    def at(self, index: int) -> CellSignals:
+        """Return the signals of one of the ticks."""
+        arms = [
+            ArmSignals(arm[0][index], arm[1][index], *[part.item(index) for part in arm[2:]])
+            for arm in self.arms
+        ]
+        return CellSignals(tuple(arms), self.arrived.item(index), self.age.item(index))
+
+
+class Sampling(NamedTuple):
+    """Ticks at which a wrist sensor takes samples, and their delay.
+
+    Attributes:
+        every: ticks from one sample to the next.
+        delay: ticks until the controller has a sample.
+        lost: ticks [first, end) without samples, the latest interval first.
+    """
+
+    every: int
+    delay: int
+    lost: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of_sensor(cls, sensor: WristSensor, clock: Clock) -> Sampling:
+        """Return the sampling of a sensor."""
+        lost = [
+            tuple(math.ceil(time / clock.period - _EARLY) for time in interval) for interval in sensor.lost
+        ]
+        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(sorted(lost, reverse=True)))  # type: ignore[arg-type]
+
+    def newest(self, ticks: Array) -> Array:
+        """Return the tick of the newest sample that has arrived by each tick, -inf for none."""
+        newest = (ticks - self.delay) // self.every * self.every
+        for first, end in self.lost:
+            before = (first - 1) // self.every * self.every
+            newest = np.where((first <= newest) & (newest < end), before, newest)
+        return np.where(newest >= 0.0, newest, -np.inf)
+
+
+class SensorSignals:
+    """Source of the signals of a run's sensors, drawn in blocks of ticks that follow each other."""
+
+    def __init__(self, scenario: Scenario, joints: Sequence[int]) -> None:
+        """Begin before the first tick.
+
+        Args:
+            scenario: Cell, sensors, clock and seed.
+            joints: Number of each arm's drives.
+        """
+        self._clock, arms = scenario.clock, list(scenario.cell.arms)
+        sensors = [scenario.sensors_of(name).wrist for name in arms]
+        self._has_wrist = [sensor is not None for sensor in sensors]
+        self._wrists = [sensor or WristSensor() for sensor in sensors]
+        self._sampling = [Sampling.of_sensor(wrist, scenario.clock) for wrist in self._wrists]
+        self._grasps = [scenario.cell.grasps[name].matrix for name in arms]
+        path = scenario.controller.force_path
+        self._path_delay = path.delay if path.measures else None
+        self._encoder_noise = [
+            self._normal(scenario, f"{name}/encoder", np.array(scenario.sensors_of(name).encoder.noise), size)
+            for name, size in zip(arms, joints, strict=True)
+        ]
+        self._wrist_noise = [
+            self._normal(scenario, f"{name}/wrist", wrist.noise.vector6, 6)
+            for name, wrist in zip(arms, self._wrists, strict=True)
+        ]
+        self._tick = 0
+
+    @staticmethod
+    def _normal(scenario: Scenario, source: str, deviation: Array, size: int) -> Callable[[int], Array]:
+        """Return a function that draws rows of Gaussian noise, shape (count, size)."""
+        if not deviation.any():
+            return lambda count: np.zeros((count, size))
+        rng = generator(scenario.seed, source)
+        return lambda count: deviation * rng.standard_normal((count, size))
+
+    def draw(self, count: int) -> CellSignals:
+        """Return the signals of the next ticks."""
+        ticks = np.arange(self._tick, self._tick + count, dtype=np.float64)
+        self._tick += count
+        arms = tuple(self._arm(index, ticks) for index in range(len(self._wrists)))
+        if self._path_delay is None:
+            return CellSignals(arms, np.zeros(count), np.full(count, np.inf))
+        sent = self._sent(ticks - self._path_delay)
+        is_new = sent > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
+        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(sent > 0.0, sent, -np.inf))
+
+    def rows(self) -> Iterator[CellSignals]:
+        """Yield the signals of one tick after the other."""
+        count = 1
+        while True:
+            yield from map(self.draw(count).at, range(count))
+            count = min(2 * count, _LARGEST_BLOCK)
+
+    def _arm(self, index: int, ticks: Array) -> ArmSignals:
+        sensor, sampling, X_PE = self._wrists[index], self._sampling[index], self._grasps[index]
+        newest, is_due = sampling.newest(ticks), ticks % sampling.every == 0.0
+        noise = np.zeros((len(ticks), 6))
+        noise[is_due] = self._wrist_noise[index](int(is_due.sum()))  # drawn while lost, too: then none shifts
+        time = ticks * self._clock.period
+        error_E = noise + sensor.offset.vector6 + time[:, None] * sensor.drift.vector6
+        return ArmSignals(
+            encoder_noise=self._encoder_noise[index](len(ticks)),
+            wrist_error=shift_wrench(rotate_vector6(X_PE[None, :3, :3], error_E), X_PE[:3, 3]),
+            wrist_arrived=(newest > sampling.newest(ticks - 1.0)).astype(np.float64),
+            wrist_age=ticks - (newest if self._has_wrist[index] else -np.inf),
+        )
+
+    def _sent(self, ticks: Array) -> Array:
+        """Return the tick of the oldest reading in the internal wrenches that are known at each tick."""
+        if not any(self._has_wrist):
+            return ticks
+        return reduce(np.minimum, [sampling.newest(ticks) for sampling in self._sampling])
+
+
+class MissedTicks:
+    """Source of the ticks at which arms miss a command, each with the probability of its actuators."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Begin before the first tick of a scenario."""
+        arms = scenario.cell.arms
+        self._probabilities = [scenario.actuators_of(name).missed_ticks for name in arms]
+        self._generators = [generator(scenario.seed, f"{name}/missed_ticks") for name in arms]
+
+    def draw(self, count: int) -> Array:
+        """Return masks of the next ticks, 0.0 or 1.0, shape (count, m)."""
+        masks = np.zeros((count, len(self._generators)))
+        for index, (probability, rng) in enumerate(zip(self._probabilities, self._generators, strict=True)):
+            if probability:
+                masks[:, index] = rng.random(count) < probability
+        return masks

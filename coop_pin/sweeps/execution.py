@@ -1,0 +1,65 @@
+"""Execution of many runs: where they are computed, by which engine, and what is taken over."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
+
+from coop_pin.arrays import require_path, require_type
+from coop_pin.errors import FieldError
+
+SweepEngine: TypeAlias = Literal["single", "batch", "auto"]
+"""What simulates many runs: each alone on Pinocchio, many together by compiled code, or the better one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Execution:
+    """Execution of the runs of a sweep, a search or a comparison.
+
+    Attributes:
+        workers: number of processes, 0 for this process; one for each processor when omitted.
+        scheduler: address of a dask scheduler to use instead of local processes, for example
+            tcp://127.0.0.1:8786.
+        engine: single; batch simulates runs together by compiled code; auto decides; the plan's when omitted,
+            single without a plan. A comparison takes single or auto, for each run by itself.
+        merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
+            same; once for each.
+        quiet: no progress bar, and no summary of a command.
+
+    Raises:
+        FieldError: the number of workers is negative, or there is no such engine.
+        WrongTypeError: a value has another type.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    engine: SweepEngine | None = None
+    merge: tuple[str | Path, ...] = ()
+    quiet: bool = False
+
+    def __post_init__(self) -> None:
+        require_type("workers", self.workers, int, type(None))
+        require_type("scheduler", self.scheduler, str, type(None))
+        require_type("merge", self.merge, list, tuple)
+        require_type("quiet", self.quiet, bool)
+        for folder in self.merge:
+            require_path("merge", folder)
+        if self.workers is not None and self.workers < 0:
+            expected = "0 (this process) or a number of processes"
+            raise FieldError(f"is {self.workers}; it must be {expected}", "workers")
+        if self.engine not in (None, *get_args(SweepEngine)):
+            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
+
+    @property
+    def processes(self) -> int:
+        """Number of local workers; one for each available processor if it is omitted."""
+        if self.workers is not None:
+            return self.workers
+        affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS
+        return len(affinity(0))
+
+
+HERE = Execution()
+"""A worker for each processor, and the engine of the plan."""

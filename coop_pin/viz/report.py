@@ -1,0 +1,257 @@
+"""Report of a run: one self-contained HTML page with its scenario, metrics, figures and 3-D replay."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from coop_pin import __version__
+from coop_pin.figures.run_figures import (
+    error_figure,
+    internal_force_figure,
+    motion_figure,
+    singularity_figure,
+    torque_figure,
+    tracking_figure,
+)
+from coop_pin.results import RunResult
+from coop_pin.results.metrics import METRIC_TEXTS, metric_text
+from coop_pin.viz.highlights import telling_instant, trust_text
+from coop_pin.viz.page import save_page, web_file
+from coop_pin.viz.replay import replay_html
+
+
+class MetricRow(NamedTuple):
+    """Row of the table of metrics.
+
+    Attributes:
+        name: name of the metric.
+        text: description.
+        value: number with its unit, or why there is none.
+        window: times over which it is taken.
+    """
+
+    name: str
+    text: str
+    value: str
+    window: str
+
+
+_NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
+"""Metrics of the accuracy of the computation, not of the control."""
+
+
+def metrics_table(result: RunResult) -> list[MetricRow]:
+    """Return the metrics of a result as rows of a table: of the control first, then of the computation.
+
+    The verdict and the ends of the windows are not among them.
+    """
+    metrics = result.metrics()
+    return [
+        MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
+        for name, (text, unit, scale) in METRIC_TEXTS.items()
+    ]
+
+
+def _value_text(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" if math.isfinite(value) else metric_text(value)
+
+
+def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
+    """Return labels and texts: arms, payload, controller, clock, motion, events, plant."""
+    scenario = result.scenario
+    cell, clock, plant = scenario.cell, scenario.clock, scenario.plant
+    facts = [(f"arm {name}", _arm(result, index)) for index, name in enumerate(cell.arms)]
+    facts += [
+        ("payload", f"{cell.payload.mass:g} kg"),
+        ("task", f"{cell.rows} ({cell.task_rows.size} rows), gravity ({_row(cell.gravity)}) m/s²"),
+        ("controller", _controller(result)),
+        ("motion", scenario.motion.kind),
+        ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
+        ("plant", f"payload {plant.payload}, {plant.integrator}"),
+    ]
+    facts += [
+        (f"{part} of {name}", stated)
+        for name, arm in cell.arms.items()
+        for part, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error))
+        if (stated := _stated(value))
+    ]
+    facts += [("event", _value(event.model_dump())) for event in scenario.events]
+    return facts
+
+
+def _arm(result: RunResult, index: int) -> str:
+    cell = result.scenario.cell
+    arm = list(cell.arms.values())[index]
+    squeeze = result.scenario.squeeze_wrenches[index]
+    return (
+        f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, "
+        f"carries {cell.shares[index]:.3g} of the load; "
+        f"desired internal wrench ({_row(squeeze)}) N, N m about P in payload axes"
+    )
+
+
+def _controller(result: RunResult) -> str:
+    fields = result.scenario.controller.model_dump(exclude_none=True)
+    kind, gains = fields.pop("kind"), fields.pop("gains", {})
+    return f"{kind}: {_fields(gains | fields)}"
+
+
+def _stated(value: Any) -> str:
+    """Return the fields of a value that are not their defaults, as text."""
+    entries, fields = value.model_dump(exclude_none=True), type(value).model_fields
+    return _fields({name: entries[name] for name in entries if getattr(value, name) != fields[name].default})
+
+
+def _fields(table: dict[str, object]) -> str:
+    """Return the entries of a table as text, without the empty ones."""
+    entries = {name: value for name, value in table.items() if value not in ({}, (), None)}
+    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in entries.items())
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict):
+        rest = {name: entry for name, entry in value.items() if name != "kind"}
+        return f"{value.get('kind', '')} {f'({_fields(rest)})' if rest else ''}".strip()
+    if isinstance(value, list | tuple):
+        return f"({', '.join(_value(entry) for entry in value)})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _row(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def report_html(result: RunResult) -> str:
+    """Return one self-contained page: scenario, metrics, figures, limits, and the 3-D replay.
+
+    It loads nothing from the network and can be printed; on paper a figure of the motion replaces the replay.
+    The same result gives the same bytes.
+
+    Args:
+        result: the run, finished or not.
+    """
+    scenario = result.scenario
+    return Template(web_file("report.html")).substitute(
+        title=html.escape(scenario.name),
+        summary=html.escape(scenario.summary),
+        style=web_file("report.css"),
+        version=html.escape(__version__),
+        broken_off=_broken_off(result),
+        verdict=_verdict(result),
+        told=html.escape(telling_instant(result).text),
+        tiles=_tiles(result),
+        facts=_facts(result),
+        metrics=_metrics(metrics_table(result)),
+        replay=html.escape(replay_html(result)),
+        motion=_image(motion_figure(result), "paths of payload and tips"),
+        tracking=_image(
+            tracking_figure(result), "payload pose against the desired one, and the axial internal force"
+        ),
+        internal=_image(
+            internal_force_figure(result),
+            "axial force, shear force and moment of the internal wrench on each arm",
+        ),
+        torque=_image(torque_figure(result), "drive torques of every joint"),
+        errors=_image(error_figure(result), "pose errors, closure drift and energy balance"),
+        singularity=_image(singularity_figure(result), "condition number of each payload Jacobian"),
+        limits=_limits(result),
+        toml=html.escape(scenario.to_toml()),
+    )
+
+
+def save_report(result: RunResult, path: str | Path) -> None:
+    """Write the report of a run; if writing fails, an older file at that path stays.
+
+    Args:
+        result: the run.
+        path: the file, for example "report.html".
+    """
+    save_page(report_html(result), path)
+
+
+def _broken_off(result: RunResult) -> str:
+    end, duration = result.end, result.scenario.duration
+    if end >= duration - 1e-9:
+        return ""
+    return f'<p class="warning">This run broke off at t = {end:g} s of {duration:g} s.</p>'
+
+
+def _verdict(result: RunResult) -> str:
+    kind, text = "verdict" if result.trustworthy else "warning", html.escape(trust_text(result))
+    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in result.breaches())
+    return f'<p class="{kind}">{text}</p>' + (f'<ol class="breaches">{reasons}</ol>' if reasons else "")
+
+
+def _tiles(result: RunResult) -> str:
+    """Return the internal wrench and the tracking error at the telling instant, of the worst arm."""
+    now = result.data.sel(time=telling_instant(result).time)
+    parts = (("", "axial", "N"), ("across", "shear", "N"), ("moment", "moment", "N m"))
+    tiles = []
+    for name, part, unit in parts:
+        arm = int(np.nan_to_num(np.abs(now[f"internal_{part}"].values)).argmax())
+        value, desired = (float(now[f"{prefix}internal_{part}"].values[arm]) for prefix in ("", "desired_"))
+        if part == "axial":
+            name = "pull apart" if value > 0.0 else "squeeze"
+        tiles.append((name, value, unit, f"wanted {round(desired, 3) + 0.0:g} {unit}"))
+    distance, angle = (
+        1e3 * np.linalg.norm(now["pose_error"].values[rows]) for rows in (slice(3), slice(3, 6))
+    )
+    tiles.append(("off path", float(distance), "mm", f"{angle:.2g} mrad turned"))
+    return "".join(
+        f"<div>{name}<b>{value:.3g} <small>{unit}</small></b>{note}</div>"
+        for name, value, unit, note in tiles
+        if not math.isnan(value)
+    )
+
+
+def _facts(result: RunResult) -> str:
+    return "\n".join(
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+        for name, text in scenario_facts(result)
+    )
+
+
+def _metrics(rows: list[MetricRow]) -> str:
+    return "\n".join(
+        f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
+        f'<td class="number">{html.escape(row.value)}</td>'
+        f'<td class="number">{html.escape(row.window)}</td>'
+        f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
+        for row in rows
+    )
+
+
+def _limits(result: RunResult) -> str:
+    rows = "".join(
+        f"<tr><td>{html.escape(exceeded.arm)}</td><td>{html.escape(exceeded.joint)}</td>"
+        f'<td>{exceeded.kind}</td><td class="number">{exceeded.worst:.4g}</td>'
+        f'<td class="number">{exceeded.limit:.4g}</td><td class="number">{exceeded.first_time:.4g}</td></tr>'
+        for exceeded in result.limit_violations()
+    )
+    if not rows:
+        return "<p>No joint and no drive exceeded its limits.</p>"
+    names = ("arm", "joint", "limit of", "worst", "limit", "first at, s")
+    head = f"<tr>{''.join(f'<th>{name}</th>' for name in names)}</tr>"
+    return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{rows}</tbody></table></div>'
+
+
+def _image(figure: Figure, text: str) -> str:
+    """Return a figure as an image element; inline SVGs would share their ids."""
+    figure.suptitle("")  # the page has its own headings
+    figure.supxlabel("")
+    file = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    content = base64.b64encode(file.getvalue()).decode("ascii")
+    return f'<img alt="{html.escape(text)}" src="data:image/svg+xml;base64,{content}">'
