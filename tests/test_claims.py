@@ -329,6 +329,8 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
     assert_allclose(extremes(force, "anchored", "bias 0.1 mm"), (0.02, 0.33), rtol=0.25)
     assert_allclose(extremes(force, "payload-pi", "bias 1 mm"), (11.0, 89.0), rtol=0.03)
     assert_allclose(extremes(force, "anchored", "bias 1 mm"), (0.15, 3.4), rtol=0.04)
+    zeroed = force.loc["zeroed-leaky"]
+    assert (zeroed.loc["bias 1 mm"] == zeroed.loc["nominal"]).sum() == 5
     full = ["two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair"]
     sags = track.loc["zeroed-leaky"].loc[["mass x0.5", "mass x2"], full].to_numpy()
     assert_allclose((sags.min(), sags.max()), (0.3, 2.1), rtol=0.03)
