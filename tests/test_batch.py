@@ -17,8 +17,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin import batch as batch_package
 from coop_pin.batch import preparation, simulate_batch, support
-from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
-from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
+from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
+from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.chain.cell_chain import CellChain
@@ -145,7 +145,7 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
     chain = CellChain(scenario.cell, scenario.plant)
     model, cell, q_start = (
         chain.mechanism.model,
-        CellModel.from_chain(chain),
+        CellNumbers.from_chain(chain),
         chain.configuration(scenario.start.matrix),
     )
     tape, sizes = Tape(), [len(arm.bodies) for arm in cell.arms]
@@ -187,7 +187,7 @@ def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
     tape, data = Tape(), model.createData()
     q, v, tau = (inputs(tape, n) for _ in range(3))
     state = ArmInput(q, v, tau, (first.R, first.p), last, (arm.R_JP, arm.p_JP))
-    terms = arm_terms(ArmModel(arm, gravity, "012345"), state)
+    terms = arm_terms(ArmNumbers(arm, gravity, "012345"), state)
     outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, terms.potential]
     for q, v, tau in rng.normal(size=(3, 3, n)):
         a = pin.aba(model, data, q, v, tau)

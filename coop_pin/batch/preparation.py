@@ -30,7 +30,7 @@ _NUMBERS = re.compile(r"(?<=[:\[,])-?\d[-+.\deE]*")
 """Of JSON without blanks."""
 
 
-class Plant:
+class PreparedPlant:
     """Plant of one or more runs, before they run.
 
     Attributes:
@@ -96,13 +96,13 @@ class Prepared(NamedTuple):
     """
 
     scenarios: Sequence[Scenario]
-    plants: Sequence[Plant]
+    plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
     values: Array
     kind: Hashable
 
 
-def prepare(scenarios: Sequence[Scenario], known: Iterable[Plant] = ()) -> Prepared:
+def prepare(scenarios: Sequence[Scenario], known: Iterable[PreparedPlant] = ()) -> Prepared:
     """Return plants, numbers and signals of all runs; those of equal plants are shared.
 
     Args:
@@ -112,11 +112,11 @@ def prepare(scenarios: Sequence[Scenario], known: Iterable[Plant] = ()) -> Prepa
     Raises:
         TracingError: a scenario cannot run in a batch, or they differ in more than numbers.
     """
-    plants, values, kinds, signals, distinct = list[Plant](), [], [], list[Array](), list(known)
+    plants, values, kinds, signals, distinct = list[PreparedPlant](), [], [], list[Array](), list(known)
     for scenario in scenarios:
         plant = next((each for each in distinct if _same_plant(scenario, each.scenario)), None)
         if plant is None:
-            plant = Plant(scenario)
+            plant = PreparedPlant(scenario)
             distinct.append(plant)
         plant.scenario = scenario  # the next one shares more of its objects
         controller = plant.controller(scenario)

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
-from coop_pin.batch.preparation import Plant, Prepared, prepare
+from coop_pin.batch.preparation import Prepared, PreparedPlant, prepare
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.support import require_traceable
@@ -87,7 +87,7 @@ class BatchSimulator:
         """
         self._new_machine = machine
         self._first: Prepared | None = None
-        self._plants = list[Plant]()
+        self._plants = list[PreparedPlant]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
         """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
