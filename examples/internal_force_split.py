@@ -14,7 +14,7 @@ v = np.zeros_like(q)
 torque = np.array([3.0, -1.0, 0.5, 2.0, 1.0, -0.5])
 squeezed = torque.copy()
 for place, w in zip(plant.model.arms, ([10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]), strict=True):
-    arm = cp.ArmModel.from_cell(cell, place.name)
+    arm = cp.CellArm(cell, place.name)
     squeezed[place.v_slice] += rows.select(arm.payload_jacobian(q[place.q_slice])).T @ np.array(w)
 
 for name, tau in (("as it is", torque), ("squeezed", squeezed)):

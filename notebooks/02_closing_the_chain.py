@@ -57,7 +57,7 @@ for name, gap in zip(cell.arms, plant.closure_errors(q), strict=True):
 
 # %%
 for name, arm in cell.arms.items():
-    model = cp.ArmModel.from_cell(cell, name)
+    model = cp.CellArm(cell, name)
     for branch in cp.ik_branches(model, scenario.start.matrix, posture=arm.posture):
         print(f"{name:6} {branch}")
 
@@ -116,7 +116,7 @@ for split in ((0.5, 0.5), (0.8, 0.2)):
 w = {"left": np.array([10.0, 0.0, 0.0]), "right": np.array([-10.0, 0.0, 0.0])}
 squeezed = torque.copy()
 for place in plant.model.arms:
-    model = cp.ArmModel.from_cell(cell, place.name)
+    model = cp.CellArm(cell, place.name)
     squeezed[place.v_slice] += rows.select(model.payload_jacobian(q[place.q_slice])).T @ w[place.name]
 before, after = (plant.mechanism.forward_dynamics(q, rest, tau).acceleration for tau in (torque, squeezed))
 print(f"accelerations differ by {np.abs(after - before).max():.1e} rad/s²")

@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.batch import BatchSimulator
 from coop_pin.batch.preparation import prepare
-from coop_pin.tracing.kernel import NumpyMachine
 from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.numpy_machine import NumpyMachine
 
 
 def require_same_samples(found, wanted):

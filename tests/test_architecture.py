@@ -1,6 +1,7 @@
 """The direction of imports between packages, and that controllers cannot reach a model."""
 
 import ast
+import collections
 import functools
 import graphlib
 import importlib
@@ -261,6 +262,15 @@ def test_there_are_no_cycles_between_packages_or_files():
     files = {name: file for name, file in MODULES.items() if not file.name.startswith("__")}
     assert cycle({name: modules_imported_by(file) - {name} for name, file in files.items()}) == []
     assert cycle({"control": {"model"}, "model": {"control"}})
+
+
+def test_no_class_name_stands_twice_in_the_package():
+    files = collections.defaultdict(list)
+    for file, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                files[node.name].append(str(file.relative_to(PACKAGE)))
+    assert {name: names for name, names in files.items() if len(names) > 1} == {}
 
 
 def test_every_third_party_is_a_declared_dependency():

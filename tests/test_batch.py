@@ -1,13 +1,5 @@
-"""Batches of runs: traced numbers, the dynamics against Pinocchio, whole runs against coop_pin.run."""
+"""Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
-import math
-import os
-import re
-import subprocess
-import sys
-from pathlib import Path
-
-import llvmlite.binding as llvm
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,22 +7,18 @@ from batches import require_same_bits, require_same_samples
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
-from coop_pin import batch as batch_package
 from coop_pin.batch import preparation, simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import SerialArm
-from coop_pin.batch.simulate import BatchSimulator
+from coop_pin.batch.simulate import BatchSimulator, RecordMemory
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
-from coop_pin.errors import ArgumentError, MissingExtraError, NotEnoughMemoryError, TracingError
+from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.results.metrics import STEADY_METRICS
-from coop_pin.tracing import elementary
-from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, NumpyMachine, Program
-from coop_pin.tracing.llvm_machine import LlvmMachine
-from coop_pin.tracing.numpy_emitter import evaluate
-from coop_pin.tracing.tape import Tape
-from coop_pin.tracing.traced_array import inputs, traced
+from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
+from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import SharedFunctions
 
 CATALOGUE = scenario_names()
@@ -40,99 +28,6 @@ QUICK = ("adept-paper", "five-joint-pair")
 def in_tiers(names, quick=QUICK):
     """The quick cells in the default tier, the others in the slow one."""
     return [pytest.param(name, marks=[] if name in quick else [pytest.mark.slow]) for name in names]
-
-
-# ---------------------------------------------------------------- traced numbers
-
-
-def test_constants_fold_and_equal_operations_are_recorded_once():
-    tape = Tape()
-    x, y = tape.input(), tape.input()
-    assert 0.0 * x == 0.0
-    assert (1.0 * x).index == (x + 0.0).index == (0.0 + x).index == x.index
-    minus = -x
-    assert (-minus).index == x.index
-    assert x - x == 0.0
-    assert (x * y).index == (y * x).index
-    assert ((x + 2.0) * y).index == (y * (2.0 + x)).index
-    assert elementary.exp(1.0) == math.e
-    assert len(tape.live([x * y + x * y])) == 4
-
-
-def test_numbers_are_not_taken_for_the_indices_of_operations():
-    """The first input has index 0, which equals the constant 0.0 in Python."""
-    tape = Tape()
-    x, y = tape.input(), tape.input()
-    values = [x + 5.0, 5.0 + x, x - 5.0, x + y, y * 2.0, y + 1.0, x * 7.0, x / 3.0]
-    assert evaluate(tape, values, [10.0, 20.0]) == [15.0, 15.0, 5.0, 30.0, 40.0, 21.0, 70.0, 10.0 / 3.0]
-
-
-@pytest.mark.parametrize(
-    "branch",
-    [
-        lambda x: 1.0 if x > 0.0 else 2.0,
-        math.exp,
-        float,
-        lambda x: np.linalg.eigvals(traced([[x, 1.0], [0.0, x]])),
-        lambda x: np.arcsinh(traced([x])),
-        lambda x: x**3,
-        lambda x: x + "a",
-        lambda x: x + Tape().input(),
-    ],
-)
-def test_what_cannot_be_traced_is_refused(branch):
-    with pytest.raises(TracingError):
-        branch(Tape().input())
-
-
-@pytest.mark.parametrize(
-    ("name", "low", "high", "allowed"),
-    [
-        ("sin", -50.0, 50.0, 4e-16),
-        ("cos", -50.0, 50.0, 4e-16),
-        ("tanh", -20.0, 20.0, 4e-16),
-        ("exp", -30.0, 30.0, 5e-16),
-        ("sqrt", 0.0, 9.0, 0.0),
-    ],
-)
-def test_elementary_functions_are_accurate(name, low, high, allowed):
-    tape = Tape()
-    x = np.random.default_rng(1).uniform(low, high, 20_000)
-    (found,) = evaluate(tape, [getattr(elementary, name)(tape.input())], [x])
-    wanted = getattr(np, name)(x)
-    scale = wanted if name == "exp" else np.ones_like(wanted)
-    assert np.abs((found - wanted) / scale).max() <= allowed
-
-
-def test_the_arc_tangent_is_accurate_in_all_quadrants():
-    tape, rng = Tape(), np.random.default_rng(2)
-    y, x = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-6, 6, (2, 20_000))
-    (found,) = evaluate(tape, [elementary.atan2(tape.input(), tape.input())], [y, x])
-    assert np.abs(found - np.arctan2(y, x)).max() < 1e-15
-
-
-def test_logarithm_and_exponential_less_one_are_accurate_over_all_magnitudes():
-    tape, rng = Tape(), np.random.default_rng(6)
-    x = rng.normal(size=2000) * 10.0 ** rng.uniform(-12, 2, 2000)
-    y = 10.0 ** rng.uniform(-300, 300, 2000)
-    outputs = [elementary.expm1(tape.input()), elementary.log(tape.input())]
-    with np.errstate(all="ignore"):  # in branches that are not selected
-        less_one, logarithm = evaluate(tape, outputs, [x, y])
-        assert np.isnan(evaluate(tape, outputs[1:], [x, -y])).all()
-    assert_allclose(less_one, np.expm1(x), rtol=2e-15)
-    assert_allclose(logarithm, np.log(y), rtol=1e-15)
-
-
-def test_the_inverse_pivots():
-    tape, rng = Tape(), np.random.default_rng(3)
-    A = rng.normal(size=(6, 6, 500))
-    A[0, 0] = 0.0  # elimination without pivots would divide by zero
-    entries = inputs(tape, 6, 6)
-    inverse = np.array(evaluate(tape, list(np.linalg.inv(entries).flat), list(A.reshape(36, -1))))
-    wanted = np.linalg.inv(np.moveaxis(A, 2, 0))
-    error = np.abs(np.moveaxis(inverse.reshape(6, 6, -1), 2, 0) - wanted)
-    condition = np.linalg.cond(np.moveaxis(A, 2, 0))
-    assert (error.max(axis=(1, 2)) / (condition * np.abs(wanted).max(axis=(1, 2)))).max() < 1e-15
 
 
 # ---------------------------------------------------------------- dynamics
@@ -163,7 +58,7 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
         external[rows] = 10.0 * rng.normal(size=len(rows))
         force = tau + chain.payload_jacobian(q).T @ external
         angles = np.concatenate([arm.angles.of(q[arm.q_slice]) for arm in chain.model.arms])
-        found = np.array(evaluate(tape, outputs, [*angles, *v, *tau, *external]))
+        found = np.array(evaluate(tape, operands(tape, outputs), [*angles, *v, *tau, *external]))
         wanted = chain.mechanism.solver.acceleration(q, v, force)
         F, energy = chain.interaction_wrenches(q, v, force, external), chain.mechanism.energy(q, v)
         assert np.abs(found[: model.nv] - wanted).max() < 1e-10 * np.abs(wanted).max()
@@ -197,7 +92,7 @@ def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
             data.oMi[n].act(data.v[n]).vector,
         )
         energies = pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)
-        found = evaluate(tape, outputs, [*q, *v, *tau])
+        found = evaluate(tape, operands(tape, outputs), [*q, *v, *tau])
         assert_allclose(found, [*a, *A, *V, *energies], rtol=1e-11, atol=1e-11)
 
 
@@ -316,7 +211,6 @@ def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_othe
 
 
 def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):
-    """The record of each block is in the same memory."""
     scenarios, simulator = runs("adept-paper", 0.05, 4), BatchSimulator()
     together, kept = simulator.run(scenarios).samples, simulator.run(scenarios[:1]).samples
     monkeypatch.setattr("coop_pin.batch.simulate.LARGEST_BLOCK", 3)
@@ -324,6 +218,34 @@ def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch)
     for name, values in together.items():
         assert_array_equal(in_blocks[name], values, err_msg=name)
         assert_array_equal(kept[name][0], values[0], err_msg=name)
+
+
+def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeypatch):
+    """Each of three blocks has memory of its own, which later batches overwrite; nobody reads it any more."""
+    monkeypatch.setattr("coop_pin.batch.simulate.LARGEST_BLOCK", 2)
+    scenarios, memory = runs("adept-paper", 0.05, 5), RecordMemory()
+    simulator, others = BatchSimulator(memory=memory), runs("adept-paper", 0.05, 2)[::-1]
+    batch, again = simulator.run(scenarios), simulator.run(scenarios)
+    names = [name for name in batch.samples if name != "torque"]
+    read = {name: batch.samples[name] for name in names}
+    copies, metrics = {name: values.copy() for name, values in read.items()}, batch.metrics()
+    result = batch.result(4).data.copy(deep=True)
+    for _ in range(2):
+        batch.release()  # a second time changes nothing
+    released = len(memory._free)
+    later = [simulator.run(others) for _ in range(3)]
+    assert (released, len(memory._free)) == (3, 0)
+    for name, values in read.items():
+        assert_array_equal(values, copies[name], err_msg=name)
+        assert_array_equal(again.samples[name], values, err_msg=name)
+        for own in later:
+            assert_array_equal(own.samples[name][::-1], values[:2], err_msg=name)
+    assert repr(again.metrics()) == repr(metrics)
+    assert again.result(4).data.equals(result)
+    batch.samples._made.clear()
+    for ask in (lambda: batch.samples["torque"], lambda: batch.result(0), batch.metrics):
+        with pytest.raises(InvalidStateError):
+            ask()
 
 
 def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
@@ -389,107 +311,3 @@ def test_scenarios_that_differ_in_more_than_numbers_are_refused():
             simulate_batch([base, base.override(change)], machine=NumpyMachine)
     with pytest.raises(ArgumentError):
         simulate_batch([])
-
-
-def small_program():
-    lanes, uniforms = Layout(), Layout()
-    lanes.add("x", 2)
-    uniforms.add("h")
-    kernel = Kernel("advance", lanes, uniforms)
-    x = kernel.read("x")
-    kernel.write("x", [x[0] + kernel.uniform("h") * x[1], np.exp(x[1])])
-    return Program([kernel], lanes, 2, 0, [Instruction(0, 0), Instruction(RECORD, 0)])
-
-
-def run_small_program():
-    block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
-    record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))
-    assert_allclose(record[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
-
-
-def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
-    block = np.vstack((np.arange(11.0), 0.3 * np.arange(11.0)))
-    machines = [
-        NumpyMachine(small_program()),
-        *(LlvmMachine(small_program(), width) for width in (1, 2, 4, 8)),
-    ]
-    given = np.array([[0.1]]), np.zeros((1, 0, 11))
-    records = [machine.run(block.copy(), *given) for machine in machines]
-    for record in records:
-        assert_array_equal(record, records[0])
-
-
-@pytest.fixture
-def kept(tmp_path, monkeypatch):
-    """The folder and the file of the small program's code."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    run_small_program()
-    (file,) = (tmp_path / "coop_pin" / "compiled").iterdir()
-    return file
-
-
-def test_compiled_code_is_kept(kept, monkeypatch):
-    assert kept.stat().st_mode & 0o777 == 0o600
-    assert kept.parent.stat().st_mode & 0o777 == 0o700
-    monkeypatch.setattr("llvmlite.binding.TargetMachine.emit_object", None)
-    run_small_program()
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda file: file.write_bytes(file.read_bytes()[:-100]),
-        lambda file: file.write_bytes(b""),
-        lambda file: file.write_bytes(file.read_bytes()[:-1] + b"?"),
-        lambda file: file.chmod(0o660),  # others may have written it
-        lambda file: (file.unlink(), file.mkdir()),
-    ],
-    ids=["truncated", "empty", "changed", "writable by a group", "a folder"],
-)
-def test_code_that_is_damaged_or_may_be_anothers_is_compiled_again(spoil, kept, monkeypatch):
-    spoil(kept)
-    compiled, emit = [], llvm.TargetMachine.emit_object
-    monkeypatch.setattr(llvm.TargetMachine, "emit_object", lambda *args: compiled.append(args) or emit(*args))
-    run_small_program()
-    assert len(compiled) == 1
-    run_small_program()
-    assert len(compiled) == (2 if kept.is_dir() else 1)
-
-
-def test_code_under_the_name_of_another_program_is_not_run(kept):
-    program = small_program()
-    program.kernels[0].write("x", [1.0, 2.0])
-    other = LlvmMachine(program).run(np.zeros((2, 1)), np.array([[0.5]]), np.zeros((1, 0, 1)))
-    (file,) = set(kept.parent.iterdir()) - {kept}
-    kept.write_bytes(file.read_bytes())
-    assert_array_equal(other[0], [[1.0], [2.0]])
-    run_small_program()
-
-
-def test_a_cache_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    run_small_program()
-
-
-@pytest.mark.slow
-def test_programs_that_are_compiled_at_the_same_time_keep_one_whole_file(kept):
-    kept.unlink()
-    script = "from test_batch import run_small_program; run_small_program()"
-    folders = os.pathsep.join((str(Path(__file__).parent), *sys.path))
-    started = [
-        subprocess.Popen([sys.executable, "-c", script], env={**os.environ, "PYTHONPATH": folders})
-        for _ in range(3)
-    ]
-    assert [process.wait(timeout=120.0) for process in started] == [0, 0, 0]
-    assert list(kept.parent.iterdir()) == [kept]
-
-
-def test_without_llvmlite_the_error_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
-    with pytest.raises(MissingExtraError) as caught:
-        LlvmMachine(small_program())
-    assert caught.value.extra == "fast"
-    for file in Path(batch_package.__file__).parent.glob("*.py"):
-        assert not re.search(r"^(import|from) llvmlite", file.read_text(encoding="utf-8"), re.MULTILINE)

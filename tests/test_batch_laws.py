@@ -113,7 +113,7 @@ def test_traced_laws_are_the_laws_themselves(cell, changes):
     agree(start, step, ticks)
     torques = np.array([np.concatenate([own.torque for own in tick]) for tick in ticks])
     assert np.ptp(torques, axis=0).min() > 1e-3
-    step.torque[0] = step.torque[0] + 1e-9 * np.abs(torques).max()
+    step.torque[0] = step.tape.apply("add", step.torque[0], float(1e-9 * np.abs(torques).max()))
     with pytest.raises(TracingError, match="differs"):
         agree(start, step, ticks)
 

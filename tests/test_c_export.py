@@ -19,8 +19,8 @@ from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.tracing.c_emitter import CEmitter, c_number
-from coop_pin.tracing.numpy_emitter import evaluate
-from coop_pin.tracing.tape import FOLD, Function, Tape
+from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.tape import FOLD, Subroutine, Tape, operands
 from coop_pin.tracing.traced_array import inputs
 
 CC = shutil.which("gcc") or shutil.which("cc")
@@ -86,18 +86,20 @@ def test_operations_are_counted_as_they_are_written(tmp_path):
 def test_every_operation_and_constant_has_the_bits_of_the_oracle(tmp_path):
     tape, inner = Tape(), Tape()
     x, y = inputs(tape, 2)
-    twice = Function("twice", inner, [inner.input() * 2.0, 3.0, -0.1])
+    twice = Subroutine("twice", inner, [*operands(inner, [inputs(inner) * 2.0]), 3.0, -0.1])
     numbers = [x + y, x - y, x * y, x / y, -x, abs(y), abs(x) ** 0.5, x < y, np.exp(x), np.sin(y), x * np.pi]
-    numbers += [np.where(x > y, x, -0.0), np.tanh(y), np.arctan2(x, y), *twice(tape, [y]), math.inf, 0.1 * x]
+    numbers += [np.where(x > y, x, -0.0), np.tanh(y), np.arctan2(x, y), math.inf, 0.1 * x]
+    outputs = operands(tape, numbers)
+    outputs += tape.call(twice, operands(tape, [y]))
     emitter = CEmitter()
-    stores = [(f"y[{index}]", number) for index, number in enumerate(numbers)]
+    stores = [(f"y[{index}]", number) for index, number in enumerate(outputs)]
     emitter.define("void f(const double *x, double *y)", tape, stores, "x[{}]".format)
     (tmp_path / "f.c").write_text("void f(const double *x, double *y);\n" + emitter.text())
     library = ctypes.CDLL(compiled(tmp_path / "f.so", tmp_path / "f.c", options=("-O3", "-shared", "-fPIC")))
     for given in np.random.default_rng(1).normal(scale=3.0, size=(50, 2)):
-        found = np.empty(len(numbers))
+        found = np.empty(len(outputs))
         library.f(given.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
-        assert_array_equal(found, np.array(evaluate(tape, numbers, list(given)), dtype=float))
+        assert_array_equal(found, np.array(evaluate(tape, outputs, list(given)), dtype=float))
     used = {operation.name for operation in tape.operations}
     assert used >= set(FOLD)
     assert [c_number(value) for value in (math.nan, -math.inf, -0.0)] == ["NAN", "(-INFINITY)", "(-0x0.0p+0)"]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import shift_wrench
 
@@ -123,7 +123,7 @@ def test_a_far_motion_can_be_followed_and_held(name):
     cell, gains = scenario.cell, scenario.controller.gains
     k_I, rows = gains.sign_gain / scenario.controller.switching.width, list(cell.task_rows.indices)
     inertia = block_diag(cell.payload.mass * np.eye(3), cell.payload.inertia_matrix)
-    models = [ArmModel.from_cell(cell, arm.arm) for arm in reach.arms]
+    models = [CellArm(cell, arm.arm) for arm in reach.arms]
     for at, time in enumerate(reach.arms[0].times.tolist()):
         turn = np.kron(np.eye(2), motion.at(time).X_WP_d[:3, :3])
         A = (turn @ inertia @ turn.T)[np.ix_(rows, rows)]

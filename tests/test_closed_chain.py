@@ -21,7 +21,7 @@ from coop_pin.errors import (
     OutOfRangeError,
     ShapeError,
 )
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.model.pinocchio_model import symmetric
 
 RANKS = {("planar", "welded"): 3, ("planar", "free"): 9, ("spatial", "welded"): 6, ("spatial", "free"): 12}
@@ -187,9 +187,7 @@ def opened_by_a_decimetre(plant, name):
     beside = start.copy()
     beside[:3, 3] += (-0.06, 0.08, 0.0) if name == "planar" else (0.06, 0.0, -0.08)
     poses = dict(zip(cell.arms, (start, beside), strict=True))
-    angles = [
-        solve_ik(ArmModel.from_cell(cell, arm), X, posture=cell.arms[arm].posture) for arm, X in poses.items()
-    ]
+    angles = [solve_ik(CellArm(cell, arm), X, posture=cell.arms[arm].posture) for arm, X in poses.items()]
     return plant.model.configuration(angles, start)
 
 

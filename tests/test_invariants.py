@@ -16,7 +16,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController, Saturation
 from coop_pin.description import Arm, Cell, Payload, PayloadChange, PlantOptions, Pose, WrenchPulse
 from coop_pin.description.urdf import find_urdf
-from coop_pin.model import ArmModel
+from coop_pin.model import CellArm
 from coop_pin.spatial import make_pose, rotate_vector6, shift_wrench
 
 GRAVITY = (1.0, -2.0, -9.0)  # with a part in the plane of the planar cell
@@ -142,7 +142,7 @@ def payload_weight(chain, q):
 
 def base_reaction_and_weight(cell, place, q, v, a, F_EP_W):
     """Base reaction and weight of an arm: the rate of momentum of its moving links minus F."""
-    arm = ArmModel.from_cell(cell, place.name)
+    arm = CellArm(cell, place.name)
     model, data = arm.model, arm.model.createData()
     own_q, own_v, own_a = q[place.q_slice], v[place.v_slice], a[place.v_slice]
     pin.rnea(model, data, own_q, own_v, own_a)

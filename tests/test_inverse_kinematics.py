@@ -12,7 +12,7 @@ from coop_pin.chain import CellChain, ik_branches, solve_ik
 from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.description import Arm, Cell, Payload, Pose
 from coop_pin.errors import OutOfRangeError, ShapeError, UnreachablePoseError
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.spatial import make_pose, pose_error
 
 LENGTHS = 0.425, 0.375
@@ -21,7 +21,7 @@ ELBOW = {"planar": 1, "spatial": 2}
 
 def arm_of(name, key):
     cell, start = cell_and_start(name)
-    return ArmModel.from_cell(cell, key), start, np.array(cell.arms[key].posture)
+    return CellArm(cell, key), start, np.array(cell.arms[key].posture)
 
 
 @pytest.mark.parametrize("key", ["left", "right"])
@@ -70,7 +70,7 @@ def test_an_arm_with_one_joint_has_jacobians_of_one_column(axis, tmp_path):
     arm = Arm.from_urdf(tmp_path / "arm.urdf", tip="c")
     grasp = Pose(xyz=(-0.4, 0.1, 0.05), rpy=(0.3, -0.2, 0.1))
     cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.2, 0.3)), grasps={"only": grasp})
-    model, chain = ArmModel.from_cell(cell, "only"), CellChain(cell)
+    model, chain = CellArm(cell, "only"), CellChain(cell)
     X = model.payload_pose([0.4])
     n = make_pose((0.0, 0.0, 0.5), (0.0, 0.0, 1.5))[:3, :3] @ axis
     assert_allclose(solve_ik(model, X, posture=[0.0]), [0.4], atol=1e-8)

@@ -37,7 +37,7 @@ def test_the_wrong_type_error_has_name_and_types():
     [
         (lambda: cp.CellChain("adept-paper"), "cell"),
         (lambda: cp.ArmModel("panda"), "arm"),
-        (lambda: cp.ArmModel.from_cell("panda", "left"), "cell"),
+        (lambda: cp.CellArm("panda", "left"), "cell"),
         (lambda: cp.ClosedChain("panda", ()), "model"),
         (lambda: cp.solve_ik("panda", np.eye(4)), "arm"),
         (lambda: cp.simulate("adept-paper", None), "scenario"),
@@ -107,7 +107,7 @@ def test_overflow_in_the_dynamics_is_refused(chains, cell):
     scenario, chain = SCENARIOS[cell](), chains[cell]
     q, nv = chain.configuration(scenario.start.matrix), chain.mechanism.model.nv
     fast, still = np.full(nv, 1e300), np.zeros(nv)
-    arm = cp.ArmModel.from_cell(scenario.cell, "left")
+    arm = cp.CellArm(scenario.cell, "left")
     with pytest.raises(errors.CoopPinError):
         chain.observe(q[None], fast[None], still[None], np.zeros((1, 6)))
     with pytest.raises(errors.CoopPinError):

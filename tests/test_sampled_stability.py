@@ -20,7 +20,7 @@ from coop_pin.chain.integrators import INTEGRATORS, VectorSpace
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.errors import CoopPinError, DivergedError, ScenarioWarning
-from coop_pin.model import ArmModel
+from coop_pin.model import CellArm
 from coop_pin.simulation import Simulation
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
@@ -49,7 +49,7 @@ def damping_and_inertia(cell, X, damping_gains):
     inertia = rows.select(rows.select(world_inertia).T)
     damping = np.zeros_like(inertia)
     for name, arm in cell.arms.items():
-        model = ArmModel.from_cell(cell, name)
+        model = CellArm(cell, name)
         q = solve_ik(model, X, posture=arm.posture)
         to_drive = np.linalg.inv(model.drive)
         J_inverse = np.linalg.inv(rows.select(model.payload_jacobian(q)) @ to_drive)

@@ -21,8 +21,8 @@ from coop_pin.spatial import (
     shift_wrench,
     task_rows,
 )
+from coop_pin.spatial.generic_numbers import atan2, exp, inverse, require_less, sqrt, where
 from coop_pin.spatial.pose import log3, quaternions, weight_wrench
-from coop_pin.spatial.scalars import atan2, exp, inverse, require_less, sqrt, where
 from coop_pin.spatial.task_rows import joint_shortage
 
 law = settings(max_examples=60, deadline=None, derandomize=True)

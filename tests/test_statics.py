@@ -19,7 +19,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.control.terms import right_inverse
 from coop_pin.errors import ArgumentError, FieldError, ScenarioWarning
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import pose_error, rotate_vector6
 
@@ -73,7 +73,7 @@ def test_each_part_is_the_virtual_work_of_its_cause(build):
     found = reachability(scenario, poses=4)
     torques = statics_along(scenario, found)
     for index, (reach, statics) in enumerate(zip(found.arms, torques.arms, strict=True)):
-        model = ArmModel.from_cell(scenario.cell, reach.arm)
+        model = CellArm(scenario.cell, reach.arm)
         data, to_joints = model.model.createData(), np.linalg.inv(model.drive)
         pull = scenario.cell.shares[index] * scenario.cell.payload.mass * np.array(scenario.cell.gravity)
         for at in (0, 12, -1):
@@ -101,7 +101,7 @@ def test_one_arm_with_the_whole_load_is_rnea_with_the_payload_attached(name):
     )
     scenario = scenario.replace(cell=alone, squeeze={})
     found = reachability(scenario, poses=3)
-    model = ArmModel.from_cell(alone, "left")
+    model = CellArm(alone, "left")
     frame = model.model.frames[model.model.getFrameId("payload")]
     loaded = model.model.copy()
     body = pin.Inertia(alone.payload.mass, np.zeros(3), alone.payload.inertia_matrix)

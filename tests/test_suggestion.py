@@ -10,7 +10,7 @@ from coop_pin.analysis import closure_problem, gain_proposal, reachability
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
-from coop_pin.model import ArmModel
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.simulation import Simulation
 
 ONES = cp.PayloadSpace(
@@ -145,7 +145,7 @@ def closed_chain_mobility(scenario, found, at):
     """A^-1 by unit wrenches on the payload of the closed chain at rest, without any inertia of arms."""
     simulation = Simulation(scenario, build_controller(scenario))
     chain, cell = simulation.plant.chain, scenario.cell
-    first = ArmModel.from_cell(cell, found.arms[0].arm)
+    first = CellArm(cell, found.arms[0].arm)
     q_first = found.arms[0].q[at]
     q = chain.model.configuration([arm.q[at] for arm in found.arms], first.payload_pose(q_first))
     J, place = first.payload_jacobian(q_first), chain.model.arms[0]
@@ -203,7 +203,7 @@ def test_each_arm_is_on_the_branch_with_the_largest_margin(six):
     poses = [six.motion.at(t).X_WP_d for t in np.linspace(0.0, six.duration, 9)]
     chosen = cp.suggest(six, poses=9).scenario.cell
     for name in six.cell.arms:
-        model = ArmModel.from_cell(six.cell, name)
+        model = CellArm(six.cell, name)
         load = np.array([0.0, 0.0, -9.81 * six.cell.payload.mass / 2.0, 0.0, 0.0, 0.0])
 
         def least(posture, model=model, load=load):
@@ -283,7 +283,7 @@ def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
     five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
     found = cp.reachability(five, poses=11)
     assert found.ok
-    models = [ArmModel.from_cell(five.cell, arm.arm) for arm in found.arms]
+    models = [CellArm(five.cell, arm.arm) for arm in found.arms]
     ends = [model.payload_pose(arm.q[-1]) for model, arm in zip(models, found.arms, strict=True)]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
     np.testing.assert_allclose(ends[0][:3, 3], (0.0, 0.03, 0.05), atol=1e-6)
@@ -299,7 +299,7 @@ def test_a_run_on_positional_rows_turns_as_expected():
     result = cp.run(cp.suggest(five).scenario)
     assert result.trustworthy
     found = cp.reachability(five)
-    expected = ArmModel.from_cell(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
+    expected = CellArm(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
     turned = Rotation.from_quat(result.data.payload_quaternion.values[-1])
     assert (turned * Rotation.from_matrix(expected).inv()).magnitude() < np.deg2rad(1.0)
 

@@ -15,7 +15,6 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, load_arm_model
 
@@ -58,8 +57,8 @@ class JointSummary(NamedTuple):
     """Position and limits of one joint of an arm.
 
     Attributes:
-        name: of the joint.
-        angle: at the payload pose, rad or m.
+        name: joint name.
+        angle: joint position at the payload pose, rad or m.
         lower: position limit, -inf if there is none.
         upper: position limit, inf if there is none.
         velocity: limit, inf if there is none.
@@ -78,15 +77,16 @@ class ArmSummary(NamedTuple):
     """One arm of a cell, closed at the payload pose.
 
     Attributes:
-        name: of the arm.
-        urdf: its file or name.
+        name: arm name.
+        urdf: file or name of the robot.
         tip: frame that holds the payload.
         base: position of its root link in the world, m.
         locked: fixed joints.
         joints: moving joints.
-        mass: of all moving links, kg.
+        mass: mass of all moving links, kg.
         maximum_reach: largest distance between its first joint and its tip, m.
-        smallest_singular_value: of its payload Jacobian in the cell's task rows and drive coordinates.
+        smallest_singular_value: least singular value of the payload Jacobian in task rows and drive
+            coordinates.
     """
 
     name: str
@@ -104,7 +104,7 @@ class CellSummary(NamedTuple):
     """Summary of a cell at a payload pose.
 
     Attributes:
-        arms: in the order of the cell.
+        arms: summaries in the order of the cell.
         payload: the held object.
         gravity: m/s^2.
         task_rows: name of the cell's task rows.
@@ -151,7 +151,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
     chain = CellChain(cell, PlantOptions(payload="free"))
     q, still = chain.configuration(X_WP), np.zeros(chain.mechanism.model.nv)
     rank = chain.mechanism.forward_dynamics(q, still, still).rank
-    arms = tuple(_arm_summary(cell, place, q[place.q_slice]) for place in chain.model.arms)
+    arms = tuple(_arm_summary(CellArm(cell, slot.name), q[slot.q_slice]) for slot in chain.model.arms)
     return CellSummary(
         arms,
         cell.payload,
@@ -163,26 +163,21 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
     )
 
 
-def _arm_summary(cell: Cell, place: ArmPlace, q: Array) -> ArmSummary:
-    model = CellArm(cell, place.name)
-    arm = model.description
+def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:
+    description, limits = arm.description, arm.limits
+    columns = arm.joint_angles(q), limits.lower, limits.upper, limits.velocity, limits.torque
+    rows = zip(limits.joints.names, *columns, strict=True)
     return ArmSummary(
-        name=place.name,
-        urdf=arm.urdf,
-        tip=arm.tip,
-        base=arm.base.xyz,
-        locked=tuple(arm.locked),
-        joints=_joints(place, model.limits, q),
-        mass=float(sum(inertia.mass for inertia in list(load_arm_model(arm).inertias)[1:])),
-        maximum_reach=maximum_reach(arm),
-        smallest_singular_value=float(np.linalg.svd(model.task_jacobian(q), compute_uv=False)[-1]),
+        name=arm.name,
+        urdf=description.urdf,
+        tip=description.tip,
+        base=description.base.xyz,
+        locked=tuple(description.locked),
+        joints=tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows),
+        mass=float(sum(inertia.mass for inertia in list(load_arm_model(description).inertias)[1:])),
+        maximum_reach=maximum_reach(description),
+        smallest_singular_value=float(np.linalg.svd(arm.task_jacobian(q), compute_uv=False)[-1]),
     )
-
-
-def _joints(place: ArmPlace, limits: JointLimits, q: Array) -> tuple[JointSummary, ...]:
-    columns = place.angles.of(q), limits.lower, limits.upper, limits.velocity, limits.torque
-    rows = zip(place.joint_names, *columns, strict=True)
-    return tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows)
 
 
 def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:

@@ -1,16 +1,18 @@
-"""Feasibility of a motion: rank, reach, singularity, limits, static torques, and the squeeze beside them."""
+"""Feasibility of a motion: rank, reach, singularity, limits, static torques, squeeze, best postures."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.statics import StaticTorques
+from coop_pin.analysis.reachability import Reachability, reachability
+from coop_pin.analysis.statics import StaticTorques, statics_along
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.chain.inverse_kinematics import ik_branches
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.cell_arm import CellArm
@@ -20,6 +22,10 @@ _NEARBY = 0.1
 """Distance of the joints to a configuration nearby, rad or m."""
 _TORQUE_PART = 0.9
 """Part of the torque limit that holding may need: the rest is for the motion and its control."""
+_BRANCHES = 8
+"""Branches of each arm that are followed along the motion, the nearest to its posture."""
+_POSES = 41
+"""Largest number of poses on each branch."""
 
 
 def require_rank(scenario: Scenario) -> None:
@@ -61,14 +67,14 @@ def closure_problem(scenario: Scenario) -> str:
     )
 
 
-def require_feasible(scenario: Scenario, found: Reachability, statics: StaticTorques) -> None:
+def require_feasible(scenario: Scenario, cell_reach: Reachability, statics: StaticTorques) -> None:
     """Refuse a motion that the arms cannot follow on their best branches, or cannot hold.
 
     Raises:
         InfeasibleMotionError: cause "reach", "singularity", "limits" or "torque".
     """
     allowed = scenario.trust.jacobian_condition
-    for reach in found.arms:
+    for reach in cell_reach.arms:
         detail = f"arm {reach.arm!r} {'; '.join(reach.problems())}"
         if reach.start_error is not None or reach.unreachable is not None:
             raise InfeasibleMotionError("reach", detail)
@@ -80,7 +86,7 @@ def require_feasible(scenario: Scenario, found: Reachability, statics: StaticTor
     if singular := closure_problem(scenario):
         raise InfeasibleMotionError("singularity", singular)
     for arm in statics.arms:
-        used = np.abs(arm.weight + arm.load) / arm.limit
+        used = arm.used
         if float(used.max()) > _TORQUE_PART:
             at, k = np.unravel_index(int(used.argmax()), used.shape)
             raise InfeasibleMotionError(
@@ -104,25 +110,94 @@ def squeeze_part(statics: StaticTorques) -> float:
     return part if part == 1.0 else math.floor(100.0 * part) / 100.0
 
 
-def scaled_squeeze(squeeze: Any, part: float) -> Any:
-    """Return a squeeze times a part.
+class PostureMargin(NamedTuple):
+    """Parts of its limits that an arm has left along the motion: 1 is all, 0 or less is none.
+
+    Attributes:
+        arm: arm name.
+        torque: 1 - |torque| / limit at rest, for weight and load.
+        position: distance to the nearer position limit over half of the range, of joints that limit the
+            workspace.
+        singularity: 1 - condition number of the payload Jacobian over what the scenario trusts.
+    """
+
+    arm: str
+    torque: float
+    position: float
+    singularity: float
+
+    @property
+    def least(self) -> float:
+        """The smallest of them."""
+        return min(self.torque, self.position, self.singularity)
+
+
+def posture_margins(
+    scenario: Scenario, cell_reach: Reachability, statics: StaticTorques
+) -> Iterator[PostureMargin]:
+    """Yield the margins of each arm; -inf for one that cannot follow at all."""
+    for reach, arm in zip(cell_reach.arms, statics.arms, strict=True):
+        if not reach.ok:
+            yield PostureMargin(reach.arm, -np.inf, -np.inf, -np.inf)
+            continue
+        limits = CellArm(scenario.cell, reach.arm).limits
+        positions = limits.joints.of(reach.q)
+        gap = np.minimum(positions - limits.lower, limits.upper - positions)
+        left = np.where(
+            limits.limited, gap / (0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi)), 1.0
+        )
+        yield PostureMargin(
+            reach.arm,
+            1.0 - float(arm.used.max()),
+            float(left.min()),
+            1.0 - float(reach.condition.max()) / scenario.trust.jacobian_condition,
+        )
+
+
+def with_best_postures(scenario: Scenario, poses: int) -> Scenario:
+    """Return the scenario with each arm on the branch with the largest margin; stated angles are kept.
 
     Raises:
-        InfeasibleMotionError: it is a function, which cannot be scaled.
+        InfeasibleMotionError: cause "reach": an arm cannot hold the start, or no branch reaches a pose.
     """
-    if part == 1.0:
-        return squeeze
-    tables = {
-        name: value for name in ("wrenches", "start", "goal") if (value := getattr(squeeze, name, None))
-    }
-    fields: dict[str, Any] = {
-        name: {arm: tuple(part * np.array(wrench)) for arm, wrench in table.items()}
-        for name, table in tables.items()
-    }
-    if hasattr(squeeze, "force"):
-        fields["force"] = part * squeeze.force
-    if not fields:
-        raise InfeasibleMotionError(
-            "torque", f"the drives can hold {part:g} of the squeeze; scale its function"
+    if scenario.start_angles:
+        return scenario
+    count = min(poses, _POSES)
+    _require_reach(reachability(scenario, poses=count))
+    postures: dict[str, list[tuple[float, ...]]] = {}
+    for name, arm in scenario.cell.arms.items():
+        model = CellArm(scenario.cell, name)
+        branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
+        postures[name] = [tuple(model.joint_angles(q).tolist()) for q in branches[:_BRANCHES]]
+    best: dict[str, tuple[float, int]] = {}
+    for index in range(max(map(len, postures.values()))):
+        tried = _with_postures(
+            scenario, {name: table[index % len(table)] for name, table in postures.items()}
         )
-    return squeeze.replace(**fields)
+        cell_reach = reachability(tried, poses=count)
+        for margin in posture_margins(tried, cell_reach, statics_along(tried, cell_reach)):
+            best[margin.arm] = max(best.get(margin.arm, (-np.inf, 0)), (margin.least, -index))
+    return _with_postures(
+        scenario, {name: table[-best[name][1] % len(table)] for name, table in postures.items()}
+    )
+
+
+def _require_reach(cell_reach: Reachability) -> None:
+    """Refuse poses that no branch of an arm reaches: the search among them would be long."""
+    for reach in cell_reach.arms:
+        gap = reach.unreachable
+        if reach.start_error is not None or (gap is not None and not gap.other_branch):
+            raise InfeasibleMotionError("reach", f"arm {reach.arm!r} {'; '.join(reach.problems())}")
+
+
+def _with_postures(scenario: Scenario, postures: dict[str, tuple[float, ...]]) -> Scenario:
+    arms = {name: arm.replace(posture=postures[name]) for name, arm in scenario.cell.arms.items()}
+    return scenario.replace(cell=scenario.cell.replace(arms=arms))
+
+
+def _middle(model: CellArm) -> tuple[float, ...]:
+    """Return the joint angles in the middle of the limits; zero without limits."""
+    limits = model.limits
+    with np.errstate(invalid="ignore"):
+        middle = (limits.lower + limits.upper) / 2.0
+    return tuple(np.where(np.isfinite(middle), middle, 0.0).tolist())

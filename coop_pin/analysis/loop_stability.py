@@ -29,8 +29,8 @@ class LoopStability(NamedTuple):
     Attributes:
         radius: largest ``|z|`` of the motion from tick to tick; 1 where nothing controls a direction.
         lag: largest time constant of an arm's drives, s.
-        largest_lag: with which the motion would still not grow, s, counted from the own lag if that is
-            stable, else from none; at most 1, and 0 where the motion grows without any.
+        largest_lag: largest lag with which the motion would still not grow, s, counted from that of the
+            drives if that is stable, else from none; at most 1, and 0 where the motion grows without any.
     """
 
     radius: float
@@ -44,12 +44,12 @@ class LoopStability(NamedTuple):
 
     def summary(self) -> str:
         """Return the finding as text, in one line."""
-        found = f"|z| = {self.radius:.5f} with pose gain, integral and a lag of {1e3 * self.lag:.3g} ms"
+        finding = f"|z| = {self.radius:.5f} with pose gain, integral and a lag of {1e3 * self.lag:.3g} ms"
         bound = f"lags up to {1e3 * self.largest_lag:.3g} ms"
         if self.ok:
-            return f"{found}: the motion is stable, with {bound}"
+            return f"{finding}: the motion is stable, with {bound}"
         allowed = f"stable with {bound}" if self.largest_lag else "unstable without any lag, too"
-        return f"! {found}: the motion is unstable ({allowed}). Lower the gains or raise clock.rate_hz"
+        return f"! {finding}: the motion is unstable ({allowed}). Lower the gains or raise clock.rate_hz"
 
 
 def loop_stability(simulation: Simulation) -> LoopStability:
@@ -64,13 +64,13 @@ def loop_stability(simulation: Simulation) -> LoopStability:
     0. Friction, leak, rate limits, and filters and delays of the sensors are not considered.
 
     Args:
-        simulation: of a law of coop_pin; it has not begun.
+        simulation: simulation of a law of coop_pin that has not begun.
 
     Raises:
         SingularJacobianError: an arm is singular at the start.
     """
     clock, (G, H) = simulation.scenario.clock, _feedback(simulation)
-    own = simulation.scenario.actuator_lag * clock.period
+    lag_of_drives = simulation.scenario.actuator_lag * clock.period
 
     def radius(lag: float) -> float:
         return float(np.abs(np.linalg.eigvals(_tick_map(G, H, clock.period, lag))).max())
@@ -78,14 +78,14 @@ def loop_stability(simulation: Simulation) -> LoopStability:
     def is_stable(lag: float) -> bool:
         return radius(lag) < 1.0 + _NEUTRAL
 
-    # A lag can also stabilise what the sampling does not bear without: looked for from the own lag on.
-    low, high = own if is_stable(own) else 0.0, max(_LARGEST_LAG, own)
+    # A lag can also stabilise what the sampling does not bear without: looked for from that of the drives on.
+    low, high = lag_of_drives if is_stable(lag_of_drives) else 0.0, max(_LARGEST_LAG, lag_of_drives)
     if not is_stable(low) or is_stable(high):
-        return LoopStability(radius(own), own, high if is_stable(low) else 0.0)
+        return LoopStability(radius(lag_of_drives), lag_of_drives, high if is_stable(low) else 0.0)
     while high - low > _SMALL:
         middle = (low + high) / 2.0
         low, high = (middle, high) if is_stable(middle) else (low, middle)
-    return LoopStability(radius(own), own, low)
+    return LoopStability(radius(lag_of_drives), lag_of_drives, low)
 
 
 def _tick_map(G: Array, H: Array, T: float, lag: float) -> Array:
@@ -94,11 +94,11 @@ def _tick_map(G: Array, H: Array, T: float, lag: float) -> Array:
     U, eye = basis[:, singular > _NEUTRAL * np.abs(G).max()], np.eye(len(G))
     r = lag_pole(lag / T)
     held = lag * (1.0 - r)  # the integral of exp(-s / lag) over the tick
-    own = np.array([[1.0, T, lag * (T - held)], [0.0, 1.0, held], [0.0, 0.0, r]])
-    by_u = np.array([[T * T / 2.0 - own[0, 2]], [T - held], [1.0 - r]])
+    free = np.array([[1.0, T, lag * (T - held)], [0.0, 1.0, held], [0.0, 0.0, r]])
+    by_u = np.array([[T * T / 2.0 - free[0, 2]], [T - held], [1.0 - r]])
     zero = np.zeros((len(G), U.shape[1]))
     feedback, kept = np.hstack((G, 0.0 * eye, U)), np.hstack((U.T @ H, zero.T, np.eye(U.shape[1])))
-    return np.vstack((np.hstack((np.kron(own, eye), np.tile(zero, (3, 1)))) + np.kron(by_u, feedback), kept))
+    return np.vstack((np.hstack((np.kron(free, eye), np.tile(zero, (3, 1)))) + np.kron(by_u, feedback), kept))
 
 
 def _feedback(simulation: Simulation) -> tuple[Array, Array]:

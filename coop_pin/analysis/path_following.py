@@ -27,8 +27,8 @@ class Unreachable(NamedTuple):
     """Part of the path that is out of an arm's reach.
 
     Attributes:
-        time: when the arm first cannot follow, s.
-        gap_time: when the gap is largest, s.
+        time: time from which the arm cannot follow, s.
+        gap_time: time of the largest gap, s.
         gap_m: the least distance between tip and grasp then.
         gap_rad: the angle between them at that distance.
         other_branch: the pose is reachable, but not on the branch of the path; then the gap is that of its
@@ -61,7 +61,7 @@ class JointLimitMargin(NamedTuple):
     """Joint near or beyond a position limit.
 
     Attributes:
-        joint: its name.
+        joint: joint name.
         time: s.
         value: joint position, rad or m.
         lower: lower limit.
@@ -86,10 +86,10 @@ class FastestJoint(NamedTuple):
     """Joint that comes closest to its velocity limit, or exceeds it most.
 
     Attributes:
-        joint: its name.
+        joint: joint name.
         time: s.
         speed: rad/s or m/s.
-        limit: of its speed.
+        limit: limit of the speed.
         unit: "rad/s" or "m/s".
     """
 
@@ -166,7 +166,7 @@ class PathFollowing:
         q: configurations, shape (n, nq).
         sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
             (n,).
-        condition: its condition number, shape (n,).
+        condition: condition number of it, shape (n,).
     """
 
     def __init__(self, model: CellArm, path: PayloadPath, q: Array) -> None:

@@ -31,13 +31,13 @@ class ArmReach:
     """Reachability of the reference for one arm.
 
     Attributes:
-        arm: its name.
-        times: of the poses, s, shape (n,). The first ones, at t = 0, lead from the scenario's start to the
-            reference.
+        arm: arm name.
+        times: times of the poses, s, shape (n,). The first ones, at t = 0, lead from the scenario's start to
+            the reference.
         q: configurations that hold the payload there, shape (n, nq); the nearest ones out of reach.
         sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
             (n,).
-        condition: its condition number, shape (n,).
+        condition: condition number of it, shape (n,).
         joint_shortage: counts and remedy if it has fewer joints than the cell has task rows; otherwise "".
         start_error: the arm cannot hold the start; then the arrays are empty and nothing else is known.
         unreachable: the arm cannot follow; None if it can.
@@ -114,10 +114,10 @@ class Reachability:
     """Reachability of a scenario's reference for all arms.
 
     Attributes:
-        scenario: its name.
+        scenario: scenario name.
         duration: s.
         poses: number of poses of the reference that were checked.
-        arms: in the order of the cell.
+        arms: findings in the order of the cell.
     """
 
     scenario: str
@@ -151,7 +151,7 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
     collisions are not considered.
 
     Args:
-        scenario: what would be run.
+        scenario: scenario that would be run.
         poses: number of poses of the reference to check, evenly spaced in time; anything shorter than the
             spacing is missed.
 

@@ -68,8 +68,8 @@ class StepStability(NamedTuple):
 
     Attributes:
         value: ``h lambda``, with h the plant's step and lambda the fastest decay by friction alone.
-        limit: of the integrator.
-        steps_per_tick: of the scenario.
+        limit: stability limit of the integrator.
+        steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
     """
 
@@ -103,7 +103,7 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     if ``T |lambda|^2 / Re lambda < 2``.
 
     Args:
-        scenario: what would be run. Friction, actuators and integral terms are not considered.
+        scenario: scenario that would be run. Friction, actuators and integral terms are not considered.
 
     Raises:
         UnreachablePoseError: an arm cannot hold the payload at the start.
@@ -183,8 +183,8 @@ def _fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move fastest in a mode, the fastest first."""
     speeds = {
         name: float(speed)
-        for place in simulation.plant.chain.model.arms
-        for name, speed in zip(place.angles.names, mode[place.v_slice], strict=True)
+        for slot in simulation.plant.chain.model.arms
+        for name, speed in zip(slot.angles.names, mode[slot.v_slice], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])
     return tuple(name for name in fastest if speeds[name] >= _SHARE_OF_MODE * speeds[fastest[0]])[:4]

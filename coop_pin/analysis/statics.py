@@ -18,9 +18,9 @@ class DriveTorque(NamedTuple):
     """Largest static torque of one drive, with the part of each cause.
 
     Attributes:
-        arm: its name.
+        arm: arm name.
         joint: the joint with the same index as the drive.
-        time: when the torque is largest, s.
+        time: time of the largest torque, s.
         weight: part for the arm's own weight; the parts have the sign of the torque, a negative one relieves
             the drive.
         load: part for the arm's share of the payload's weight.
@@ -63,13 +63,13 @@ class ArmStatics:
     """Static torques of the drives of one arm along the motion, N m (N at a prismatic joint).
 
     Attributes:
-        arm: its name.
+        arm: arm name.
         joints: names of its joints, in the order of its drives.
-        units: of the torques.
+        units: units of the torques.
         times: s, shape (n,).
-        weight: for the arm's own weight, shape (n, k).
-        load: for its share of the payload's weight, shape (n, k).
-        squeeze: for its desired internal wrench, shape (n, k).
+        weight: torque for the arm's own weight, shape (n, k).
+        load: torque for its share of the payload's weight, shape (n, k).
+        squeeze: torque for its desired internal wrench, shape (n, k).
         limit: torques at which the drives saturate, shape (k,).
     """
 
@@ -86,6 +86,11 @@ class ArmStatics:
     def torque(self) -> Array:
         """The whole static torque, shape (n, k)."""
         return self.weight + self.load + self.squeeze
+
+    @property
+    def used(self) -> Array:
+        """Parts of the limits that weight and load share need, shape (n, k)."""
+        return np.abs(self.weight + self.load) / self.limit
 
     def drives(self) -> tuple[DriveTorque, ...]:
         """Return the largest torque of each drive; none if the arm has no configurations."""
@@ -115,7 +120,7 @@ class StaticTorques:
     """Static torques of a cell along its motion.
 
     Attributes:
-        arms: in the order of the cell.
+        arms: torques in the order of the cell.
     """
 
     arms: tuple[ArmStatics, ...]
@@ -170,8 +175,8 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     are.
 
     Args:
-        scenario: what would be run.
-        poses: as for reachability.
+        scenario: scenario that would be run.
+        poses: number of poses, as for reachability.
 
     Raises:
         ArgumentError: fewer than two poses.
@@ -180,16 +185,16 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     return statics_along(scenario, reachability(scenario, poses=poses))
 
 
-def statics_along(scenario: Scenario, found: Reachability) -> StaticTorques:
+def statics_along(scenario: Scenario, cell_reach: Reachability) -> StaticTorques:
     """Return the static torques at the configurations of a scenario's reachability.
 
     Out of reach these are the nearest ones; an arm that cannot hold the start has none.
 
     Args:
-        scenario: what is asked of the arms.
-        found: its reachability.
+        scenario: motion, payload and squeeze.
+        cell_reach: reachability of the scenario.
     """
-    return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in found.arms))
+    return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in cell_reach.arms))
 
 
 def start_torques(simulation: Simulation) -> StaticTorques:

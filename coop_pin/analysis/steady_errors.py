@@ -29,7 +29,7 @@ class SteadyErrors(NamedTuple):
     """Steady errors of a law at rest, and what it needs.
 
     Attributes:
-        needs: what the law measures, besides joint positions and velocities.
+        needs: quantities that the law measures, besides joint positions and velocities.
         wrenches: that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
@@ -84,7 +84,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     The formulas are derived on the pages "The payload-space law" and "Which law" of the documentation.
 
     Args:
-        scenario: with a law of coop_pin.
+        scenario: scenario with a law of coop_pin.
         bias: kinematic bias of the position of one arm's tip, m; the worst arm and direction are taken.
         load: constant force on the payload that the law does not know, N: for the own-wrench law the error of
             the stated weight, for the leaky law what the holding torques did not carry.
@@ -98,17 +98,17 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     if isinstance(law, UserController):
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
     internal = not isinstance(law.force_path, NoForcePath)
-    own = isinstance(law, PayloadSpace) and law.payload_mass is not None and not internal
+    by_wrist = isinstance(law, PayloadSpace) and law.payload_mass is not None and not internal
     exchanges = internal and (isinstance(law, PayloadSpace) or law.gains.force_gain > 0.0)
     needs = "forward kinematics and Jacobians"
-    if exchanges or own:
+    if exchanges or by_wrist:
         needs += " and the internal wrench" if exchanges else " and each arm's own wrist wrench"
     shares, force, sag, balanced = [float(c) for c in scenario.cell.shares], math.nan, math.nan, math.nan
     if isinstance(law, PayloadSpace):
-        directions = _directions(scenario, law, internal=internal, own=own)
+        directions = _directions(scenario, law, internal=internal, by_wrist=by_wrist)
         force = max(direction.force(share, bias) for direction in directions for share in shares)
         sag = max(direction.sag(load) for direction in directions)
-        if own:
+        if by_wrist:
             beta = min(direction.integral_of(min(shares) * bias) for direction in directions) / load
             balanced = beta * _anchor_period(scenario, law)
     elif isinstance(law, SlidingMode):
@@ -116,7 +116,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     return SteadyErrors(
         needs=needs,
         wrenches=len(shares) if exchanges else 0,
-        delay=_largest_delay(scenario, law) if exchanges or own else math.inf,
+        delay=_largest_delay(scenario, law) if exchanges or by_wrist else math.inf,
         bias=bias,
         load=load,
         force=force,
@@ -135,7 +135,7 @@ class _Direction(NamedTuple):
         gamma: 1/s.
         switching: phi.
         internal_rate: beta, or lambda where nothing is measured, 1/s.
-        load_rate: at which the integral's sum loses the load, 1/s; 0 if it does not.
+        load_rate: rate at which the integral's sum loses the load, 1/s; 0 if it does not.
     """
 
     spring: float
@@ -169,7 +169,7 @@ class _Direction(NamedTuple):
         return float(brentq(lambda x: self.held(x, self.load_rate) - load, 0.0, _LARGEST_SAG, xtol=1e-12))
 
 
-def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: bool) -> list[_Direction]:
+def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, by_wrist: bool) -> list[_Direction]:
     """Return the law in each linear task row."""
     rows, gains = scenario.cell.task_rows, law.gains
     gamma, K, alpha = (
@@ -180,15 +180,15 @@ def _directions(scenario: Scenario, law: PayloadSpace, *, internal: bool, own: b
         gains.anchor_gain / _anchor_period(scenario, law),
         law.leak_of(next(iter(scenario.cell.arms))),
     )
-    anchored = (internal or own) and beta > 0.0
+    anchored = (internal or by_wrist) and beta > 0.0
     return [
         _Direction(
             spring=0.0 if anchored else float(K[row] * gamma[row]),
             integral=float(K[row] * alpha[row]),
             gamma=float(gamma[row]),
             switching=law.switching,
-            internal_rate=beta if internal or own else leak,
-            load_rate=0.0 if internal else beta if own else leak,
+            internal_rate=beta if internal or by_wrist else leak,
+            load_rate=0.0 if internal else beta if by_wrist else leak,
         )
         for row, index in enumerate(rows.indices)
         if index < 3
@@ -209,11 +209,11 @@ def _joint_space(scenario: Scenario, law: SlidingMode, bias: float, load: float)
     rows, chain = scenario.cell.task_rows, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
     springs = []
-    for place in chain.model.arms:
-        gains, k = law.gains_of(place.name), place.drive.shape[0]
+    for slot in chain.model.arms:
+        gains, k = law.gains_of(slot.name), slot.drive.shape[0]
         if np.any(gains.sign_gain):
             return math.inf, 0.0
-        J = CellArm(scenario.cell, place.name).task_jacobian(q[place.q_slice])
+        J = CellArm(scenario.cell, slot.name).task_jacobian(q[slot.q_slice])
         J_inverse = jacobian_inverse(J, 0.0)
         K_d, gamma = (gain_matrix(gain, k) for gain in (gains.damping_gain, gains.pose_gain))
         springs.append(J_inverse.T @ K_d @ J_inverse @ gamma)
@@ -240,5 +240,5 @@ def _largest_delay(scenario: Scenario, law: Law) -> float:
     def unstable(further: int) -> bool:
         return not force_loop_is_stable(anchor_gain, delay=stated + further, **loop)
 
-    found = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
-    return math.inf if found == _LARGEST_DELAY else float(found)
+    delay = bisect_left(range(_LARGEST_DELAY + 1), True, key=unstable) - 1
+    return math.inf if delay == _LARGEST_DELAY else float(delay)

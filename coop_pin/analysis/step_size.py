@@ -21,8 +21,8 @@ class StepSize:
     """Number of plant steps in a tick, chosen by measured error.
 
     Attributes:
-        scenario: with this number of steps, ready to run.
-        limit: of the error, m.
+        scenario: scenario with this number of steps, ready to run.
+        limit: limit of the error, m.
         errors: bound of the error of payload position and closure, m, by number of steps in a tick; numbers
             with which the run diverges are missing.
     """
@@ -59,7 +59,7 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
     of rounding can agree in two runs by chance, and the bound is then worth nothing.
 
     Args:
-        scenario: what would be run; a shorter duration or fewer events give what suffices for these.
+        scenario: scenario that would be run; a shorter duration or fewer events give what suffices for these.
         error: limit of the position of the payload and of the closure errors, m.
 
     Raises:

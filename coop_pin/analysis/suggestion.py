@@ -6,8 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from coop_pin.analysis.feasibility import require_feasible, require_rank, scaled_squeeze, squeeze_part
-from coop_pin.analysis.posture_margin import PostureMargin, posture_margins, with_best_postures
+from coop_pin.analysis.feasibility import (
+    PostureMargin,
+    posture_margins,
+    require_feasible,
+    require_rank,
+    squeeze_part,
+    with_best_postures,
+)
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import statics_along
@@ -63,12 +69,13 @@ def suggest(scenario: Scenario, *, poses: int = 101) -> Suggestion:
     poses = as_count("poses", poses, 5)
     require_rank(scenario)
     scenario = with_best_postures(scenario, poses)
-    found = reachability(scenario, poses=poses)
-    statics = statics_along(scenario, found)
-    require_feasible(scenario, found, statics)
+    cell_reach = reachability(scenario, poses=poses)
+    statics = statics_along(scenario, cell_reach)
+    require_feasible(scenario, cell_reach, statics)
     part = squeeze_part(statics)
-    scenario = scenario.replace(squeeze=scaled_squeeze(scenario.squeeze, part))
-    proposal = gain_proposal(scenario, found)
+    if part < 1.0:
+        scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
+    proposal = gain_proposal(scenario, cell_reach)
     suggested = _with_gains(scenario, proposal)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation)
@@ -77,7 +84,7 @@ def suggest(scenario: Scenario, *, poses: int = 101) -> Suggestion:
         suggested = suggested.override({"clock.steps_per_tick": count})
     lines = (
         *_gain_limits(scenario, proposal),
-        *(_posture_limit(arm) for arm in posture_margins(scenario, found, statics)),
+        *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
         "squeeze: as stated"
         if part == 1.0
         else f"squeeze: {part:.2f} of what is stated, all the drives can hold",
@@ -102,8 +109,8 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
 
 def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     """Yield what limits rate and gains."""
-    own, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
-    kept = "as stated" if proposal.rate_hz == own else f"raised from {own:g} Hz"
+    stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
+    kept = "as stated" if proposal.rate_hz == stated else f"raised from {stated:g} Hz"
     yield f"rate: {kept}; the error to expect while moving grows with T^3, the internal force with T"
     yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
     yield (

@@ -27,7 +27,8 @@ class TaskInertia(NamedTuple):
     """Inertia that a task wrench moves along the motion, rows in world axes about P.
 
     Attributes:
-        times: of the poses, s, shape (n,); the first ones, at t = 0, lead from the start to the reference.
+        times: times of the poses, s, shape (n,); the first ones, at t = 0, lead from the start to the
+            reference.
         mobility: A^-1 on the task rows, with A = M_0 + sum (J M^-1 J^T)^-1, shape (n, k_0, k_0).
     """
 
@@ -49,20 +50,20 @@ class MotionWrenches(NamedTuple):
     internal_rate: Array
 
 
-def task_inertia(scenario: Scenario, found: Reachability) -> TaskInertia:
+def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     """Return the task-space inertia at the configurations of a scenario's reachability.
 
     With arms that cannot move the payload in all six directions, A is infinite in the others, and A^-1 is
     the inverse inertia of the closed chain on the task rows. Every arm must reach the start.
 
     Args:
-        scenario: what is asked of the arms.
-        found: its reachability.
+        scenario: cell and motion.
+        cell_reach: reachability of the scenario.
     """
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    times, arms = found.arms[0].times, [CellArm(cell, reach.arm) for reach in found.arms]
-    A = _payload_inertia(scenario, found)
-    for model, reach in zip(arms, found.arms, strict=True):
+    times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
+    A = _payload_inertia(scenario, cell_reach)
+    for model, reach in zip(arms, cell_reach.arms, strict=True):
         for at, q in enumerate(reach.q):
             J = model.payload_jacobian(q)
             moves = J @ np.linalg.solve(model.mass_matrix(q), J.T)
@@ -71,7 +72,7 @@ def task_inertia(scenario: Scenario, found: Reachability) -> TaskInertia:
     return TaskInertia(times, mobility)
 
 
-def motion_wrenches(scenario: Scenario, found: Reachability, posture: PostureGains) -> MotionWrenches:
+def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> MotionWrenches:
     """Return the wrenches that the motion asks of the payload-space law.
 
     a_i = Jdyn^T (M qdd + h + friction - what the torques hold besides the law's wrench): the robot's own
@@ -79,21 +80,21 @@ def motion_wrenches(scenario: Scenario, found: Reachability, posture: PostureGai
     damper. On full rows the spare joints of a redundant arm move as these and the arm's weight let them.
 
     Args:
-        scenario: what is asked of the arms.
-        found: its reachability.
-        posture: of the spare joints.
+        scenario: cell and motion.
+        cell_reach: reachability of the scenario.
+        posture: gains of the spare joints.
     """
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    first = int(np.count_nonzero(found.arms[0].times == 0.0)) - 1
-    t = found.arms[0].times[first:]
+    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+    t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
     twist = np.array([motion.at(float(time)).V_WP_d for time in t])
-    M_0 = _payload_inertia(scenario, found)[first:]
+    M_0 = _payload_inertia(scenario, cell_reach)[first:]
     payload = np.einsum("nij,nj->ni", M_0, np.gradient(twist, t, axis=0))[:, rows]
     a = np.array(
         [
             _HeldArm(scenario, reach.arm, reach.q[first], posture).wrenches(t, reach.q[first:])
-            for reach in found.arms
+            for reach in cell_reach.arms
         ]
     )
     mu = a - cell.shares[:, None, None] * a.sum(axis=0)
@@ -104,10 +105,10 @@ def motion_wrenches(scenario: Scenario, found: Reachability, posture: PostureGai
     )
 
 
-def _payload_inertia(scenario: Scenario, found: Reachability) -> Array:
+def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
     """Return M_0 at every pose, shape (n, 6, 6)."""
-    first = CellArm(scenario.cell, found.arms[0].arm)
-    turns = [first.payload_pose(q)[:3, :3] for q in found.arms[0].q]
+    first = CellArm(scenario.cell, cell_reach.arms[0].arm)
+    turns = [first.payload_pose(q)[:3, :3] for q in cell_reach.arms[0].q]
     return np.array([scenario.cell.payload.spatial_inertia(R) for R in turns])
 
 
@@ -152,13 +153,13 @@ class _HeldArm:
         positions = np.concatenate((np.zeros((1, model.nv)), np.cumsum(steps, axis=0)))
         v = np.gradient(positions, t, axis=0)
         qdd, rubbing = np.gradient(v, t, axis=0), -self.friction.force(v)
-        found = []
-        for at, own in enumerate(q):
-            J, M = self.rows.select(model.payload_jacobian(own)), model.mass_matrix(own)
-            tau = model.inverse_dynamics(own, v[at], qdd[at]) + rubbing[at] - self.beside(own, v[at])
+        wrenches = []
+        for k, q_k in enumerate(q):
+            J, M = self.rows.select(model.payload_jacobian(q_k)), model.mass_matrix(q_k)
+            tau = model.inverse_dynamics(q_k, v[k], qdd[k]) + rubbing[k] - self.beside(q_k, v[k])
             weighted = np.linalg.solve(M, J.T)
-            found.append(np.linalg.lstsq(J @ weighted, weighted.T @ tau, rcond=None)[0])
-        return np.array(found)
+            wrenches.append(np.linalg.lstsq(J @ weighted, weighted.T @ tau, rcond=None)[0])
+        return np.array(wrenches)
 
     def _with_spare_motion(self, t: Array, q: Array) -> Array:
         """Return the path on which the spare joints move.
@@ -167,22 +168,22 @@ class _HeldArm:
         the friction D. What is left of the pose error is taken out in each step.
         """
         model, rest, from_drive = self.model, np.zeros(self.model.nv), self.model.from_drive
-        own, w, path = q[0], rest, [q[0]]
+        q_k, w, path = q[0], rest, [q[0]]
         for begin, end in itertools.pairwise(t.tolist()):
             count = math.ceil((end - begin) / _SPARE_STEP)
             h = (end - begin) / count
             for time in np.linspace(begin, end, count + 1)[1:].tolist():
-                target, N = self.motion.at(time), model.null_space(own)
-                J_plus = np.linalg.pinv(model.task_jacobian(own))
+                target, N = self.motion.at(time), model.null_space(q_k)
+                J_plus = np.linalg.pinv(model.task_jacobian(q_k))
                 along = J_plus @ self.rows.select(target.V_WP_d)
-                M = from_drive.T @ model.mass_matrix(own) @ from_drive
+                M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
-                pulled = from_drive.T @ (self.beside(own, rest) - self.weight(own))
+                pulled = from_drive.T @ (self.beside(q_k, rest) - self.weight(q_k))
                 inert = M + h * (D + self.damping * np.eye(model.nv))
                 w = np.linalg.solve(
                     N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))
                 )
-                step = J_plus @ self.rows.pose_error(target.X_WP_d, model.payload_pose(own)) + h * w
-                own = pin.integrate(model.model, own, from_drive @ step)
-            path.append(own)
+                step = J_plus @ self.rows.pose_error(target.X_WP_d, model.payload_pose(q_k)) + h * w
+                q_k = pin.integrate(model.model, q_k, from_drive @ step)
+            path.append(q_k)
         return np.array(path)

@@ -46,8 +46,8 @@ class GainProposal(NamedTuple):
 
     Attributes:
         rate_hz: control rate, Hz.
-        gains: of the law.
-        posture: of the spare joints.
+        gains: gains of the law.
+        posture: gains of the spare joints.
         t_lambda_max: T lambda_max(A^-1 K), the largest along the motion.
         lambda_min: smallest eigenvalue of A^-1 K along the motion, 1/s.
         integral_rate: k_I, 1/s.
@@ -80,7 +80,7 @@ class GainProposal(NamedTuple):
         )
 
 
-def gain_proposal(scenario: Scenario, found: Reachability) -> GainProposal:
+def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     """Return the gains by the tuning rule at the configurations of a scenario's reachability.
 
     K is diagonal, with the entries 1 / max (A^-1)_jj along the motion times one factor: the condition of
@@ -88,16 +88,16 @@ def gain_proposal(scenario: Scenario, found: Reachability) -> GainProposal:
 
     Args:
         scenario: cell, motion, sensors and clock.
-        found: its reachability, in which every arm holds the start.
+        cell_reach: reachability of the scenario, in which every arm holds the start.
     """
-    inertia = task_inertia(scenario, found)
+    inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
     root = np.sqrt(scale)
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     for rate in _rates(scenario):
-        proposal = _at_rate(scenario, found, scale, spread, rate)
+        proposal = _at_rate(scenario, cell_reach, scale, spread, rate)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
     return _anchored_faster(proposal)
@@ -116,15 +116,15 @@ def _anchored_faster(proposal: GainProposal) -> GainProposal:
 
 def _at_rate(
     scenario: Scenario,
-    found: Reachability,
+    cell_reach: Reachability,
     scale: Array,
     spread: tuple[float, float],
     rate: float,
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    posture = _posture_gains(scenario, found, T)
-    asked = motion_wrenches(scenario, found, posture)
+    posture = _posture_gains(scenario, cell_reach, T)
+    wrenches = motion_wrenches(scenario, cell_reach, posture)
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
@@ -133,16 +133,16 @@ def _at_rate(
     alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
     k_I, bound = alpha / width, None
     if isinstance(path, NoForcePath):
-        force, rest = None, asked.load_range / (K * gamma * (1.0 + k_I / _LEAK))
-        tracking = np.maximum(asked.load_rate / (K * gamma * k_I), rest)
+        force, rest = None, wrenches.load_range / (K * gamma * (1.0 + k_I / _LEAK))
+        tracking = np.maximum(wrenches.load_rate / (K * gamma * k_I), rest)
     else:
         lag = scenario.actuator_lag * scenario.clock.period / T
         bound = anchor_gain_bound(**sampled_loop(path, scenario.wrists, lag)._asdict())
-        tracking = asked.load_rate / (K * gamma * k_I)
+        tracking = wrenches.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3
     if bound is not None:
-        force = float(np.linalg.norm(asked.internal_rate[linear])) * T / g
+        force = float(np.linalg.norm(wrenches.internal_rate[linear])) * T / g
     gains = PayloadSpaceGains(
         pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=gamma
     )
@@ -161,10 +161,10 @@ def _at_rate(
 
 def _rates(scenario: Scenario) -> Iterator[float]:
     """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
-    own, path = scenario.clock.rate_hz, scenario.controller.force_path
+    stated, path = scenario.clock.rate_hz, scenario.controller.force_path
     timed = bool(scenario.wrists) or (not isinstance(path, NoForcePath) and (path.delay or path.pole))
-    fastest = own if timed else max(own, _FASTEST_HZ)
-    yield from (own * count for count in range(1, int(fastest / own) + 1))
+    fastest = stated if timed else max(stated, _FASTEST_HZ)
+    yield from (stated * count for count in range(1, int(fastest / stated) + 1))
 
 
 def _lag(scenario: Scenario) -> float:
@@ -184,14 +184,14 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     return path
 
 
-def _posture_gains(scenario: Scenario, found: Reachability, T: float) -> PostureGains:
+def _posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> PostureGains:
     """Return null-space gains, at most the default ones.
 
     The damping keeps T lambda below 0.9; the spring, which pulls spare joints back along the motion, takes at
     most a tenth of the torque of each drive.
     """
     usual, decay, pull = PostureGains(), 0.0, 0.0
-    for reach in found.arms:
+    for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:
             continue

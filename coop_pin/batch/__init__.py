@@ -6,7 +6,7 @@ numbers of the cell's Pinocchio tree. Compiling batches needs the extra ``fast``
 
 from coop_pin.batch.c_export import CLaw, export_c
 from coop_pin.batch.preparation import families
-from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
+from coop_pin.batch.simulate import BatchResult, BatchSimulator, RecordMemory, simulate_batch
 from coop_pin.batch.support import plant_reason, support
 from coop_pin.tracing.llvm_machine import require_compiler
 
@@ -14,6 +14,7 @@ __all__ = [
     "BatchResult",
     "BatchSimulator",
     "CLaw",
+    "RecordMemory",
     "export_c",
     "families",
     "plant_reason",

@@ -35,7 +35,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.c_emitter import CEmitter, c_number
-from coop_pin.tracing.tape import Number, Tape
+from coop_pin.tracing.tape import Operand, Tape
 
 _FLOPS = ("add", "sub", "mul", "div", "sqrt")
 """Operations that count as floating-point operations; comparisons, choices and signs do not."""
@@ -45,10 +45,10 @@ class CLaw(NamedTuple):
     """Files and cost of an exported law.
 
     Attributes:
-        header: file of the interface.
-        source: file of the code.
-        self_test: file of a program that returns 0 if the code agrees with the recorded ticks.
-        flops: floating-point operations of a step, by kind: "add", "sub", "mul", "div", "sqrt".
+        header: File of the interface.
+        source: File of the code.
+        self_test: File of a program that returns 0 if the code agrees with the recorded ticks.
+        flops: Floating-point operations of a step, by kind: "add", "sub", "mul", "div", "sqrt".
     """
 
     header: Path
@@ -69,16 +69,16 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     The code allocates nothing and has no loops; its state goes in and out.
 
     Args:
-        scenario: its controller.
-        arm: name of the arm.
-        folder: where to write; it is made if it is not there.
-        ticks: of the self-test, from the start of the scenario.
+        scenario: Scenario with the controller.
+        arm: Name of the arm.
+        folder: Folder of the files, which is made if it is not there.
+        ticks: Number of ticks of the self-test, from the start of the scenario.
 
     Raises:
-        NameNotFoundError: there is no such arm.
-        ArgumentError: the controller is one of the whole cell, or ticks is no number from 1 on.
-        TracingError: the law branches on values, computes with what cannot be traced, or has hidden state.
-        CoopPinError: the scenario cannot be simulated for these ticks.
+        NameNotFoundError: There is no such arm.
+        ArgumentError: The controller is one of the whole cell, or ticks is no number from 1 on.
+        TracingError: The law branches on values, computes with what cannot be traced, or has hidden state.
+        CoopPinError: The scenario cannot be simulated for these ticks.
     """
     require_type("scenario", scenario, Scenario)
     ticks = as_count("ticks", ticks, 1)
@@ -91,16 +91,11 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     run = Simulation(scenario, DecentralisedController({**controller.controllers, arm: recorded}))
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
-    place = next(place for place in run.plant.chain.model.arms if place.name == arm)
-    ticks_of_arm, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
+    constants = [arm_constants(scenario, place) for place in run.plant.chain.model.arms if place.name == arm]
+    cell_ticks, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
     try:
-        code = trace_law(
-            DecentralisedController(alone),
-            [arm_constants(scenario, place)],
-            scenario.cell.task_rows,
-            ticks_of_arm[0],
-        )
-        require_agreement(*code, ticks_of_arm)
+        code = trace_law(DecentralisedController(alone), constants, scenario.cell.task_rows, cell_ticks[0])
+        require_agreement(*code, cell_ticks)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = re.sub(r"\W", "_", arm, flags=re.ASCII)
@@ -219,15 +214,15 @@ def _texts(
 
 def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, LawCode]) -> str:
     """Return the file of start and step."""
-    emitter, given = CEmitter(), f"const {name}_measurement *measurement, const {name}_reference *reference"
-    read = [f"measurement->{place}" for place in _places(measured)]
-    read += [f"reference->{place}" for place in _places(desired)]
+    emitter, inputs = CEmitter(), f"const {name}_measurement *measurement, const {name}_reference *reference"
+    read = [f"measurement->{entry}" for entry in _entries(measured)]
+    read += [f"reference->{entry}" for entry in _entries(desired)]
     read += [f"state->value[{index}]" for index in range(len(codes[0].state))]
     for what, code, argument in zip(("start", "step"), codes, ("", ", double *torque"), strict=True):
         stores = [(f"state->value[{index}]", number) for index, number in enumerate(code.state)]
         stores += [(f"torque[{index}]", number) for index, number in enumerate(code.torque)]
         stores.append(("const double is_regular", code.is_regular))
-        head = f"int {name}_{what}({given}, {name}_state *state{argument})"
+        head = f"int {name}_{what}({inputs}, {name}_state *state{argument})"
         unread = "(void)measurement, (void)reference, (void)state; /* a law need not read them */"
         last = "return is_regular != 0.0;"
         emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
@@ -240,7 +235,7 @@ def _struct(values: Values, comments: Mapping[str, str]) -> str:
     return "\n".join(f"    double {name}{size}; /* {comments[name]} */" for name, size in sizes.items())
 
 
-def _places(values: Values) -> Iterator[str]:
+def _entries(values: Values) -> Iterator[str]:
     """Return the expressions of all numbers of a struct."""
     for name, value in values.items():
         yield from [f"{name}[{index}]" for index in range(np.size(value))] if np.ndim(value) else [name]
@@ -257,10 +252,10 @@ def _list(values: Any) -> str:
 
 def _flops(code: LawCode) -> dict[str, int]:
     """Return the number of floating-point operations of traced code, by kind."""
-    return {name: sum(found == name for found in _names(code.tape, code.outputs)) for name in _FLOPS}
+    return {name: sum(name == other for other in _names(code.tape, code.outputs)) for name in _FLOPS}
 
 
-def _names(tape: Tape, outputs: Sequence[Number]) -> Iterator[str]:
+def _names(tape: Tape, outputs: Sequence[Operand]) -> Iterator[str]:
     """Return the operations that outputs need, those of functions as often as they are called."""
     for index in tape.live(outputs):
         name, _, called = tape.operations[index]

@@ -15,16 +15,16 @@ from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmRefer
 from coop_pin.errors import TracingError
 from coop_pin.simulation.sensing import measurement
 from coop_pin.spatial.task_rows import TaskRows
-from coop_pin.tracing.numpy_emitter import evaluate
-from coop_pin.tracing.tape import Number, Tape
+from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.tape import Number, Operand, Tape, operands
 from coop_pin.tracing.traced_array import inputs, plain
-from coop_pin.tracing.tree import leaves, rebuilt, structure
+from coop_pin.tracing.tree import leaves, rebuilt, require_state, structure
 
 _AGREEMENT = 1e-12
-"""Of torques with those of the Python law, relative to the largest torque of the self-test."""
+"""Largest difference of torques from those of the Python law, relative to the largest torque of the ticks."""
 
 Values: TypeAlias = Mapping[str, Any]
-"""Fields of measurement or reference by name."""
+"""Values of fields of a measurement or a reference by name."""
 
 MEASURED = {
     "time": "t_k, s",
@@ -43,16 +43,16 @@ DESIRED = {
     "acceleration": "desired acceleration of P in world axes, task rows",
     "internal_wrench": "desired internal wrench on this arm about P in payload axes, task rows",
 }
-"""Fields that the law is given, and what they are; its pose, twist and Jacobian follow from them."""
+"""Fields that are inputs of the code, and their meanings; pose, twist and Jacobian follow from them."""
 
 
 class LawTick(NamedTuple):
-    """One recorded tick of a law.
+    """One recorded tick of the law of an arm.
 
     Attributes:
-        measurement: with the holding torques of the first tick.
-        reference: of the tick.
-        torque: by the law, N m, shape (k,).
+        measurement: Measurement of the arm, with the holding torques of the first tick.
+        reference: Reference of the arm.
+        torque: Torque by the law, N m, shape (k,).
     """
 
     measurement: ArmMeasurement
@@ -61,10 +61,10 @@ class LawTick(NamedTuple):
 
 
 class RecordedLaw(ArmController):
-    """A law whose ticks are kept.
+    """Law whose ticks are recorded.
 
     Attributes:
-        ticks: so far.
+        ticks: Ticks so far.
     """
 
     def __init__(self, law: ArmController) -> None:
@@ -79,8 +79,8 @@ class RecordedLaw(ArmController):
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
         """Return the law's command."""
         command = self._law.step(measurement, reference, state)
-        given = measurement._replace(holding_torque=self._holding)
-        self.ticks.append(LawTick(given, reference, command.torque))
+        measurement = measurement._replace(holding_torque=self._holding)
+        self.ticks.append(LawTick(measurement, reference, command.torque))
         return command
 
 
@@ -88,25 +88,31 @@ class LawCode(NamedTuple):
     """Traced code of one function of the interface.
 
     Attributes:
-        tape: its operations; its inputs are the fields of measurement and reference, then the state.
-        state: the state after it, numbers.
-        torque: numbers, none of the start.
-        is_regular: mask, whether the law's conditions hold.
+        tape: Operations; the inputs are the fields of measurement and reference, then the state.
+        state: State after it, operands of the tape.
+        torque: Torques, operands of the tape, none of the start.
+        is_regular: Mask, whether the law's conditions hold.
     """
 
     tape: Tape
-    state: Sequence[Number]
-    torque: Sequence[Number]
-    is_regular: Number
+    state: list[Operand]
+    torque: list[Operand]
+    is_regular: Operand
+
+    @classmethod
+    def of(cls, tape: Tape, state: Any, torque: Sequence[Number]) -> LawCode:
+        """Return the code of a tape after which a law has a state and a torque."""
+        (is_regular,) = operands(tape, [math.prod(tape.guards, start=1.0)])
+        return cls(tape, operands(tape, leaves(state)), operands(tape, torque), is_regular)
 
     @property
-    def outputs(self) -> list[Number]:
-        """All numbers that the function returns."""
+    def outputs(self) -> list[Operand]:
+        """Operands that the function returns."""
         return [*self.torque, *self.state, self.is_regular]
 
 
 def fields(tick: LawTick) -> tuple[Values, Values]:
-    """Return the values of measurement and reference that the law is given, by name."""
+    """Return the values of measurement and reference that are inputs of the code, by name."""
     measured = {name: getattr(tick.measurement, name) for name in MEASURED}
     absent = {name for name, value in measured.items() if value is None}
     absent |= {f"{name}_age" for name in absent}
@@ -120,41 +126,42 @@ def trace_law(
     """Return the traced start and step of a controller, with the kinematics of its arms.
 
     Args:
-        controller: of these arms.
-        arms: their numbers.
-        rows: task rows of the cell.
-        first: a tick of each arm with the fields that are given.
+        controller: Controller of these arms.
+        arms: Numbers of each arm.
+        rows: Task rows of the cell.
+        first: Tick of each arm, whose fields that are not None become inputs.
 
     Raises:
-        TracingError: the controller cannot be traced.
+        TracingError: The controller cannot be traced.
     """
 
     def record() -> tuple[Tape, list[ArmMeasurement], list[ArmReference]]:
         tape, measurements, references = Tape(), list[ArmMeasurement](), list[ArmReference]()
-        for arm, own in zip(arms, first, strict=True):
+        for arm, tick in zip(arms, first, strict=True):
             measured, desired = (
                 {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
-                for values in fields(own)
+                for values in fields(tick)
             )
             q, v = measured.pop("q"), measured.pop("v")
-            given = {"internal_wrench": None, **measured}
-            measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **given))
+            others = {"internal_wrench": None, **measured}
+            measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others))
             references.append(ArmReference(**desired))
         return tape, measurements, references
 
-    tape, seen, desired = record()
+    tape, measurements, references = record()
     with only_tracing_errors():
-        begun = controller.init(seen, desired)
-        start = LawCode(tape, leaves(begun), (), _all(tape.guards))
-        tape, seen, desired = record()
-        state = rebuilt(begun, iter([tape.input() for _ in start.state]))
-        later = [own._replace(holding_torque=None) for own in seen]
-        command = controller.step(later, desired, state)
-        torques = [plain(torque) for torque in command.torques]
-    if structure(command.state) != structure(begun):
+        first_state = controller.init(measurements, references)
+        require_state(first_state)
+        start = LawCode.of(tape, first_state, ())
+        tape, measurements, references = record()
+        state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
+        measurements = [measurement._replace(holding_torque=None) for measurement in measurements]
+        torques, state = controller.step(measurements, references, state)
+        require_state(state)
+        torque = [entry for torque in torques for entry in plain(torque).flat]
+    if structure(state) != structure(first_state):
         raise TracingError("returns another kind of state from step than from init")
-    torque = [entry for part in torques for entry in part.flat]
-    return start, LawCode(tape, leaves(command.state), torque, _all(tape.guards))
+    return start, LawCode.of(tape, state, torque)
 
 
 @contextlib.contextmanager
@@ -175,26 +182,22 @@ def _flat(ticks: Sequence[LawTick]) -> list[float]:
 
 
 def tolerance(ticks: Sequence[Sequence[LawTick]]) -> float:
-    """Return how far torques may be off, N m."""
-    return _AGREEMENT * max(float(np.abs(own.torque).max()) for tick in ticks for own in tick)
-
-
-def _all(guards: Sequence[Number]) -> Number:
-    return math.prod(guards, start=1.0)
+    """Return the allowed difference of torques, N m."""
+    return _AGREEMENT * max(float(np.abs(arm.torque).max()) for tick in ticks for arm in tick)
 
 
 def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[LawTick]]) -> None:
     """Refuse traced code whose torques at the recorded ticks of all arms are not those of the law.
 
     Raises:
-        TracingError: they are not.
+        TracingError: They are not.
     """
     allowed, state = tolerance(ticks), evaluate(start.tape, start.state, _flat(ticks[0]))
     for tick in ticks:
         values = evaluate(step.tape, [*step.torque, *step.state], [*_flat(tick), *state])
         torque, state = values[: len(step.torque)], values[len(step.torque) :]
-        wanted = np.concatenate([own.torque for own in tick])
-        error = float(np.abs(np.array(torque) - wanted).max())
+        expected = np.concatenate([arm.torque for arm in tick])
+        error = float(np.abs(np.array(torque) - expected).max())
         if not error <= allowed:
             raise TracingError(
                 f"differs from its traced code by {error:.3g} N m at t = {tick[0].measurement.time:g} s:"

@@ -11,6 +11,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.errors import InvalidStateError
 from coop_pin.results.quantities import Samples, condition_numbers, padded
 from coop_pin.simulation.plant import CHANNELS
 from coop_pin.spatial import internal_wrenches
@@ -31,7 +32,8 @@ class RunSamples(Mapping[str, Any]):
             layout: Layout of the records' slots.
             records: Records of blocks of its runs, as a Machine returns them.
         """
-        self._prepared, self._layout, self._records = prepared, layout, records
+        self._prepared, self._layout = prepared, layout
+        self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
@@ -89,12 +91,19 @@ class RunSamples(Mapping[str, Any]):
             "closure_angle": errors[:, None, :, 1],
         }
 
+    def release(self) -> None:
+        """Drop the records; samples that were not asked for until now cannot be made any more."""
+        self._records = None
+
     def _field(self, name: str) -> Array:
+        """Return a copy of what was recorded of a field of the block; raises as BatchResult.release."""
+        if self._records is None:
+            raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
         slots = self._layout.slots(name)
         mine = slice(slots.min(), slots.max() + 1)
         # Of one layout for any number of runs: numpy's functions choose their order of operations by it.
         blocks = [np.moveaxis(record[:, mine], 2, 0) for record in self._records]
-        runs = [np.ascontiguousarray(block).reshape(-1, len(self._kept), *slots.shape) for block in blocks]
+        runs = [np.array(block, order="C").reshape(-1, len(self._kept), *slots.shape) for block in blocks]
         return runs[0] if len(runs) == 1 else np.concatenate(runs)
 
     def _desired(self, index: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -31,6 +32,26 @@ _KEPT = 8
 """Plants of a batch that are kept for the next one."""
 
 
+class RecordMemory:
+    """Memory of released records, for later ones: new memory takes the time of the runs to be cleared."""
+
+    def __init__(self) -> None:
+        self._free: list[Array] = []
+
+    def take(self, size: int) -> Array:
+        """Return memory for ``size`` numbers or more, which is the caller's until it is given back."""
+        try:
+            memory = self._free.pop()
+        except IndexError:
+            return np.empty(size)
+        return memory if memory.size >= size else np.empty(size)
+
+    def give_back(self, parts: list[Array]) -> None:
+        """Take the parts out of a list, for later records."""
+        self._free += parts
+        parts.clear()
+
+
 class BatchResult:
     """Results of a batch.
 
@@ -41,17 +62,35 @@ class BatchResult:
         samples: quantities as a single run has them, with a leading axis of runs.
     """
 
-    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], is_valid: Mask) -> None:
+    def __init__(
+        self,
+        prepared: Prepared,
+        layout: Layout,
+        records: Sequence[Array],
+        is_valid: Mask,
+        give_back: Callable[[], None],
+    ) -> None:
         """Hold the records.
 
         Args:
-            prepared: the batch.
-            layout: of the records' slots.
-            records: of blocks of the runs, as a Machine returns them.
-            is_valid: see above.
+            prepared: Scenarios, plants and numbers of the batch.
+            layout: Slots of the records.
+            records: Records of blocks of the runs, as a Machine returns them.
+            is_valid: Which runs are valid, shape (runs,).
+            give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
         self._plants, self.samples = prepared.plants, RunSamples(prepared, layout, records)
+        self._give_back = give_back
+
+    def release(self) -> None:
+        """Give the memory of the records to later batches.
+
+        Samples, results and metrics that were returned before are copies and stay as they are. From now on,
+        asking for others raises InvalidStateError.
+        """
+        self.samples.release()
+        self._give_back()
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
@@ -79,13 +118,16 @@ class BatchResult:
 class BatchSimulator:
     """Simulates batches one after the other; code is compiled anew only when further numbers differ."""
 
-    def __init__(self, *, machine: Callable[[Program], Machine] = LlvmMachine) -> None:
+    def __init__(
+        self, *, machine: Callable[[Program], Machine] = LlvmMachine, memory: RecordMemory | None = None
+    ) -> None:
         """Begin without code.
 
         Args:
-            machine: what runs programs.
+            machine: Class of the machine that runs programs.
+            memory: Memory that several simulators share; of its own when omitted.
         """
-        self._new_machine = machine
+        self._new_machine, self._memory = machine, memory or RecordMemory()
         self._first: Prepared | None = None
         self._plants = list[PreparedPlant]()
 
@@ -103,9 +145,14 @@ class BatchSimulator:
         require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-        records = [self._machine.run(block[:, part], code.uniforms, loads[:, :, part]) for part in parts]
+        taken, records = list[Array](), list[Array]()
+        for part in parts:
+            lanes = block[:, part]
+            taken.append(self._memory.take(self._machine.record_size(lanes.shape[1])))
+            records.append(self._machine.run(lanes, code.uniforms, loads[:, :, part], taken[-1]))
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, records, is_valid)
+        give_back = partial(self._memory.give_back, taken)
+        return BatchResult(prepared, program.lanes, records, is_valid, give_back)
 
     def _code(self, prepared: Prepared) -> RunProgram:
         """Return a program in which every number that differs so far is an input."""

@@ -16,6 +16,7 @@ from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Truth
 from coop_pin.simulation.signals import SensorSignals
+from coop_pin.tracing.tree import structure
 
 _TICKS = 3
 """At which a user's controller is compared with its traced code."""
@@ -57,7 +58,7 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     """Refuse a user's controller whose steps at random ticks its traced code does not give.
 
     Raises:
-        TracingError: it cannot, or they are not.
+        TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
     if not isinstance(law, UserController):
@@ -68,6 +69,7 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.target!r} cannot be traced: it {error}") from None
+    structure(constants.controller)
 
 
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:

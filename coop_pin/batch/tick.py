@@ -24,7 +24,7 @@ from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState
 from coop_pin.simulation.sensing import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
-from coop_pin.spatial.scalars import inverse
+from coop_pin.spatial.generic_numbers import inverse
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number

@@ -36,10 +36,11 @@ class Observation(NamedTuple):
     Attributes:
         payload_pose: X_WP, shape (..., 4, 4).
         payload_twist: V_WP, shape (..., 6).
-        tip_positions: of every tip in the world, m, shape (..., m, 3).
-        interaction_wrenches: on each arm by the payload, about P in world axes, N and N m, shape (..., m, 6).
-        kinetic_energy: of arms and payload, J, shape (...).
-        potential_energy: likewise.
+        tip_positions: positions of the tips in the world, m, shape (..., m, 3).
+        interaction_wrenches: wrench on each arm by the payload, about P in world axes, N and N m, shape
+            (..., m, 6).
+        kinetic_energy: kinetic energy of arms and payload, J, shape (...).
+        potential_energy: potential energy of arms and payload, J, shape (...).
     """
 
     payload_pose: Array
@@ -113,7 +114,7 @@ class CellChain:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
 
         Args:
-            angles: of every arm, rad, shape (k,) each.
+            angles: joint angles of every arm, rad, shape (k,) each.
             X_WP: payload pose, shape (4, 4); not used if the payload is welded to the first arm.
         """
         require_type("angles", angles, Mapping)

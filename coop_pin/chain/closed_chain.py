@@ -39,7 +39,8 @@ class ChainDynamics(NamedTuple):
 
     Attributes:
         acceleration: a, shape (nv,).
-        closure_wrenches: on body a of each closure at frame a, in axes of a, N and N m, shape (closures, 6).
+        closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
+            (closures, 6).
             If rows are redundant, it is not unique for rigid bodies; this is the one of least multipliers.
         rank: number of independent closure rows.
         residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
@@ -70,8 +71,8 @@ class ClosedChain:
         model: the tree; ``model.names`` has its joints in the order of v.
         closures: the closures with their frames.
         stabilisation: Baumgarte frequency and damping ratio.
-        formulation: as given to the constructor.
-        solver: of the constrained dynamics of a state.
+        formulation: formulation of the constrained dynamics.
+        solver: solver of the constrained dynamics of a state.
     """
 
     solver: ProximalSolver | KKTSolver
@@ -136,8 +137,8 @@ class ClosedChain:
             path_or_xml: path of a URDF or xacro file, name of a known robot, or the XML text itself.
             closures: between its frames, after those of the file.
             gravity: m/s^2, in world axes, shape (3,).
-            stabilisation: as for the constructor.
-            formulation: as for the constructor.
+            stabilisation: stabilisation, as for the constructor.
+            formulation: formulation, as for the constructor.
             mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
             package_dirs: folders that are searched first for the packages of package:// and $(find ...).
             xacro_args: values of the arguments of a xacro file.

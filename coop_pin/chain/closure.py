@@ -40,10 +40,10 @@ class Closure:
     Attributes:
         frame_a: name of frame A; "world" or "universe" is the world.
         frame_b: name of frame B, likewise.
-        rows: which relative motions are held.
+        rows: relative motions that are held.
         X_AC: pose of C in A, shape (4, 4); identity when omitted.
         X_BC: pose of C in B, shape (4, 4); identity when omitted.
-        name: for messages; "A - B" with the names of the frames when omitted.
+        name: name in messages; "A - B" with the names of the frames when omitted.
     """
 
     frame_a: str
@@ -101,9 +101,9 @@ class ClosureKinematics(NamedTuple):
 
     Attributes:
         position: e, m and rad, shape (k,).
-        A_a: shape (k, 6).
-        A_b: shape (k, 6).
-        drift: shape (k,).
+        A_a: map of the acceleration a_a, shape (k, 6).
+        A_b: map of the acceleration a_b, shape (k, 6).
+        drift: part of e'' by the twists alone, shape (k,).
     """
 
     position: Array

@@ -32,7 +32,7 @@ class ClosureFrame:
 
         Args:
             model: the tree.
-            name: of a frame F, or "world".
+            name: name of a frame F, or "world".
             X_FC: pose of C in F, shape (4, 4); identity when None.
 
         Raises:
@@ -117,7 +117,7 @@ class ClosureSet:
     """Closures of a tree, stacked.
 
     Attributes:
-        closures: as given.
+        closures: closures in the order of the constructor.
         sides: frames a and b of each closure.
         rows: total number of rows r.
     """

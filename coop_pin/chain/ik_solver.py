@@ -79,7 +79,7 @@ class IKSolver:
 
     Attributes:
         model: the arm's Pinocchio model.
-        limits: its joint limits.
+        limits: joint limits of the arm.
         is_redundant: whether its Jacobian has a null space.
     """
 
@@ -112,8 +112,8 @@ class IKSolver:
             target: desired tip pose X_WE_d.
             q: initial guess, shape (nq,).
             limited: whether to stay within the joint limits that restrict the workspace.
-            angle_weight: of the angle relative to the distance, m/rad. Far below one, the distance is
-                minimised first.
+            angle_weight: weight of the angle relative to the distance, m/rad. Far below one, the distance
+                is minimised first.
             steps: largest number of steps.
         """
         weights = np.repeat((1.0, angle_weight), 3)

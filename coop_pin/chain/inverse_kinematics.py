@@ -62,7 +62,7 @@ def ik_branches(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = N
     Args:
         arm: the model, with its grasp.
         X_WP: payload pose, shape (4, 4).
-        posture: as for solve_ik.
+        posture: preferred angles or configuration, as for solve_ik.
 
     Raises:
         JointLimitError, UnreachablePoseError: there is none, as for solve_ik.

@@ -63,7 +63,7 @@ class ConstraintSVD(NamedTuple):
         x = M^-1 J^T (J M^-1 J^T)^+ target = L^-T V s^-1 U^T target
 
         Args:
-            target: shape (r,).
+            target: values of J x, shape (r,).
             damping: mu of Levenberg and Marquardt, in parts of the largest s^2: s / (s^2 + mu s_1^2) instead
                 of 1 / s.
         """

@@ -31,7 +31,7 @@ class Projected(NamedTuple):
     Attributes:
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
-        rank: of the closure Jacobian there.
+        rank: rank of the closure Jacobian there.
     """
 
     q: Array

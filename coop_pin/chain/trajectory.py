@@ -88,7 +88,7 @@ class Propagator:
 
         Args:
             model: the tree.
-            solver: of the constrained dynamics.
+            solver: solver of the constrained dynamics.
             torque: the generalised force; zero when None.
             project: (q, v, rank) -> state on the closures, called after every step; no projection when None.
 
@@ -107,7 +107,7 @@ class Propagator:
 
         Args:
             start: the state at the first time.
-            rank: of the closures there; None if unknown.
+            rank: rank of the closures there; None if unknown.
             time: s, shape (n,).
 
         Raises:
@@ -154,7 +154,7 @@ def time_grid(duration: float, step: float, bytes_per_time: int) -> Array:
     Args:
         duration: s.
         step: s.
-        bytes_per_time: what else is stored for each time, bytes.
+        bytes_per_time: storage for each time, bytes.
 
     Raises:
         NotEnoughMemoryError: what is stored does not fit.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.terms import gain_vector, spare_torque
-from coop_pin.spatial.scalars import exp
+from coop_pin.spatial.generic_numbers import exp
 
 
 class LeaderFollowerState(NamedTuple):

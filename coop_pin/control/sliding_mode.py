@@ -16,7 +16,7 @@ from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
-from coop_pin.spatial.scalars import exp
+from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
 

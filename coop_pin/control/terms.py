@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, as_array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.errors import ArgumentError, FieldError, SingularJacobianError
-from coop_pin.spatial.scalars import identity, inverse, require_less
+from coop_pin.spatial.generic_numbers import identity, inverse, require_less
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6

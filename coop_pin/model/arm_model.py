@@ -36,10 +36,10 @@ class ArmModel:
     The payload frame P is rigidly attached to the tip E.
 
     Attributes:
-        name: of the arm, for error messages.
+        name: arm name in error messages.
         model: the Pinocchio model, with frames "tip" (E) and "payload" (P); all other names begin with
             "arm/".
-        key: what its kinematics depend on, by value.
+        key: values on which its kinematics depend.
         nq: size of q.
         nv: size of v.
         drive: Drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
@@ -60,7 +60,7 @@ class ArmModel:
             arm: the description.
             X_PE: pose of the tip in the payload frame, shape (4, 4); identity when omitted.
             gravity: m/s^2, in world axes, shape (3,).
-            name: of the arm, for error messages.
+            name: arm name in error messages.
 
         Raises:
             UrdfError: the URDF is missing or defective.

@@ -26,7 +26,7 @@ def visual_geometry(model: pin.Model, text: str, folders: Sequence[str]) -> tupl
     """Return Pinocchio's visual geometry objects, and why those of a link cannot be read, by its name.
 
     Args:
-        model: of the URDF, with all its joints.
+        model: model of the URDF, with all its joints.
         text: the URDF.
         folders: searched for the packages of package://.
     """
@@ -50,7 +50,7 @@ def can_be_read(text: str, folders: Sequence[str], size: int) -> bool:
     Args:
         text: the URDF.
         folders: searched for the packages of package://.
-        size: of all its meshes, bytes.
+        size: size of all its meshes, bytes.
     """
     cpu_s = _CPU_S + size // _BYTES_PER_S
     order = {"text": text, "folders": list(folders)}

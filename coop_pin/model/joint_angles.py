@@ -14,12 +14,12 @@ class JointAngles:
     """Conversion between the joint angles of an arm, rad (m for a prismatic joint), and its entries of q.
 
     Attributes:
-        names: of the joints.
+        names: joint names.
         units: "rad" or "m" for each joint.
         entry: index of each joint's first entry in the arm's part of q, shape (k,).
         is_vector: whether q consists of the angles themselves.
-        continuous: which joints are continuous, shape (k,).
-        revolute: which joints are revolute, shape (k,).
+        continuous: mask of the continuous joints, shape (k,).
+        revolute: mask of the revolute joints, shape (k,).
     """
 
     def __init__(self, model: pin.Model, first: int = 1, last: int | None = None) -> None:

@@ -44,7 +44,7 @@ class JointLimits:
 
         Args:
             arm: the description.
-            name: its name in the cell, for the path in error messages.
+            name: arm name in the cell, for the path in error messages.
 
         Raises:
             FieldError: the number of torque limits differs from the number of joints.

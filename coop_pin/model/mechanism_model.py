@@ -30,8 +30,8 @@ def mechanism_model(
         path_or_xml: path of a URDF, name of a bundled or example-robot-data robot, or the XML text itself.
         gravity: m/s^2, in world axes, shape (3,).
         ignore_mimic: let mimic joints move independently.
-        package_dirs: as for find_urdf.
-        xacro_args: as for find_urdf.
+        package_dirs: package folders, as for find_urdf.
+        xacro_args: xacro arguments, as for find_urdf.
 
     Raises:
         UrdfError: there is no such file; it has structural defects, or loops that cannot be read;

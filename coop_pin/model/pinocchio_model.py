@@ -126,7 +126,7 @@ class UnreducedArm(NamedTuple):
         model: all joints of the URDF.
         text: the URDF.
         locked: indices of the joints to lock.
-        configuration: at which they are locked, shape (nq,).
+        configuration: configuration at which they are locked, shape (nq,).
     """
 
     model: pin.Model

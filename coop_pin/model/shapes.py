@@ -31,7 +31,7 @@ class Cylinder(NamedTuple):
 
     Attributes:
         radius: m.
-        length: along z, m.
+        length: length along z, m.
     """
 
     radius: float

@@ -27,9 +27,9 @@ class Visual(NamedTuple):
     """Visual shape on a body.
 
     Attributes:
-        name: its name in the URDF, made unique by Pinocchio; the pieces of a mesh share it.
+        name: name in the URDF, made unique by Pinocchio; the pieces of a mesh share it.
         shape: box, cylinder, sphere or mesh.
-        pose: of the shape in the body's frame, shape (4, 4).
+        pose: pose of the shape in the body's frame, shape (4, 4).
         colour: red, green, blue and opacity, from 0 to 1.
     """
 
@@ -44,7 +44,7 @@ class Body(NamedTuple):
 
     Attributes:
         name: ``<arm>/<joint>``, or ``<arm>/base`` for the fixed part.
-        visuals: its shapes.
+        visuals: shapes of the body.
     """
 
     name: str
@@ -68,7 +68,7 @@ class CellVisuals:
                 of q.
         """
         cell_model = CellModel(cell, payload)
-        self.joints = {place.name: place.joint_names for place in cell_model.arms}
+        self.joints = {slot.name: slot.joint_names for slot in cell_model.arms}
         self._model = cell_model.model
         self._data = self._model.createData()
         self.bodies: tuple[Body, ...] = ()

@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from coop_pin.arrays import Array, as_array, frozen, require_type
-from coop_pin.errors import FieldError, ScenarioError, one_or_all
+from coop_pin.errors import FieldError, InfeasibleMotionError, ScenarioError, one_or_all
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
 from coop_pin.schema.pose import Pose
@@ -66,6 +66,22 @@ class SqueezeReference(Description):
             if table:
                 check_arm_names(table, grasps, FieldError, field)
 
+    def scaled(self, part: float) -> Self:
+        """Return the squeeze with all wrenches times a part.
+
+        Raises:
+            InfeasibleMotionError: it is a function, which cannot be scaled.
+        """
+        if not self.tables():
+            detail = f"the drives can hold {part:g} of the squeeze; scale its function"
+            raise InfeasibleMotionError("torque", detail)
+        return self.replace(
+            **{
+                field or "wrenches": {arm: tuple(part * np.array(wrench)) for arm, wrench in table.items()}
+                for field, table in self.tables().items()
+            }
+        )
+
 
 class ConstantSqueeze(SqueezeReference):
     """f_d = wrenches at all times.
@@ -114,6 +130,10 @@ class TipForceSqueeze(SqueezeReference):
     def at(self, time: float, grasps: Mapping[str, Pose]) -> Array:
         """Return f_d of the arms at a time in s, N and N m, shape (m, 6)."""
         return _pressed(self.force, _tips(grasps))
+
+    def scaled(self, part: float) -> Self:
+        """Return the squeeze with the force times a part."""
+        return self.replace(force=part * self.force)
 
 
 class TipWrenchSqueeze(SqueezeReference):

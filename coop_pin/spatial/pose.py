@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, shaped
-from coop_pin.spatial.scalars import atan2, sqrt, where
+from coop_pin.spatial.generic_numbers import atan2, sqrt, where
 
 _SMALL = 1e-9
 """Length of a quaternion's vector, of a factor of 2 to 4, below which atan2(length, w) is length / w."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_type
 from coop_pin.errors import NameNotFoundError
+from coop_pin.spatial.generic_numbers import atan2
 from coop_pin.spatial.pose import pose_error, rotate_vector6
-from coop_pin.spatial.scalars import atan2
 
 RowsName = Literal["planar", "positional", "full"]
 

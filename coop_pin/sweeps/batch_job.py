@@ -11,13 +11,15 @@ import time
 from collections import defaultdict
 from collections.abc import Hashable, Sequence
 
-from coop_pin.batch import BatchSimulator, families
+from coop_pin.batch import BatchSimulator, RecordMemory, families
 from coop_pin.errors import TracingError
 from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate
 from coop_pin.sweeps.run_key import require_unchanged
 
 _simulators: dict[Hashable, BatchSimulator | None] = {}
 """With their code, by the family of the scenarios, for all batches of a process; None for single runs."""
+_memory = RecordMemory()
+"""Memory of their records: a batch gives it back as soon as its outcomes are made."""
 _KEPT = 8
 """Families whose code is kept, those used last; the tapes of one may take 60 MB."""
 _LOG = logging.getLogger("coop_pin.sweeps")
@@ -49,7 +51,9 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
 
 def _family(kind: Hashable, jobs: Sequence[Job]) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; why it cannot be traced is told once."""
-    simulator = _simulators[kind] = _simulators.pop(kind) if kind in _simulators else BatchSimulator()
+    simulator = _simulators[kind] = (
+        _simulators.pop(kind) if kind in _simulators else BatchSimulator(memory=_memory)
+    )
     if len(_simulators) > _KEPT:
         del _simulators[next(iter(_simulators))]
     try:
@@ -93,4 +97,5 @@ def _together(simulator: BatchSimulator, jobs: Sequence[Job]) -> list[Outcome | 
         wall_s, cpu_s = outcome.record.wall_s + wall, outcome.record.cpu_s + cpu
         record = dataclasses.replace(outcome.record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
         found.append(outcome._replace(record=record))
+    batch.release()
     return found

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from coop_pin.tracing.emitter import Emitter
-from coop_pin.tracing.tape import Function, Number, Operand, Tape
+from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 _EXPRESSIONS = {
     "add": "{} + {}",
@@ -42,7 +42,7 @@ def c_number(value: float) -> str:
 
 
 class CEmitter(Emitter):
-    """Functions ``static void (const double *x, double *y)``, and definitions with other arguments."""
+    """Writer of functions; subroutines are ``static void (const double *x, double *y)``."""
 
     def text(self) -> str:
         """Return the file of all definitions so far."""
@@ -53,7 +53,7 @@ class CEmitter(Emitter):
         self,
         head: str,
         tape: Tape,
-        stores: Sequence[tuple[str, Number]],
+        stores: Sequence[tuple[str, Operand]],
         read: Callable[[int], str],
         first: str = "",
         last: str = "",
@@ -61,34 +61,35 @@ class CEmitter(Emitter):
         """Add the definition of a function, after those that it calls.
 
         Args:
-            head: its type, name and arguments.
-            tape: its code.
-            stores: what each expression on the left of an assignment gets.
-            read: the expression of the input at a position.
-            first: statements before the code.
-            last: statements after it.
+            head: Type, name and arguments.
+            tape: Code.
+            stores: Expressions on the left of assignments, and operands that are assigned.
+            read: Function that returns the expression of the input at a position.
+            first: Statements before the code.
+            last: Statements after it.
         """
-        outputs = [number for _, number in stores]
+        outputs = [operand for _, operand in stores]
         code = self.body(tape, outputs, lambda index, at: f"const double v{index} = {read(at)};")
-        ends = (f"{left} = {self.value(number)};" for left, number in stores)
+        ends = (f"{left} = {self.operand(operand)};" for left, operand in stores)
         lines = [first, *code, *ends, last]
         self.parts.append("\n".join([head, "{", *(f"    {line}" for line in lines if line), "}\n"]))
 
-    def _function(self, function: Function) -> None:
-        head = f"static void {function.name}(const double *x, double *y)"
-        stores = [(f"y[{index}]", number) for index, number in enumerate(function.outputs)]
-        self.define(head, function.tape, stores, lambda position: f"x[{position}]")
+    def operand(self, operand: Operand) -> str:
+        """Return an operand as it is written in an expression."""
+        return f"v{operand}" if isinstance(operand, int) else c_number(operand)
+
+    def _define_subroutine(self, subroutine: Subroutine) -> None:
+        head = f"static void {subroutine.name}(const double *x, double *y)"
+        stores = [(f"y[{index}]", operand) for index, operand in enumerate(subroutine.outputs)]
+        self.define(head, subroutine.tape, stores, "x[{}]".format)
 
     def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
         yield f"const double v{index} = {_EXPRESSIONS[name].format(*operands)};"
 
-    def _call(self, index: int, function: Function, arguments: Sequence[str]) -> Iterator[str]:
+    def _call(self, index: int, subroutine: Subroutine, arguments: Sequence[str]) -> Iterator[str]:
         yield f"const double x{index}[] = {{{', '.join(arguments)}}};"
-        yield f"double y{index}[{len(function.outputs)}];"
-        yield f"{function.name}(x{index}, y{index});"
+        yield f"double y{index}[{len(subroutine.outputs)}];"
+        yield f"{subroutine.name}(x{index}, y{index});"
 
     def _result(self, index: int, call: int, position: int) -> str:
         return f"const double v{index} = y{call}[{position}];"
-
-    def _operand(self, operand: Operand) -> str:
-        return f"v{operand}" if isinstance(operand, int) else c_number(operand)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.errors import TracingError
-from coop_pin.tracing.tape import FOLD, Number, Tape, Traced
+from coop_pin.tracing.tape import FOLD, Number, Traced
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
@@ -46,12 +46,12 @@ _HYPERBOLIC_COTANGENT = (
     1.66666666666666019037e-01,
     2.0,
 )
-"""Of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
+"""Coefficients of r coth(r / 2) in r^2, for abs(r) <= log(2) / 2 (fdlibm's exp)."""
 _LARGEST_TANH = 40.0
 """Twice an argument from which 1 - tanh is less than the rounding of 1."""
 _EXPONENTIAL = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))
 _INVERSE_TANGENT = tuple(1.0 / (2 * n + 1) for n in range(10, -1, -1))
-"""Series of atanh(s) / s in s^2, for s up to 0.172."""
+"""Coefficients of atanh(s) / s in s^2, for s up to 0.172."""
 _BINARY_PLACES = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
 _ARC_TANGENT_P = (
     -8.750608600031904122785e-1,
@@ -72,9 +72,9 @@ _SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
 
 
 def apply(name: str, *numbers: Number) -> Number:
-    """Return the result of an operation on the tape of the traced scalars among the numbers."""
-    tape: Tape | None = next((number.tape for number in numbers if isinstance(number, Traced)), None)
-    return tape.apply(name, *numbers) if tape is not None else FOLD[name](*numbers)
+    """Return the result of an operation of FOLD, on the tape of the traced scalars among the numbers."""
+    scalar = next((number for number in numbers if isinstance(number, Traced)), None)
+    return FOLD[name](*numbers) if scalar is None else scalar.apply(name, *numbers)
 
 
 def sqrt(x: Number) -> Number:
@@ -191,7 +191,7 @@ def inverse(A: NDArray[Any]) -> NDArray[Any]:
     """Return A^-1 by Gaussian elimination with partial pivoting; the row swaps are choices by masks.
 
     Args:
-        A: numbers, shape (n, n).
+        A: Matrix of numbers, shape (n, n).
     """
     size = len(A)
     rows = [[*row, *unit] for row, unit in zip(A.tolist(), np.eye(size).tolist(), strict=True)]

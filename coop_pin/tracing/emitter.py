@@ -5,61 +5,54 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.tracing.tape import Function, Number, Operand, Tape, Traced
+from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 
 class Emitter(ABC):
-    """Writes functions and what they call, each once and before its callers.
+    """Writer of code: each subroutine is defined once and before its callers.
 
     Attributes:
-        parts: text of each function, in order.
+        parts: Text of each definition, in order.
     """
 
     def __init__(self) -> None:
         self.parts: list[str] = []
-        self._known: set[Function] = set()
+        self._emitted: set[Subroutine] = set()
 
-    def function(self, function: Function) -> None:
-        """Add a function of input and output arrays, unless it is there."""
-        if function not in self._known:
-            self._known.add(function)
-            self._function(function)
-
-    def body(self, tape: Tape, outputs: Sequence[Number], read: Callable[[int, int], str]) -> Iterator[str]:
-        """Return the lines that compute outputs of a tape, and add the functions that they call.
+    def body(self, tape: Tape, outputs: Sequence[Operand], read: Callable[[int, int], str]) -> Iterator[str]:
+        """Yield the lines that compute outputs of a tape, and define the subroutines that they call.
 
         Args:
-            tape: the code.
-            outputs: numbers of it.
-            read: the line of an operation, by its index, that reads the input at a position.
+            tape: Code.
+            outputs: Operands of it.
+            read: Function of the index of an operation and the position of an input; returns the line that
+                reads it.
         """
         for index in tape.live(outputs):
-            name, operands, called = tape.operations[index]
+            name, operands, subroutine = tape.operations[index]
             if name == "input":
                 yield read(index, int(operands[0]))
             elif name == "result":
                 yield self._result(index, int(operands[0]), int(operands[1]))
-            elif called is not None:
-                self.function(called)
-                yield from self._call(index, called, [self._operand(operand) for operand in operands])
+            elif subroutine is not None:
+                if subroutine not in self._emitted:
+                    self._emitted.add(subroutine)
+                    self._define_subroutine(subroutine)
+                yield from self._call(index, subroutine, list(map(self.operand, operands)))
             else:
-                yield from self._operation(index, name, [self._operand(operand) for operand in operands])
-
-    def value(self, number: Number) -> str:
-        """Return a number of the body as it is written in an expression."""
-        return self._operand(number.index if isinstance(number, Traced) else float(number))
+                yield from self._operation(index, name, list(map(self.operand, operands)))
 
     @abstractmethod
-    def _function(self, function: Function) -> None:
-        """Add a function."""
-
-    @abstractmethod
-    def _operand(self, operand: Operand) -> str:
+    def operand(self, operand: Operand) -> str:
         """Return an operand as it is written in an expression."""
 
     @abstractmethod
-    def _call(self, index: int, function: Function, arguments: Sequence[str]) -> Iterator[str]:
-        """Return the lines that call a function."""
+    def _define_subroutine(self, subroutine: Subroutine) -> None:
+        """Add the definition of a subroutine."""
+
+    @abstractmethod
+    def _call(self, index: int, subroutine: Subroutine, arguments: Sequence[str]) -> Iterator[str]:
+        """Yield the lines that call a subroutine."""
 
     @abstractmethod
     def _result(self, index: int, call: int, position: int) -> str:
@@ -67,4 +60,4 @@ class Emitter(ABC):
 
     @abstractmethod
     def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
-        """Return the lines of an operation of FOLD."""
+        """Yield the lines of an operation of FOLD."""

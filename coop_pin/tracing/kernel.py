@@ -1,4 +1,4 @@
-"""Kernels: traced code that reads and writes the slots of a block of runs, and programs of them.
+"""Kernels: traced code that reads and writes slots of a block of runs; programs of them, and machines.
 
 A block holds many runs side by side, one lane each; a slot is one number of every lane. A program says which
 kernels run in which order, and what is loaded into slots and recorded from them in between.
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.tracing.numpy_emitter import evaluate
-from coop_pin.tracing.tape import Number, Tape
+from coop_pin.errors import ArgumentError
+from coop_pin.tracing.tape import Operand, Tape, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import leaves
 
@@ -25,7 +25,7 @@ class Layout:
     """Slots of a block by names, each an array.
 
     Attributes:
-        size: number of slots.
+        size: Number of slots.
     """
 
     def __init__(self) -> None:
@@ -37,9 +37,6 @@ class Layout:
         self._fields[name] = self.size, shape
         self.size += math.prod(shape)
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._fields
-
     def slots(self, name: str) -> NDArray[np.int64]:
         """Return the slots of a field, in its shape."""
         start, shape = self._fields[name]
@@ -50,17 +47,17 @@ class Kernel:
     """Code that reads slots and numbers common to all runs, and writes slots.
 
     Attributes:
-        name: in emitted code.
-        tape: its operations.
-        reads: where each input of the tape comes from: "lane" or "uniform", and the slot there.
-        writes: slot and number of each output.
+        name: Name in emitted code.
+        tape: Operations.
+        reads: Source of each input of the tape: "lane" or "uniform", and the slot there.
+        writes: Slot and operand of each output.
     """
 
     def __init__(self, name: str, lanes: Layout, uniforms: Layout) -> None:
         self.name, self.tape = name, Tape()
         self.reads: list[tuple[Literal["lane", "uniform"], int]] = []
-        self.writes: list[tuple[int, Number]] = []
-        self._lanes, self._uniforms, self._known = lanes, uniforms, dict[tuple[str, str], Any]()
+        self.writes: list[tuple[int, Operand]] = []
+        self._lanes, self._uniforms, self._fields = lanes, uniforms, dict[tuple[str, str], Any]()
 
     def read(self, name: str) -> Any:
         """Return a field of the block."""
@@ -72,29 +69,24 @@ class Kernel:
 
     def write(self, name: str, values: Any) -> None:
         """Write a field of the block, after all reads."""
-        numbers = leaves(values)
-        self.writes += zip(self._lanes.slots(name).ravel().tolist(), numbers, strict=True)
-
-    @property
-    def outputs(self) -> list[Number]:
-        """The numbers that are written."""
-        return [number for _, number in self.writes]
+        slots = self._lanes.slots(name).ravel().tolist()
+        self.writes += zip(slots, operands(self.tape, leaves(values)), strict=True)
 
     def _read(self, space: Literal["lane", "uniform"], name: str, layout: Layout) -> Any:
         key = space, name
-        if key not in self._known:
+        if key not in self._fields:
             slots = layout.slots(name)
             self.reads += [(space, int(slot)) for slot in slots.ravel()]
-            self._known[key] = inputs(self.tape, *slots.shape)
-        return self._known[key]
+            self._fields[key] = inputs(self.tape, *slots.shape)
+        return self._fields[key]
 
 
 class Instruction(NamedTuple):
     """One instruction of a program.
 
     Attributes:
-        code: index of a kernel to run, or LOAD or RECORD.
-        row: of the uniforms, the loads, or the record.
+        code: Index of a kernel to run, or LOAD or RECORD.
+        row: Row of the uniforms, the loads, or the record.
     """
 
     code: int
@@ -103,16 +95,19 @@ class Instruction(NamedTuple):
 
 LOAD, RECORD = -1, -2
 
+CACHE_LINE = 64
+"""Bytes. A record begins with a line; whole lines of it are written past the caches, which are smaller."""
+
 
 class Program(NamedTuple):
     """Kernels and the order of their calls.
 
     Attributes:
-        kernels: by index.
-        lanes: slots of the block; those of ``record`` are first, then those of ``load``.
-        recorded: number of slots that RECORD copies.
-        loaded: number of slots that LOAD fills.
-        instructions: in order.
+        kernels: Kernels by index.
+        lanes: Slots of the block; the recorded ones are first, then those that are loaded.
+        recorded: Number of slots that RECORD copies.
+        loaded: Number of slots that LOAD fills.
+        instructions: Instructions in order.
     """
 
     kernels: Sequence[Kernel]
@@ -123,49 +118,50 @@ class Program(NamedTuple):
 
     def rows(self, code: int) -> int:
         """Return the number of rows that a kind of instruction needs."""
-        return 1 + max((row for found, row in self.instructions if found == code), default=-1)
+        return 1 + max((row for other, row in self.instructions if other == code), default=-1)
 
 
 class Machine(ABC):
-    """Runs programs."""
+    """Machine that runs a program on blocks of runs.
+
+    Attributes:
+        program: Kernels and the order of their calls.
+        width: Number of lanes that it advances at once.
+    """
+
+    def __init__(self, program: Program, width: int = 1) -> None:
+        self.program, self.width = program, width
 
     @abstractmethod
-    def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
+    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program.
 
         Args:
-            block: initial slots, changed in place, shape (slots, lanes).
-            uniforms: shape (rows, uniforms).
-            loads: shape (rows, loaded, lanes).
+            block: Initial slots, changed in place, shape (slots, lanes).
+            uniforms: Numbers that all runs share, shape (rows, uniforms).
+            loads: Numbers that LOAD fills in, shape (rows, loaded, lanes).
+            out: Memory of the record, which is overwritten, shape (n,) with n of at least record_size(lanes);
+                new memory when omitted.
 
         Returns:
-            The record, shape (rows, recorded, lanes).
+            The record, shape (rows, recorded, lanes): a view of ``out``.
+
+        Raises:
+            ArgumentError: ``out`` is too small, or no row of floats.
         """
 
+    def record_size(self, lanes: int) -> int:
+        """Return how many numbers of memory a record takes, with whole registers and the start of a line."""
+        return math.prod(self._shape(lanes)) + CACHE_LINE // 8
 
-class NumpyMachine(Machine):
-    """Runs a program by numpy: slow, the oracle."""
+    def _record(self, lanes: int, out: Array | None) -> Array:
+        """Return the record in memory, shape (rows, recorded, lanes of whole registers); see run."""
+        shape, size = self._shape(lanes), self.record_size(lanes)
+        memory = np.empty(size) if out is None else out
+        if memory.shape < (size,) or memory.strides != (8,) or memory.dtype != np.float64:
+            raise ArgumentError(f"out has shape {memory.shape}; it must have {size} floats in a row")
+        start = -memory.ctypes.data % CACHE_LINE // 8
+        return memory[start : start + math.prod(shape)].reshape(shape)
 
-    def __init__(self, program: Program) -> None:
-        self._program = program
-
-    def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
-        """Run the program; see Machine."""
-        program = self._program
-        record = np.empty((program.rows(RECORD), program.recorded, block.shape[1]))
-        with np.errstate(all="ignore"):
-            for code, row in program.instructions:
-                if code == RECORD:
-                    record[row] = block[: program.recorded]
-                elif code == LOAD:
-                    block[program.recorded : program.recorded + program.loaded] = loads[row]
-                else:
-                    kernel = program.kernels[code]
-                    given = [
-                        block[slot].copy() if space == "lane" else uniforms[row, slot]
-                        for space, slot in kernel.reads
-                    ]
-                    values = evaluate(kernel.tape, kernel.outputs, given)
-                    for (slot, _), value in zip(kernel.writes, values, strict=True):
-                        block[slot] = value
-        return record
+    def _shape(self, lanes: int) -> tuple[int, int, int]:
+        return self.program.rows(RECORD), self.program.recorded, -(-lanes // self.width) * self.width

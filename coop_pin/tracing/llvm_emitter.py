@@ -1,4 +1,4 @@
-"""Traced code as text of LLVM: one lane of each vector register for each of several runs.
+"""Traced code as text of LLVM: each run is one lane of the vector registers.
 
 No operation is contracted or reordered, so that the bits do not depend on the width of the registers.
 """
@@ -9,13 +9,10 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 
 from coop_pin.tracing.emitter import Emitter
-from coop_pin.tracing.kernel import LOAD, RECORD, Kernel, Program
-from coop_pin.tracing.tape import Function, Number, Operand, Tape
+from coop_pin.tracing.kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
+from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-
-CACHE_LINE = 64
-"""Bytes. The record begins with a line; whole lines of it are written past the caches, which are smaller."""
 
 
 def llvm_text(program: Program, width: int) -> str:
@@ -43,7 +40,7 @@ def llvm_text(program: Program, width: int) -> str:
 
 
 class LlvmEmitter(Emitter):
-    """Functions ``void (ptr inputs, ptr outputs)`` and kernels ``void (ptr block, ptr uniforms)``."""
+    """Writer of kernels ``void (ptr block, ptr uniforms)``, subroutines ``void (ptr x, ptr y)``."""
 
     def __init__(self, width: int) -> None:
         """Write for a number of lanes."""
@@ -65,25 +62,32 @@ class LlvmEmitter(Emitter):
         head = f"@{kernel.name}(ptr %block, ptr %uniforms)"
         self._define(head, kernel.tape, kernel.writes, "%block", read)
 
-    def _function(self, function: Function) -> None:
+    def operand(self, operand: Operand) -> str:
+        """Return an operand as it is written in an expression."""
+        if isinstance(operand, int):
+            return f"%v{operand}"
+        bits = struct.unpack("<Q", struct.pack("<d", operand))[0]
+        return f"splat (double 0x{bits:016X})"
+
+    def _define_subroutine(self, subroutine: Subroutine) -> None:
         def read(index: int, position: int) -> str:
             return self._load(f"%v{index}", "%inputs", position)
 
-        head, outputs = f"@{function.name}(ptr %inputs, ptr %outputs)", list(enumerate(function.outputs))
-        self._define(head, function.tape, outputs, "%outputs", read)
+        head = f"@{subroutine.name}(ptr %inputs, ptr %outputs)"
+        self._define(head, subroutine.tape, list(enumerate(subroutine.outputs)), "%outputs", read)
 
     def _define(
         self,
         head: str,
         tape: Tape,
-        stores: Sequence[tuple[int, Number]],
+        stores: Sequence[tuple[int, Operand]],
         target: str,
         read: Callable[[int, int], str],
     ) -> None:
         lines = [f"define internal void {head} noinline {{"]
-        lines += self.body(tape, [number for _, number in stores], read)
-        for count, (slot, number) in enumerate(stores):
-            lines += self._store(f"%o{count}", self.value(number), target, slot)
+        lines += self.body(tape, [operand for _, operand in stores], read)
+        for count, (slot, operand) in enumerate(stores):
+            lines += self._store(f"%o{count}", self.operand(operand), target, slot)
         self.parts.append("\n".join([*lines, "ret void", "}"]))
 
     def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
@@ -110,21 +114,15 @@ class LlvmEmitter(Emitter):
                 yield f"%s{index} = shl {integers} %e{index}, splat (i64 52)"
                 yield f"%v{index} = bitcast {integers} %s{index} to {vector}"
 
-    def _call(self, index: int, function: Function, arguments: Sequence[str]) -> Iterator[str]:
-        for buffer, size in (("a", len(arguments)), ("r", len(function.outputs))):
+    def _call(self, index: int, subroutine: Subroutine, arguments: Sequence[str]) -> Iterator[str]:
+        for buffer, size in (("a", len(arguments)), ("r", len(subroutine.outputs))):
             yield f"%{buffer}{index} = alloca [{max(size, 1)} x {self._vector}], align 64"
         for count, argument in enumerate(arguments):
             yield from self._store(f"%a{index}.{count}", argument, f"%a{index}", count)
-        yield f"call void @{function.name}(ptr %a{index}, ptr %r{index})"
+        yield f"call void @{subroutine.name}(ptr %a{index}, ptr %r{index})"
 
     def _result(self, index: int, call: int, position: int) -> str:
         return self._load(f"%v{index}", f"%r{call}", position)
-
-    def _operand(self, operand: Operand) -> str:
-        if isinstance(operand, int):
-            return f"%v{operand}"
-        bits = struct.unpack("<Q", struct.pack("<d", operand))[0]
-        return f"splat (double 0x{bits:016X})"
 
     def _load(self, name: str, pointer: str, slot: int) -> str:
         return (

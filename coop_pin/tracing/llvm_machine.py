@@ -9,8 +9,6 @@ import ctypes
 import hashlib
 import os
 import stat
-import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,54 +18,42 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import MissingExtraError
-from coop_pin.tracing.kernel import RECORD, Machine, Program
-from coop_pin.tracing.llvm_emitter import CACHE_LINE, llvm_text
+from coop_pin.tracing.kernel import Machine, Program
+from coop_pin.tracing.llvm_emitter import llvm_text
 
-_spare = threading.local()
-"""Memory of the last record of each thread: to get and clear it takes the time of the runs."""
-_UNREAD = 3
-"""References to it that sys.getrefcount counts where no result reads it."""
 _DIGEST = 32
 """Bytes of the checksum in front of a file of compiled code."""
 
 
 class LlvmMachine(Machine):
-    """Runs a program by compiled code.
-
-    Attributes:
-        width: lanes of a register.
-    """
+    """Machine that runs compiled code; its width is that of a vector register."""
 
     def __init__(self, program: Program, width: int | None = None) -> None:
         """Compile a program, or load its code from disk.
 
         Args:
-            program: what to run.
-            width: lanes of a register; those of this processor when omitted.
+            program: Kernels and the order of their calls.
+            width: Number of lanes of a register; that of this processor when omitted.
 
         Raises:
             MissingExtraError: llvmlite is not installed.
         """
-        self._program, self.width = program, native_width() if width is None else width
+        super().__init__(program, native_width() if width is None else width)
         self._engine = _engine(llvm_text(program, self.width))
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
         self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
 
-    def run(self, block: Array, uniforms: Array, loads: Array) -> Array:
+    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        lanes, width, program = block.shape[1], self.width, self._program
-        groups, rows = -(-lanes // width), program.rows(RECORD)
+        lanes, width, record = block.shape[1], self.width, self._record(block.shape[1], out)
+        groups = record.shape[2] // width
         lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
-        given = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
-        given = np.ascontiguousarray(np.moveaxis(given, 2, 0))
+        loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
+        loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
-        size = rows * program.recorded * groups * width
-        memory = _memory(size + CACHE_LINE)
-        start = -memory.ctypes.data % CACHE_LINE // 8
-        record = memory[start : start + size].reshape(rows, program.recorded, groups * width)
         self._run(
             groups,
             len(self._instructions),
@@ -75,8 +61,8 @@ class LlvmMachine(Machine):
             slots.ctypes.data,
             uniforms.ctypes.data,
             8 * uniforms.shape[1],
-            given.ctypes.data,
-            len(loads),
+            loads.ctypes.data,
+            loads.shape[1],
             record.ctypes.data,
             8 * groups * width,
         )
@@ -87,26 +73,18 @@ class LlvmMachine(Machine):
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
         Args:
-            block: slots of the runs, changed in place, shape (..., slots); the width must be 1.
-            uniforms: read at every call, shape (rows, uniforms).
+            block: Slots of the runs, changed in place, shape (..., slots); the width must be 1.
+            uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
         """
         run, instructions = self._run, self._instructions
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
         groups = block.size // block.shape[-1]
-        given = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0, None, 0
+        memory = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0, None, 0
 
         def call(first: int, count: int, _kept: object = (block, uniforms)) -> None:
-            run(groups, count, start + first * size, *given)
+            run(groups, count, start + first * size, *memory)
 
         return call
-
-
-def _memory(size: int) -> Array:
-    """Return memory for some numbers: that of this thread's last record if no result reads it any more."""
-    kept = getattr(_spare, "memory", None)
-    if kept is None or kept.size < size or sys.getrefcount(kept) > _UNREAD:
-        kept = _spare.memory = np.empty(size)
-    return kept
 
 
 def _llvm() -> Any:

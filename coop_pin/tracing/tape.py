@@ -1,25 +1,24 @@
-"""Traced scalars: numbers that record the operations done with them, on a tape.
+"""Tape: straight-line code in static single assignment, and traced scalars, which record on it.
 
-A tape is straight-line code in static single assignment: constants are folded, equal operations are recorded
-once, and branches on values are refused. All operations are exact or correctly rounded by IEEE 754 (+, -, *,
-/, sqrt), so that every emitter that keeps to it gives the same bits.
+Constants are folded, and equal operations are recorded once. All operations are exact or correctly rounded by
+IEEE 754 (+, -, *, /, sqrt), so that every emitter that keeps to it gives the same bits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import NamedTuple, Self, TypeAlias
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from coop_pin.errors import TracingError
 
 Number: TypeAlias = "Traced | float"
-"""A traced scalar, or a constant."""
+"""Traced scalar, or constant."""
 
 Operand: TypeAlias = int | float
-"""Of an operation: the index of an earlier one (int), or a constant (float)."""
+"""Operand of an operation: the index of an earlier one (int), or a constant (float)."""
 
 FOLD: dict[str, Callable[..., float]] = {
     "add": lambda a, b: a + b,
@@ -42,84 +41,60 @@ class Operation(NamedTuple):
     """One operation of a tape.
 
     Attributes:
-        name: of FOLD; or "input" (operand: its index), "call" (operands: arguments), "result" (operands: the
-            call, the index of the result).
-        operands: indices of earlier operations, and constants.
-        function: what a call calls.
+        name: Name in FOLD; or "input" (operand: its index), "call" (operands: arguments), "result" (operands:
+            the call, the index of the result).
+        operands: Indices of earlier operations, and constants.
+        subroutine: Code that a call runs.
     """
 
     name: str
     operands: tuple[Operand, ...]
-    function: Function | None = None
+    subroutine: Subroutine | None = None
 
 
-class Function:
-    """Traced code with inputs and outputs that others call: emitted once, however often it is called.
+class Subroutine:
+    """Code with inputs and outputs that other tapes call: emitted once, however often it is called.
 
     Attributes:
-        name: in emitted code.
-        tape: its operations.
-        outputs: its results, numbers of the tape and constants.
+        name: Name in emitted code.
+        tape: Operations.
+        outputs: Results, operands of the tape.
     """
 
-    def __init__(self, name: str, tape: Tape, outputs: Sequence[Number]) -> None:
-        self.name, self.tape, self.outputs = name, tape, list(outputs)
-
-    def __call__(self, tape: Tape, arguments: Sequence[Number]) -> list[Number]:
-        """Record a call, and return its results; constant ones are constants."""
-        operands = tuple(tape.operand(argument) for argument in arguments)
-        call = tape.record(Operation("call", operands, self))
-        return [
-            Traced(tape, tape.record(Operation("result", (call, index))))
-            if isinstance(output, Traced)
-            else output
-            for index, output in enumerate(self.outputs)
-        ]
+    def __init__(self, name: str, tape: Tape, outputs: Sequence[Operand]) -> None:
+        self.name, self.tape, self.outputs = name, tape, outputs
 
 
 class Tape:
     """Operations in the order in which they were recorded.
 
     Attributes:
-        operations: the code.
-        inputs: number of inputs.
-        guards: conditions, as masks, that hold for every valid run.
+        operations: Code.
+        inputs: Number of inputs.
+        guards: Conditions, as masks, that hold for every valid run.
     """
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
         self.inputs = 0
         self.guards: list[Number] = []
-        self._known: dict[Hashable, int] = {}
+        self._indices: dict[Hashable, int] = {}
 
-    def input(self) -> Traced:
-        """Return a new input."""
+    def input(self) -> int:
+        """Return the index of a new input."""
         self.inputs += 1
-        return Traced(self, self.record(Operation("input", (self.inputs - 1,))))
+        return self._record(Operation("input", (self.inputs - 1,)))
 
-    def record(self, operation: Operation) -> int:
-        """Return the index of an operation, which is recorded unless an equal one was."""
-        key = (operation.name, operation.function, *map(_key, operation.operands))
-        if key not in self._known:
-            self._known[key] = len(self.operations)
-            self.operations.append(operation)
-        return self._known[key]
+    def call(self, subroutine: Subroutine, arguments: Sequence[Operand]) -> list[Operand]:
+        """Record a call, and return its results; constant ones are constants."""
+        call = self._record(Operation("call", tuple(arguments), subroutine))
+        return [
+            self._record(Operation("result", (call, index))) if isinstance(output, int) else output
+            for index, output in enumerate(subroutine.outputs)
+        ]
 
-    def operand(self, number: Number) -> Operand:
-        """Return a number as an operand.
-
-        Raises:
-            TracingError: it belongs to another tape, or is no number.
-        """
-        if isinstance(number, Traced):
-            if number.tape is not self:
-                raise TracingError("mixes traced scalars of two tapes; trace one law at a time")
-            return number.index
-        return _constant(number)
-
-    def apply(self, name: str, *numbers: Number) -> Number:
+    def apply(self, name: str, *operands: Operand) -> Operand:
         """Return the result of an operation of FOLD, simplified where the bits stay the same."""
-        operands = tuple(self.operand(number) for number in numbers)
         constants = [operand for operand in operands if isinstance(operand, float)]
         if len(constants) == len(operands):
             return FOLD[name](*constants)
@@ -128,10 +103,33 @@ class Tape:
             return shorter
         if name in COMMUTATIVE:
             operands = tuple(sorted(operands, key=lambda operand: (isinstance(operand, float), operand)))
-        return Traced(self, self.record(Operation(name, operands)))
+        return self._record(Operation(name, operands))
 
-    def _simpler(self, name: str, operands: tuple[Operand, ...]) -> Number | None:
-        """Return an equal number that needs no operation or a cheaper one, None if there is none.
+    def live(self, outputs: Sequence[Operand]) -> list[int]:
+        """Return the indices of the operations that outputs need, in order."""
+        needed: set[int] = set()
+        waiting = [output for output in outputs if isinstance(output, int)]
+        while waiting:
+            index = waiting.pop()
+            if index in needed:
+                continue
+            needed.add(index)
+            name, operands, _ = self.operations[index]
+            if name == "result":
+                operands = operands[:1]
+            waiting += [operand for operand in operands if isinstance(operand, int) and name != "input"]
+        return sorted(needed)
+
+    def _record(self, operation: Operation) -> int:
+        """Return the index of an operation, which is recorded unless an equal one was."""
+        key = (operation.name, operation.subroutine, *map(_key, operation.operands))
+        if key not in self._indices:
+            self._indices[key] = len(self.operations)
+            self.operations.append(operation)
+        return self._indices[key]
+
+    def _simpler(self, name: str, operands: tuple[Operand, ...]) -> Operand | None:
+        """Return an equal operand that needs no operation or a cheaper one, None if there is none.
 
         ``0 x`` is 0, also for x = inf and NaN: a run that diverged is refused anyway. Patterns name float or
         int because an index may equal a constant.
@@ -143,51 +141,32 @@ class Tape:
                 | ("mul", (x, float(1.0)) | (float(1.0), x))
                 | ("select", (int(x), float(1.0), float(0.0)))
             ):
-                return self.number(x)
+                return x
             case ("mul", (_, float(0.0))) | ("mul" | "div", (float(0.0), _)):
                 return 0.0
             case ("sub", (float(0.0), x)) | ("mul", (x, float(-1.0)) | (float(-1.0), x)):
-                return -self.number(x)
+                return self.apply("neg", x)
             case "div", (x, float(b)) if abs(math.frexp(b)[0]) == 0.5:  # a power of two: the same bits
-                return self.apply("mul", self.number(x), 1.0 / b)
+                return self.apply("mul", x, 1.0 / b)
             case "neg", (int(x),) if self.operations[x].name == "neg":
-                return self.number(self.operations[x].operands[0])
+                return self.operations[x].operands[0]
             case "add", (x, int(y)) if self.operations[y].name == "neg":
-                return self.number(x) - self.number(self.operations[y].operands[0])
+                return self.apply("sub", x, self.operations[y].operands[0])
             case "add", (int(y), x) if self.operations[y].name == "neg":
-                return self.number(x) - self.number(self.operations[y].operands[0])
+                return self.apply("sub", x, self.operations[y].operands[0])
             case "sub", (x, int(y)) if self.operations[y].name == "neg":
-                return self.number(x) + self.number(self.operations[y].operands[0])
-            case "mul", ((int(y), float(c)) | (float(c), int(y))) if self.operations[y].name == "neg":
-                return self.number(self.operations[y].operands[0]) * -c
+                return self.apply("add", x, self.operations[y].operands[0])
+            case "mul", ((int(x), float(c)) | (float(c), int(x))) if self.operations[x].name == "neg":
+                return self.apply("mul", self.operations[x].operands[0], -c)
             case "sub" | "less", (int(a), int(b)) if a == b:
                 return 0.0
             case ("less", (float(math.inf), _)):
                 return 0.0
             case "select", (float(mask), a, b):
-                return self.number(a if mask else b)
+                return a if mask else b
             case "select", (_, a, b) if type(a) is type(b) and _key(a) == _key(b):
-                return self.number(a)
+                return a
         return None
-
-    def number(self, operand: Operand) -> Number:
-        """Return an operand as a number."""
-        return operand if isinstance(operand, float) else Traced(self, operand)
-
-    def live(self, outputs: Sequence[Number]) -> list[int]:
-        """Return the indices of the operations that outputs need, in order."""
-        found: set[int] = set()
-        waiting = [output.index for output in outputs if isinstance(output, Traced)]
-        while waiting:
-            index = waiting.pop()
-            if index in found:
-                continue
-            found.add(index)
-            name, operands, _ = self.operations[index]
-            if name == "result":
-                operands = operands[:1]
-            waiting += [operand for operand in operands if isinstance(operand, int) and name != "input"]
-        return sorted(found)
 
 
 def _key(operand: Operand) -> Hashable:
@@ -195,25 +174,18 @@ def _key(operand: Operand) -> Hashable:
     return operand if isinstance(operand, int) else (operand, math.copysign(1.0, operand))
 
 
-def _constant(number: Any) -> float:
-    try:
-        return float(number)
-    except (TypeError, ValueError):
-        raise TracingError(f"computes with {type(number).__name__} {number!r}; it must be a number") from None
-
-
 # ---------------------------------------------------------------- scalars
 
 
-NUMPY: dict[str, Callable[..., Any]] = {}
-"""What answers numpy for traced scalars: "ufunc" and "function" of traced_array, which needs this module."""
-
-
 class Traced(NDArrayOperatorsMixin):
-    """A traced scalar: the result of an operation of a tape.
+    """Traced scalar: the result of an operation of a tape.
 
-    Python's operators call numpy's ufuncs, which record operations: see traced_array. What a branch would
-    need, its truth or its float, is refused.
+    Python's operators call numpy's ufuncs, which traced_array.TracedScalar answers. What a branch would need,
+    a truth value or a float, is refused.
+
+    Attributes:
+        tape: Tape of the operation.
+        index: Index of the operation.
     """
 
     __slots__ = ("index", "tape")
@@ -228,17 +200,36 @@ class Traced(NDArrayOperatorsMixin):
     def __float__(self) -> float:
         raise TracingError(
             "turns a value into a plain float, which Pinocchio, scipy and math need;"
-            " use numpy's functions or coop_pin.spatial.scalars"
+            " use numpy's functions or coop_pin.spatial.generic_numbers"
         )
 
     __int__ = __index__ = __complex__ = __float__
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        return NUMPY["ufunc"](ufunc, method, inputs, options)
-
-    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return NUMPY["function"](func, args, kwargs)
+    def apply(self, name: str, *numbers: Number) -> Self | float:
+        """Return the result of an operation of FOLD on the tape of this scalar."""
+        result = self.tape.apply(name, *operands(self.tape, numbers))
+        return result if isinstance(result, float) else type(self)(self.tape, result)
 
     def require_less(self, limit: Number) -> None:
         """Note that every valid run has this scalar less than a limit."""
         self.tape.guards.append(self < limit)
+
+
+def operands(tape: Tape, numbers: Iterable[Number]) -> list[Operand]:
+    """Return numbers as operands of a tape.
+
+    Raises:
+        TracingError: One belongs to another tape, or is no number.
+    """
+    return [_operand(tape, number) for number in numbers]
+
+
+def _operand(tape: Tape, number: Number) -> Operand:
+    if isinstance(number, Traced):
+        if number.tape is not tape:
+            raise TracingError("mixes traced scalars of two tapes; trace one law at a time")
+        return number.index
+    try:
+        return float(number)
+    except (TypeError, ValueError):
+        raise TracingError(f"computes with {type(number).__name__} {number!r}; it must be a number") from None

@@ -11,16 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.errors import TracingError
 from coop_pin.tracing import elementary
-from coop_pin.tracing.tape import NUMPY, Number, Tape, Traced
+from coop_pin.tracing.tape import Number, Operand, Tape, Traced
 
 
-class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
-    """Array of traced scalars and constants.
+class Recording:
+    """Base of what records numpy's ufuncs and functions."""
 
-    Arithmetic, dot and matmul are numpy's own, on objects; ufuncs that decide by values are those below.
-    """
-
-    __array_priority__ = 100.0
+    __slots__ = ()
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         return _ufunc(ufunc, method, inputs, options)
@@ -28,9 +25,25 @@ class TracedArray(np.ndarray[Any, np.dtype[np.object_]]):
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
         return _function(func, args, kwargs)
 
-    def any(self, *args: Any, **options: Any) -> Any:
-        """Return whether any entry, a mask, holds, as a mask."""
-        return _any(self)
+
+class TracedScalar(Recording, Traced):
+    """Traced scalar that records numpy's ufuncs and functions."""
+
+    __slots__ = ()
+
+
+class TracedArray(Recording, np.ndarray[Any, np.dtype[np.object_]]):
+    """Array of traced scalars and constants.
+
+    Arithmetic, dot and matmul are numpy's own, on objects; ufuncs that decide by values are those below.
+    """
+
+    __array_priority__ = 100.0
+
+
+def scalar(tape: Tape, operand: Operand) -> Number:
+    """Return an operand of a tape as a number."""
+    return operand if isinstance(operand, float) else TracedScalar(tape, operand)
 
 
 def traced(values: ArrayLike) -> Any:
@@ -62,7 +75,7 @@ def inputs(tape: Tape, *shape: int) -> Any:
     """Return new inputs of a tape as a TracedArray, or as a scalar for the shape ()."""
     array = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
-        array[index] = tape.input()
+        array[index] = scalar(tape, tape.input())
     return traced(array)
 
 
@@ -195,6 +208,3 @@ def _plainly(args: Any) -> Iterator[Any]:
             yield [plain(part) for part in arg]
         else:
             yield plain(arg) if isinstance(arg, (TracedArray, Traced)) else arg
-
-
-NUMPY.update(ufunc=_ufunc, function=_function)

@@ -1,128 +1,190 @@
-"""Trees of numbers: nested tuples, dataclasses, descriptions and objects whose leaves are numbers.
+"""Trees of numbers: nested tuples, lists, mappings, dataclasses and Descriptions of numbers and arrays.
 
-What differs between runs is found leaf by leaf and becomes an input; the rest is constant and folds.
+What differs between runs is found leaf by leaf and becomes an input; the rest is constant and folds. The
+attributes of an ordinary object, such as a controller, are a tree, too; what is no tree is refused by name.
 """
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
-from types import ModuleType
-from typing import Any, TypeVar, cast
+from enum import Enum
+from pathlib import PurePath
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from coop_pin.errors import TracingError
 from coop_pin.schema.base import Description
-from coop_pin.tracing.tape import Function, Tape, Traced
-from coop_pin.tracing.traced_array import traced
+from coop_pin.tracing.tape import Subroutine, Tape, Traced, operands
+from coop_pin.tracing.traced_array import inputs, scalar, traced
 
 Tree = TypeVar("Tree")
 
+_CONSTANTS = (bool, np.bool_, str, bytes, type(None), Enum, PurePath, slice)
+"""Classes of values without numbers, which runs share."""
+_KINDS_OF_NUMBERS = "iufO"
+"""Kinds of numpy's numbers and of traced ones, by the letters of its dtypes."""
+
+
+class _Kind(NamedTuple):
+    """How the trees of a class are read and made.
+
+    Attributes:
+        read: Function that returns the parts of a tree, by name.
+        make: Function that returns a tree like one, with other parts.
+    """
+
+    read: Callable[[Any], Iterable[tuple[Any, Any]]]
+    make: Callable[[Any, dict[Any, Any]], Any]
+
 
 def leaves(tree: Any) -> list[Any]:
-    """Return the numbers of a tree, in order; truth values, texts and other objects are no numbers."""
+    """Return the numbers of a tree, in order; truth values and texts are no numbers.
+
+    Raises:
+        TracingError: A part of it is no tree.
+    """
     if is_number(tree):
         return [tree]
-    if isinstance(tree, np.ndarray) and tree.dtype != bool:
-        return list(tree.ravel().tolist())
-    return [leaf for _, part in _parts(tree) for leaf in leaves(part)]
+    if isinstance(tree, np.ndarray):
+        return list(tree.ravel().tolist()) if _has_numbers(tree) else []
+    return [leaf for _, part in _read(tree)[1] for leaf in leaves(part)]
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
     if is_number(tree):
         return next(numbers)
-    if isinstance(tree, np.ndarray) and tree.dtype != bool:
+    if isinstance(tree, np.ndarray) and _has_numbers(tree):
         entries = np.empty(tree.size, dtype=object)
         for index in range(tree.size):
             entries[index] = next(numbers)
         return traced(entries.reshape(tree.shape))
-    parts = {name: rebuilt(part, numbers) for name, part in _parts(tree)}
-    if not parts:
-        return tree
-    if isinstance(tree, Description):
-        return tree.model_copy(update=parts)
-    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
-        return dataclasses.replace(tree, **parts)
-    if not isinstance(tree, Mapping | tuple | list):
-        made_of = copy.copy(tree)
-        vars(made_of).update(parts)
-        return made_of
-    values: Any = parts.values()
-    if isinstance(tree, Mapping):
-        values = zip(tree, values, strict=True)
-    made: Any = type(tree)
-    return made(*values) if hasattr(tree, "_fields") else made(values)
+    kind, parts = _read(tree)
+    made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in parts})
+    return made
 
 
 def structure(tree: Any) -> Hashable:
-    """Return what two trees must share to differ in their numbers only."""
+    """Return what two trees must share to differ in their numbers only; raises as leaves."""
     if is_number(tree):
         return float
-    if isinstance(tree, np.ndarray) and tree.dtype != bool:
-        return tree.shape
-    parts = list(_parts(tree))
-    if isinstance(tree, tuple | list | Mapping) or parts:
-        return (type(tree), *((name, structure(part)) for name, part in parts))
-    return tree.tobytes() if isinstance(tree, np.ndarray) else tree
+    if isinstance(tree, np.ndarray):
+        return tree.shape if _has_numbers(tree) else (tree.shape, tree.tobytes())
+    if isinstance(tree, _CONSTANTS):
+        return type(tree), repr(tree)
+    return (type(tree), *((name, structure(part)) for name, part in _read(tree)[1]))
 
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a number, traced or not, but no truth value."""
-    return isinstance(value, (float, Traced, int, np.floating)) and not isinstance(value, bool)
+    return isinstance(value, (float, Traced, int, np.floating, np.integer)) and not isinstance(value, bool)
 
 
-def _parts(tree: Any) -> Iterable[tuple[str, Any]]:
-    """Return the parts of a tree by name; none for a value without numbers."""
-    return _reader(cast(Any, type(tree)))(tree)
+def require_state(tree: Any) -> None:
+    """Refuse a law's state that is or holds an object other than the trees of this module.
+
+    Raises:
+        TracingError: It does.
+    """
+    kind = _kind(tree.__class__)
+    if kind is None or kind is _OBJECT:
+        kinds = "numbers, arrays, texts, tuples, lists, mappings and dataclasses"
+        raise TracingError(f"keeps a {_name(tree)} in its state, which may consist of {kinds}")
+    for _, part in kind.read(tree):
+        require_state(part)
+
+
+def _has_numbers(array: NDArray[Any]) -> bool:
+    return array.dtype.kind in _KINDS_OF_NUMBERS
+
+
+def _read(tree: Any) -> tuple[_Kind, list[tuple[Any, Any]]]:
+    """Return the kind of a tree and its parts by name; none of a value without parts."""
+    kind = _kind(tree.__class__)
+    parts = list(kind.read(tree)) if kind else [("itself", tree)]
+    for name, part in parts:
+        if _kind(part.__class__) is None:
+            raise TracingError(
+                f"attribute {name!r} of {_name(tree)} is a {_name(part)}, which cannot be traced: it is no"
+                " number, array, text, tuple, list, mapping, dataclass, or object of such attributes"
+            )
+    return kind, parts
 
 
 @functools.cache  # the checks of classes cost more than the rest
-def _reader(kind: Any) -> Callable[[Any], Iterable[tuple[str, Any]]]:
-    """Return what gives the parts of the trees of a class."""
-    fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    names = kind.model_fields if issubclass(kind, Description) else [field.name for field in fields]
-    if names:
-        return lambda tree: [(name, getattr(tree, name)) for name in names]
+def _kind(kind: Any) -> Any:
+    """Return the _Kind of the values of a class; None if they are no trees."""
+    if issubclass(kind, (float, int, np.number, Traced, np.ndarray, *_CONSTANTS)):
+        return _Kind(lambda _: (), lambda tree, _: tree)
+    if issubclass(kind, Description):
+        return _Kind(_fields(kind.model_fields), lambda tree, parts: tree.model_copy(update=parts))
+    if dataclasses.is_dataclass(kind):
+        names = [field.name for field in dataclasses.fields(kind)]
+        return _Kind(_fields(names), lambda tree, parts: dataclasses.replace(tree, **parts))
     if issubclass(kind, Mapping):
-        return lambda tree: [(str(name), part) for name, part in tree.items()]
+        return _Kind(lambda tree: tree.items(), lambda _, parts: kind(parts))
+    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        return _Kind(_fields(kind._fields), lambda _, parts: kind(**parts))
     if issubclass(kind, tuple | list):
-        return lambda tree: zip(getattr(kind, "_fields", map(str, range(len(tree)))), tree, strict=True)
-    is_other = issubclass(kind, np.ndarray | type | ModuleType) or kind.__dictoffset__ == 0
-    if is_other or any("__call__" in vars(base) for base in kind.__mro__):
-        return lambda _: ()
-    return lambda tree: vars(tree).items()  # of an object with attributes, such as a controller
+        return _Kind(enumerate, lambda _, parts: kind(parts.values()))
+    members = {name for base in kind.__mro__ for name in vars(base)}
+    has_slots = any(vars(base).get("__slots__") for base in kind.__mro__)
+    is_of_python = kind.__new__ is object.__new__ and "__dict__" in members
+    return _OBJECT if is_of_python and not has_slots and "__call__" not in members else None
+
+
+def _fields(names: Iterable[str]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
+    return lambda tree: [(name, getattr(tree, name)) for name in names]
+
+
+def _with_attributes(instance: Any, attributes: dict[str, Any]) -> Any:
+    """Return an object of the same class with these attributes; its constructor is not called."""
+    made = object.__new__(type(instance))
+    vars(made).update(attributes)
+    return made
+
+
+_OBJECT = _Kind(lambda instance: vars(instance).items(), _with_attributes)
+"""Ordinary objects, such as controllers: the only place where the attributes of an object are read."""
+
+
+def _name(value: Any) -> str:
+    kind = type(value)
+    return f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
 
 
 class SharedFunctions:
     """Functions of a module of code that are traced once and called for every arm of the same model."""
 
     def __init__(self) -> None:
-        self._known: dict[Hashable, tuple[Function, Any]] = {}
+        self._traced: dict[Hashable, tuple[Subroutine, Any]] = {}
 
     def call(self, tape: Tape, function: Callable[[Any, Any], Any], constants: Any, arguments: Any) -> Any:
         """Return ``function(constants, arguments)`` by a call of its traced code.
 
         Args:
-            tape: on which to call it.
-            function: from two trees to a tree.
-            constants: fold into the code; those of them that are traced are arguments.
-            arguments: always arguments.
+            tape: Tape on which to call it.
+            function: Function of two trees that returns a tree.
+            constants: Tree whose numbers fold into the code; those of them that are traced are arguments.
+            arguments: Tree whose numbers are arguments.
         """
         numbers = leaves(constants)
         folded = [None if isinstance(number, Traced) else float(number) for number in numbers]
         # Equal robots in one Pinocchio tree differ by rounding.
         rounded = tuple(None if number is None else f"{number:.13e}" for number in folded)
         key = (function, structure(constants), structure(arguments), rounded)
-        if key not in self._known:
+        if key not in self._traced:
             inner = Tape()
-            inside = rebuilt(constants, (inner.input() if f is None else f for f in folded))
-            result = function(inside, rebuilt(arguments, (inner.input() for _ in itertools.count())))
-            name = f"{function.__name__}_{len(self._known)}"
-            self._known[key] = Function(name, inner, leaves(result)), result
-        code, result = self._known[key]
-        given = [number for number in numbers if isinstance(number, Traced)]
-        return rebuilt(result, iter(code(tape, [*given, *leaves(arguments)])))
+            constants = rebuilt(constants, (inputs(inner) if number is None else number for number in folded))
+            result = function(constants, rebuilt(arguments, (inputs(inner) for _ in itertools.count())))
+            name = f"{function.__name__}_{len(self._traced)}"
+            self._traced[key] = Subroutine(name, inner, operands(inner, leaves(result))), result
+        subroutine, result = self._traced[key]
+        traced_ones = [number for number in numbers if isinstance(number, Traced)]
+        outputs = tape.call(subroutine, operands(tape, [*traced_ones, *leaves(arguments)]))
+        return rebuilt(result, (scalar(tape, output) for output in outputs))

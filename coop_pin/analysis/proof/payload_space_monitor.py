@@ -40,7 +40,7 @@ def payload_space_monitor(result: RunResult) -> xr.Dataset:
     ``anchor_acts`` where it has a new measurement. V is NaN without an integral or without a layer.
 
     Args:
-        result: of the payload-space law, every tick kept.
+        result: run of the payload-space law, every tick kept.
 
     Raises:
         ArgumentError: the torques change between ticks, or the law is zeroed at grasp.
@@ -84,16 +84,16 @@ class _MonitoredCell:
         error, is_fresh, is_stale = self._measured(now, f_r)
         w = np.array([-np.linalg.pinv(arm.measured.payload_jacobian).T @ arm.commanded for arm in now.arms])
         F = np.array([self.rows.select(arm.F) for arm in now.arms])
-        slid = self.c * np.array([law.sliding_gain @ own for law, own in zip(self.laws, s, strict=True)])
+        slid = self.c * np.array([law.sliding_gain @ s_i for law, s_i in zip(self.laws, s, strict=True)])
         fed_back = f_r - self._each("force_gain") * error
         Z = w - slid - fed_back
         self.Z_hold = np.where(is_fresh, Z, self.Z_hold if self.Z_hold.size else Z)
         a = self._arm_wrenches(now, w)
         ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
         anchor = is_fresh * self._each("anchor_gain") * error
-        phi = np.array([law.switching(own) for law, own in zip(self.laws, s, strict=True)])
+        phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
-            [law.sliding_gain @ law.sign_gain @ own for law, own in zip(self.laws, phi, strict=True)]
+            [law.sliding_gain @ law.sign_gain @ phi_i for law, phi_i in zip(self.laws, phi, strict=True)]
         )
         cut = np.array([[arm.measured.saturated.any()] for arm in now.arms])
         rate = ~cut * integral - is_stale * self._each("leak") * (Z - self.Z_hold)
@@ -182,15 +182,15 @@ class _MonitoredCell:
 
     def _motion(self, t: float, q: Array, v: Array, payload: Payload) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
-        places, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
-        first = self.models[0].payload_pose(q[places[0].q_slice])
+        slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        first = self.models[0].payload_pose(q[slots[0].q_slice])
         A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
-        for i, (model, place) in enumerate(zip(self.models, places, strict=True)):
-            own, view = q[place.q_slice], model.kinematics.view(q[place.q_slice])
-            twist = view.jacobian @ place.drive @ v[place.v_slice]
+        for i, (model, slot) in enumerate(zip(self.models, slots, strict=True)):
+            q_i, view = q[slot.q_slice], model.kinematics.view(q[slot.q_slice])
+            twist = view.jacobian @ slot.drive @ v[slot.v_slice]
             s = self._surface(i, view.pose, twist, t) - self.start[i][0] * self._remaining(t)
-            J = self.rows.select(model.payload_jacobian(own))
-            A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(own), J.T))
+            J = self.rows.select(model.payload_jacobian(q_i))
+            A = A + np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q_i), J.T))
             sbar = sbar + self.c[i] * s
         return sbar, A
 

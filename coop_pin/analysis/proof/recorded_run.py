@@ -94,7 +94,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
     """
     data, rows = result.data, list(result.scenario.cell.task_rows.indices)
     plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
-    beside, places = _BESIDE * simulation.timeline.period, chain.model.arms
+    beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
     arms: tuple[ArmTick, ...] = ()
     for k, t in enumerate(data["time"].values.tolist()):
@@ -106,28 +106,28 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             _set_events(simulation, t - beside)
             measured = sensing.measure(t, plant, [arm.saturated for arm in arms])
         payload = _set_events(simulation, t + beside)
-        torques = [tau[: len(place.drive)] for tau, place in zip(recorded["torque"][k], places, strict=True)]
+        torques = [tau[: len(slot.drive)] for tau, slot in zip(recorded["torque"][k], slots, strict=True)]
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
         forces = pushed - chain.payload_jacobian(plant.q).T @ plant.external
         arms = tuple(
             ArmTick(
-                q=plant.q[place.q_slice],
-                v=plant.v[place.v_slice],
-                a=a[place.v_slice],
-                friction=friction[place.v_slice],
-                forces=forces[place.v_slice],
+                q=plant.q[slot.q_slice],
+                v=plant.v[slot.v_slice],
+                a=a[slot.v_slice],
+                friction=friction[slot.v_slice],
+                forces=forces[slot.v_slice],
                 tau=torques[i],
-                commanded=recorded["commanded_torque"][k, i, : len(place.drive)],
-                saturated=recorded["saturated"][k, i, : len(place.drive)],
+                commanded=recorded["commanded_torque"][k, i, : len(slot.drive)],
+                saturated=recorded["saturated"][k, i, : len(slot.drive)],
                 F=recorded["interaction_wrench"][k, i],
                 f=recorded["internal_wrench"][k, i, rows],
                 f_d=recorded["desired_internal_wrench"][k, i, rows],
                 measured=measured[i],
                 reference=references[i],
             )
-            for i, place in enumerate(places)
+            for i, slot in enumerate(slots)
         )
         yield RecordedTick(t, plant.q, plant.v, a, recorded["external_wrench"][k], payload, arms)
 

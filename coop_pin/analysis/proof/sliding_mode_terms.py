@@ -55,7 +55,7 @@ class DynamicsTerms(NamedTuple):
         D: M_i + c_i J^T M_0 J, shape (k, k).
         coriolis: Q_i without friction, shape (k, k).
         M_0: payload's inertia in task rows, shape (k, k).
-        Q_0: of eq. (5), shape (k, k).
+        Q_0: matrix of eq. (5), shape (k, k).
     """
 
     J: Array
@@ -120,16 +120,16 @@ class ProofTerms(NamedTuple):
     Attributes:
         law: quantities of the law.
         dynamics: terms of eq. (13).
-        sigma: shape (k,).
-        sigma_rate: sgn(s_q), shape (k,).
+        sigma: integral of sgn(s_q), shape (k,).
+        sigma_rate: rate sgn(s_q), shape (k,).
         C: C_i of eq. (13), shape (k, k).
         Y_mu: D qddot_r + C qdot_r + G, eq. (16), shape (k,).
         beyond: held torque less the law's with the true force, shape (k,).
-        D_rate: central difference, as the others.
-        J_rate: of the Jacobian.
-        s_r_rate: of the residual.
-        surface_rate: of xtildedot + gamma xtilde.
-        V_rate: of V_i.
+        D_rate: rate of D_i.
+        J_rate: rate of the Jacobian.
+        s_r_rate: rate of the residual.
+        surface_rate: rate of xtildedot + gamma xtilde.
+        V_rate: rate of V_i.
     """
 
     law: LawTerms

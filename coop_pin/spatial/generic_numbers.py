@@ -1,4 +1,4 @@
-"""Vocabulary for numbers in laws and spatial algebra: functions that take floats and traced scalars alike.
+"""Generic numbers: functions that take floats and traced scalars alike, for laws and spatial algebra.
 
 Laws are also traced (coop_pin.batch): they then compute with scalars that record operations, not values. Such
 code uses numpy arithmetic, numpy's ufuncs and the functions below; it has no branch on a value, and neither

@@ -1,0 +1,75 @@
+"""Programs run by numpy, one operation at a time on all lanes: slow, the oracle of the compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.tracing.kernel import LOAD, RECORD, Machine
+from coop_pin.tracing.tape import Operand, Tape
+
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "less": lambda a, b: np.less(a, b) * 1.0,
+    "select": lambda mask, a, b: np.where(np.not_equal(mask, 0.0), a, b),
+    "power_of_two": lambda n: np.ldexp(1.0, np.asarray(n).astype(np.int64)),
+}
+
+
+def evaluate(tape: Tape, outputs: Sequence[Operand], inputs: Sequence[Any]) -> list[Any]:
+    """Return the values of outputs of a tape; calls are evaluated likewise.
+
+    Args:
+        tape: Code.
+        outputs: Operands of it.
+        inputs: Value of each of its inputs, number or array of lanes.
+    """
+    values: dict[int, Any] = {}
+
+    def value(operand: Operand) -> Any:
+        return values[operand] if isinstance(operand, int) else operand
+
+    for index in tape.live(outputs):
+        name, operands, subroutine = tape.operations[index]
+        if name == "input":
+            values[index] = inputs[int(operands[0])]
+        elif name == "result":
+            values[index] = values[int(operands[0])][int(operands[1])]
+        elif subroutine is not None:
+            values[index] = evaluate(subroutine.tape, subroutine.outputs, list(map(value, operands)))
+        else:
+            values[index] = _OPERATIONS[name](*map(value, operands))
+    return list(map(value, outputs))
+
+
+class NumpyMachine(Machine):
+    """Machine that evaluates a program by numpy."""
+
+    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
+        """Run the program; see Machine."""
+        program, record = self.program, self._record(block.shape[1], out)
+        with np.errstate(all="ignore"):
+            for code, row in program.instructions:
+                if code == RECORD:
+                    record[row] = block[: program.recorded]
+                elif code == LOAD:
+                    block[program.recorded : program.recorded + program.loaded] = loads[row]
+                else:
+                    kernel = program.kernels[code]
+                    arguments = [
+                        block[slot].copy() if space == "lane" else uniforms[row, slot]
+                        for space, slot in kernel.reads
+                    ]
+                    slots, outputs = zip(*kernel.writes, strict=True) if kernel.writes else ((), ())
+                    for slot, value in zip(slots, evaluate(kernel.tape, outputs, arguments), strict=True):
+                        block[slot] = value
+        return record
