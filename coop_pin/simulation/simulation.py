@@ -238,14 +238,14 @@ class Simulation:
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
-        actuation = self.actuation
+        actuation, is_held = self.actuation, self.actuation.is_held
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-            if not actuation.is_held:
+            if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
-        if not actuation.is_held:
+        if not is_held:
             self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
 
