@@ -40,7 +40,7 @@ class ArmInput(NamedTuple):
     held: tuple[Numbers, Numbers]
 
 
-class ArmTerms(NamedTuple):
+class ArmResponse(NamedTuple):
     """Dynamics of one arm for the forces that act on its payload frame: M a + h = tau + S^T F.
 
     With M = L D L^T and the kept rows S_k of S::
@@ -84,7 +84,7 @@ class ArmTerms(NamedTuple):
         return solve_transposed(self.L, self.D_inverse * (self.u + self.Y @ F))
 
 
-class ArmModel(NamedTuple):
+class ArmNumbers(NamedTuple):
     """Constants of an arm's dynamics.
 
     Attributes:
@@ -98,7 +98,7 @@ class ArmModel(NamedTuple):
     rows: str
 
 
-def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
+def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
     """Return the dynamics of an arm by recursive Newton-Euler and composite rigid bodies, in body axes."""
     first, *others = model.arm.bodies
     bodies = [first._replace(R=state.first[0], p=state.first[1]), *others]
@@ -112,7 +112,7 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
     L, D_inverse = factor(M)
     Y = np.stack([solve_lower(L, row) for row in seen.S[rows]], axis=1)
     u, Z = solve_lower(L, state.tau - h), D_inverse[:, None] * Y
-    return ArmTerms(
+    return ArmResponse(
         R_WP=seen.R_WP,
         p_WP=seen.p_WP,
         V=V,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
+from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
 from coop_pin.simulation.plant import CHANNELS
@@ -34,7 +34,7 @@ class PlantNumbers(NamedTuple):
         external: wrench on the payload about P in world axes, shape (6,).
     """
 
-    cell: CellModel
+    cell: CellNumbers
     friction: tuple[Friction, ...]
     external: Numbers
 
