@@ -53,7 +53,7 @@ class ArmResponse(NamedTuple):
         R_WP: orientation of P, shape (3, 3).
         p_WP: position of P, shape (3,).
         V: twist of the last body, shape (6,).
-        A: its acceleration for a = 0, less gravity, shape (6,).
+        A: acceleration of the last body for a = 0, less gravity, shape (6,).
         S: motion subspaces, shape (6, n).
         L: unit lower triangle, shape (n, n).
         D_inverse: shape (n,).
@@ -88,7 +88,7 @@ class ArmNumbers(NamedTuple):
     """Constants of an arm's dynamics.
 
     Attributes:
-        arm: its bodies; those numbers that ArmInput has are not read.
+        arm: bodies of the arm; those numbers that ArmInput has are not read.
         gravity: m/s^2, shape (3,).
         rows: the kept rows of six-vectors, as text: the others are zero for every motion.
     """
@@ -139,7 +139,7 @@ def newton_euler(
         Omega = alpha^x + w w^T - w . w 1,  f = m a + Omega h,  n = I alpha + w x I w + h x a
 
     Args:
-        arm: its bodies.
+        arm: Bodies of the arm.
         gravity: m/s^2, shape (3,).
         q: joint positions, shape (n,).
         v: joint rates, shape (n,).

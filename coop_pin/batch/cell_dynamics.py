@@ -45,7 +45,7 @@ class CellNumbers(NamedTuple):
 
     Attributes:
         arms: as the plant has them; the payload is not part of the first one's last body.
-        payload: its inertia about P.
+        payload: inertia of the payload about P.
         tips: position of each tip in the payload frame, m, shape (m, 3).
         gravity: m/s^2, shape (3,).
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
@@ -98,12 +98,12 @@ class CellMotion(NamedTuple):
     """Accelerations and forces of a cell at a state, and what is seen of it.
 
     Attributes:
-        accelerations: of each arm's joints, shape (n,) each.
+        accelerations: accelerations of each arm's joints, shape (n,) each.
         wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); only the moving rows
             are determined.
         R_WP: orientation of the payload, shape (3, 3).
-        p_WP: its position, shape (3,).
-        V_WP: its twist about P, shape (6,).
+        p_WP: position of P, shape (3,).
+        V_WP: twist of the payload about P, shape (6,).
         tips: positions of the tips, shape (m, 3).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
         kinetic: energy, J.
@@ -148,9 +148,9 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state
     f_0 follows from the balance of the payload.
 
     Args:
-        functions: of the arms.
-        tape: to record on.
-        cell: its constants.
+        functions: Shared functions of the arms.
+        tape: Tape to record on.
+        cell: Constants of the cell.
         state: traced.
     """
     rows = cell.moving_rows(state.q)

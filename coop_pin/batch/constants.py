@@ -70,7 +70,7 @@ class RunConstants(NamedTuple):
         arms: kinematics and friction of each arm.
         sensors: sensors of all arms.
         drives: drives of all arms.
-        instants: what events make of the cell, in order.
+        instants: surroundings of the payload from each instant of events on.
         controller: controller of all arms.
     """
 

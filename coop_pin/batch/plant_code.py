@@ -29,8 +29,8 @@ class PlantNumbers(NamedTuple):
     """Numbers of a plant, most of which fold into its code.
 
     Attributes:
-        cell: its dynamics.
-        friction: of each arm.
+        cell: dynamics of the cell.
+        friction: friction of each arm.
         external: wrench on the payload about P in world axes, shape (6,).
     """
 
@@ -45,7 +45,7 @@ class PlantState(NamedTuple):
     Attributes:
         q: joint positions of all arms, shape (N,).
         v: joint rates of all arms, shape (N,).
-        force: of the drives, N m, shape (N,).
+        force: generalised force of the drives, N m, shape (N,).
     """
 
     q: Numbers
@@ -80,7 +80,7 @@ def write_step(kernel: Kernel, functions: SharedFunctions, plant: PlantNumbers) 
     Args:
         kernel: reads q, v, force, work, h and the rates at the start of the step.
         functions: has the rates of the other stages.
-        plant: its numbers as the kernel reads them.
+        plant: Numbers of the plant as the kernel reads them.
     """
 
     def rates_at(plant: PlantNumbers, state: PlantState) -> list[Number]:

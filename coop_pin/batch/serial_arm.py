@@ -116,7 +116,7 @@ class Link(NamedTuple):
 
     Attributes:
         R: orientation of the joint in the body before, shape (3, 3).
-        p: its position there, m, shape (3,).
+        p: position of the joint there, m, shape (3,).
         inertia: about its own origin.
     """
 
@@ -132,7 +132,7 @@ class SerialArm(NamedTuple):
         bodies: from base to tip.
         is_revolute: kind of each joint.
         R_JP: orientation of P in the last body, shape (3, 3).
-        p_JP: its position there, m, shape (3,).
+        p_JP: position of P there, m, shape (3,).
     """
 
     bodies: tuple[Link, ...]
@@ -190,7 +190,7 @@ class ArmFrames(NamedTuple):
 
     Attributes:
         R: orientation of the last body, shape (3, 3).
-        p: its position, shape (3,).
+        p: position of the last body, shape (3,).
         S: motion subspaces, shape (6, n).
         R_WP: orientation of P, shape (3, 3).
         p_WP: position of P, shape (3,).

@@ -20,7 +20,7 @@ class RunShape(NamedTuple):
     Attributes:
         rows: task rows of the cell.
         delay: ticks of transport of the internal wrench; None without a force path.
-        wrist_delays: of each arm's wrist sensor, ticks, 0 for an arm without one; None if no arm has one.
+        wrist_delays: delay of each arm's wrist sensor, ticks, 0 without one; None if no arm has one.
         has_wrist: whether each arm measures its wrench.
         has_encoders: whether each arm's drives are not measured as they are.
         misses: whether each arm may miss ticks.

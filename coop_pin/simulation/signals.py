@@ -93,10 +93,11 @@ class Sampling(NamedTuple):
     @classmethod
     def of_sensor(cls, sensor: WristSensor, clock: Clock) -> Sampling:
         """Return the sampling of a sensor."""
-        lost = [
-            tuple(math.ceil(time / clock.period - _EARLY) for time in interval) for interval in sensor.lost
-        ]
-        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(sorted(lost, reverse=True)))  # type: ignore[arg-type]
+        first, end = (
+            [math.ceil(interval[side] / clock.period - _EARLY) for interval in sensor.lost] for side in (0, 1)
+        )
+        lost = sorted(zip(first, end, strict=True), reverse=True)
+        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(lost))
 
     def newest(self, ticks: Array) -> Array:
         """Return the tick of the newest sample that has arrived by each tick, -inf for none."""

@@ -53,26 +53,26 @@ class Simulation:
     """A run, tick by tick. A controller, motion or squeeze that is replaced acts from the next tick on.
 
     Attributes:
-        scenario: what is run, with the events added since the start.
+        scenario: the scenario, with the events added since the start.
         controller: it sees measurements only.
         controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.
         plant: the closed chain in motion; mutable, see its module.
-        sensing: what the arms measure.
-        actuation: what the drives make of commands; mutable, see its module.
+        sensing: sensors of the arms.
+        actuation: drives of the arms.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
-        recorder: what was recorded so far.
+        recorder: samples recorded so far.
     """
 
     def __init__(self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant) -> None:
         """Start at t = 0, at rest.
 
         Args:
-            scenario: what to run.
+            scenario: Scenario to run.
             controller: it need not be the one that the scenario names.
-            plant: what computes the motion.
+            plant: Class that computes the motion.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
