@@ -1,7 +1,7 @@
 """Benchmark of all controllers, from stored gains, in the cells that have them.
 
 Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
-docs/concepts/laws.md, and docs/images/benchmark-CELL.png.
+docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png.
 
 Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N]
 """
@@ -21,7 +21,24 @@ from coop_pin.figures import comparison_figure
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
-PAGE = HERE.parent / "docs" / "concepts" / "laws.md"
+PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
+INFORMATION = {
+    "printed": "blind",
+    "sliding-pid": "blind",
+    "prescribed-performance": "blind",
+    "payload-pd": "agreed start",
+    "payload-pi": "agreed start",
+    "zeroed-leaky": "agreed start",
+    "leader-follower": "own wrench",
+    "anchored": "internal wrench",
+    "computed-torque": "model, internal wrench",
+    "computed-torque-wrong-model": "model, internal wrench",
+    "object-impedance": "model, internal wrench",
+    "torque-qp": "model, internal wrench",
+    "adaptive": "model (regressor), internal wrench",
+    "adaptive-verginis": "model (regressor)",
+}
+"""Class of information of each controller: what it has besides the joints of its own arm."""
 
 
 def tuned_cells() -> list[str]:
@@ -40,8 +57,8 @@ def text(found: Comparison, duration: float | None) -> str:
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
         f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
-        "\n\nMean rank of each controller over all cells and trials, 1 is the best, with its 95 % interval by"
-        f" resampling of the trials:\n\n{ranks(found)}"
+        "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
+        f" 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n{ranks(found)}"
     )
 
 
@@ -54,13 +71,14 @@ def ranks(found: Comparison) -> str:
     rows = [
         (
             f"`{name}`",
+            INFORMATION[str(name)],
             interval(row),
             interval(by_force.loc[name]),
             "{trustworthy} of {runs}".format(**runs.loc[name]),
         )
         for name, row in by_tracking.iterrows()
     ]
-    return markdown(("controller", "by tracking", "by internal force", "trustworthy runs"), rows)
+    return markdown(("controller", "measures", "by tracking", "by internal force", "trustworthy runs"), rows)
 
 
 def interval(row: Any) -> str:

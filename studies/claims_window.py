@@ -12,6 +12,10 @@ FROM = 4.0
 """Start of the judged window, which ends before the event, s."""
 BAND = (5e-3, 5e-3)
 """Position, m, and orientation, rad, within which a run has settled."""
+NARROW_BAND = (1e-3, 1e-3)
+"""The same for the second rule."""
+FORCE_BAND = 0.1
+"""Internal-force error, N, below which it has vanished: a hundredth of the desired force."""
 
 
 def judged(result: cp.RunResult) -> dict[str, float]:
@@ -19,7 +23,7 @@ def judged(result: cp.RunResult) -> dict[str, float]:
 
     Internal force is axial and shear together. A time of settling is the first after which the error stays in
     the band until the event, or the end; infinite if there is none. The internal force has converged when it
-    stays within twice the rms of its window.
+    stays within a band: the stated one, or twice the rms of its own window.
     """
     data = result.data
     time, error = data.time.values, data.pose_error.values
@@ -27,13 +31,15 @@ def judged(result: cp.RunResult) -> dict[str, float]:
     force = np.hypot(data.internal_axial_error.values, data.internal_shear_error.values).max(axis=1)
     before, end = time < EVENT - 1e-9, (time > time[-1] - 1.0) & (time < time[-1])
     window = before & (time >= FROM)
-    outside = (position > BAND[0]) | (angle > BAND[1])
+    outside, far = ((position > band[0]) | (angle > band[1]) for band in (BAND, NARROW_BAND))
     values = {
         "settled_s": _last(time, outside, before),
+        "settled_narrow_s": _last(time, far, before),
         "position_mm": 1e3 * _rms(position[window]),
         "force_N": _rms(force[window]),
         "axial_N": float(data.internal_axial.values[window].mean()),
         "force_converged_s": _last(time, force > 2.0 * _rms(force[window]), before),
+        "force_in_band_s": _last(time, force > FORCE_BAND, before),
         "end_position_mm": 1e3 * _rms(position[end]),
         "end_force_N": _rms(force[end]),
     }
@@ -41,6 +47,7 @@ def judged(result: cp.RunResult) -> dict[str, float]:
         return values
     after = ~before
     values["settled_again_s"] = _last(time, outside, after) - EVENT
+    values["settled_again_narrow_s"] = _last(time, far, after) - EVENT
     return values | {"event_peak_mm": 1e3 * float(position[after].max())}
 
 

@@ -177,7 +177,7 @@ def table(judged: pd.DataFrame, cell: str) -> str:
 
 
 def numbers(data: Path) -> str:
-    """Return the tables that the page "Which law" quotes, and the tuned gains."""
+    """Return the tables that the page of the front quotes, and the tuned gains."""
     judged, gains = read(data, "judged"), read(data, "gains")
     tables = [table(judged, cell) for cell in TITLES if cell in set(judged["cell"])]
     return "\n\n".join([*tables, gains.to_string(index=False)])

@@ -2,7 +2,8 @@
 
 Runs the paper's experiment with five laws under seven trials, the printed law over alpha and control rate,
 and over the force gain; finished runs are kept in out/studies/paper_claims. Writes the tables in
-studies/paper_claims, those in docs/concepts/paper-claims.md and docs/images/study-paper-claims.png.
+studies/paper_claims, studies/losses.csv, the tables in docs/concepts/paper-claims.md and
+docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
@@ -26,6 +27,7 @@ from coop_pin.comparison.trials import changes_of
 
 HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
+LOSSES = HERE / "losses.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
 METRIC = "claims_window:judged"
 LAWS = {
@@ -103,7 +105,7 @@ def run(folder: Path) -> dict[str, pd.DataFrame]:
     }
     judged = found["laws"].table
     judged[["law", "trial"]] = judged["run"].str.split(" | ", regex=False, expand=True)
-    numbers, shared = claims_tables.MEASURES, claims_tables.MEASURES[:-2]
+    numbers, shared = claims_tables.MEASURES, claims_tables.MEASURES[:-3]
     return {
         "laws": judged[["law", "trial", "status", "failure", *numbers]],
         "alpha": found["alpha"].table[[ALPHA, RATE, "status", "failure", *shared]],
@@ -126,16 +128,20 @@ def series(result: cp.SweepResult, law: str, trial: str) -> pd.DataFrame:
 
 def blocks(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     """Return what the study writes into the page, by the names of its blocks."""
-    front = {cell: pd.read_csv(HERE / "front" / f"{cell}-judged.csv") for cell in ("adept", "panda")}
-    costs = pd.read_csv(HERE / "costs.csv")
     return {
-        "verdicts": claims_tables.verdicts(tables, costs, front),
+        "verdicts": claims_tables.verdicts(tables, pd.read_csv(HERE / "costs.csv")),
         "experiment": claims_tables.experiment(tables["laws"]),
         "robustness": claims_tables.robustness(tables["laws"]),
         "alpha": claims_tables.alpha(tables["alpha"], ALPHA, RATE),
         "force gain": claims_tables.force_gain(tables["force_gain"], FORCE_GAIN),
-        "losses": claims_tables.losses(front),
     }
+
+
+def losses() -> pd.DataFrame:
+    """Return the trials of the front in which the anchored law is not the best."""
+    return claims_tables.losses(
+        {cell: pd.read_csv(HERE / "front" / f"{cell}-judged.csv") for cell in ("adept", "panda")}
+    )
 
 
 def main() -> None:
@@ -144,6 +150,7 @@ def main() -> None:
         for name, table in run(Path("out") / "studies" / "paper_claims").items():
             table.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
     tables = {path.stem: pd.read_csv(path) for path in sorted(DATA.glob("*.csv"))}
+    losses().to_csv(LOSSES, index=False, float_format="%.3g", lineterminator="\n")
     for name, text in blocks(tables).items():
         write_block(PAGE, name, text)
         print(text, end="\n\n")

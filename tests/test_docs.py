@@ -309,7 +309,14 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
 
 @pytest.mark.parametrize(
     "name",
-    ["concepts/measurements.md", "howto/arm.md", "howto/mechanism.md", "howto/scenario.md", "quickstart.md"],
+    [
+        "concepts/internal-force.md",
+        "concepts/measurements.md",
+        "howto/arm.md",
+        "howto/mechanism.md",
+        "howto/scenario.md",
+        "quickstart.md",
+    ],
 )
 def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     """One block after the other, pasted into an empty folder."""

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parent.parent / "examples"
@@ -70,6 +71,14 @@ def laws_side_by_side(out, _folder):
     for name, *shown in rows:
         for text, value in zip(shown, found[name], strict=False):
             assert float(f"{value:.{len(text.partition('.')[2])}f}") == float(text), name
+
+
+def range_of_the_readme(out, _folder):
+    """The README gives the printed law's force as this range; without the integral it is one number."""
+    rows = np.array([[float(word) for word in line.split()] for line in out.splitlines()[1:]])
+    shown = re.findall(r"([\d.]+) to ([\d.]+) N over starts moved by −3 to 2 mm", README)
+    assert shown == [(f"{rows[:, 1].min():.1f}", f"{rows[:, 1].max():.1f}")]
+    assert np.ptp(rows[:, 2]) < 1e-3
 
 
 def squeezed_without_motion(out, _folder):
@@ -147,6 +156,7 @@ def definitions_as_on_their_page(out, _folder):
 PROMISES = {
     "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
+    "one_draw": range_of_the_readme,
     "sweep_force_gain": static_factor_and_bound,
     "own_controller": tracking_and_squeeze,
     "compare_laws": laws_side_by_side,

@@ -14,7 +14,8 @@ from coop_pin.comparison import controller_names, tick_costs
 from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[1] / "studies"
-WHICH_LAW = (FOLDER.parent / "docs" / "concepts" / "laws.md").read_text(encoding="utf-8")
+CONCEPTS = FOLDER.parent / "docs" / "concepts"
+BENCHMARK, FRONT = ((CONCEPTS / name).read_text(encoding="utf-8") for name in ("benchmark.md", "front.md"))
 ERROR, ALPHA = "internal_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
     "force_gain": {"force_gain": 114},
@@ -149,7 +150,7 @@ def test_the_front_judges_every_law_in_every_trial_after_tuning_with_one_budget(
             (name, field) for name in set(judged["law"]) for field, *_ in front.LAWS[name].tuned
         )
         assert ((gains["low"] <= gains["value"]) & (gains["value"] <= gains["high"])).all()
-        assert front.front_figures.table(judged, cell_name) in WHICH_LAW
+        assert front.front_figures.table(judged, cell_name) in FRONT
 
 
 def test_every_trial_of_the_front_changes_the_scenario_of_every_law(front, tmp_path):
@@ -301,7 +302,7 @@ def test_pages_hold_the_tables_of_stored_data(claims):
         assert with_block(page, name, text) == page
     import costs
 
-    assert with_block(WHICH_LAW, "costs", costs.table(pd.read_csv(costs.DATA))) == WHICH_LAW
+    assert with_block(BENCHMARK, "costs", costs.table(pd.read_csv(costs.DATA))) == BENCHMARK
     with pytest.raises(ValueError, match="no such block"):
         with_block(page, "no such block", "")
 
@@ -326,7 +327,7 @@ def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
     assert (table["gains"] == "tuned").all()
     assert table["trial"].nunique() >= 12
     runs, finished, trusted = (table[name].sum() for name in ("runs", "finished", "trustworthy"))
-    counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", WHICH_LAW)
+    counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", BENCHMARK)
     assert [int(count) for count in counts.groups()] == [runs, finished, trusted]
 
 
@@ -334,25 +335,48 @@ def test_verdicts_follow_from_the_runs(claims):
     study, tables = claims
     rules = study.claims_tables
     runs = tables["laws"]
-    calm = runs.assign(force_N=0.01, end_force_N=0.01, settled_s=9.0)
-    assert rules.force_rule(calm)[1] == (True, True)
-    assert rules.tracking_rule(calm)[1] == (False, False)
-    assert rules.robust_rule(calm)[1] == (rules.robust_rule(runs)[1][0], rules.robust_rule(runs)[1][0])
+    calm = runs.assign(force_N=0.01, end_force_N=0.005, settled_s=9.0, settled_narrow_s=1.0)
+    assert [rule.holds for rule in rules.force(calm).rules] == [(True, True), (True, True)]
+    assert rules.tracking(calm).rules[0].holds == (False, False)
+    assert rules.tracking(calm).rules[1].holds == (True, True)
+    assert [rule.holds for rule in rules.robust(calm).rules] == [(True, True), (True, True)]
     gains = tables["force_gain"]
-    fast = gains.assign(force_converged_s=1.0 / (1.0 + gains.iloc[:, 0]))
-    assert rules.gain_rule(fast)[1] == (True, True)
+    fast = gains.assign(force_converged_s=1.0 / (1.0 + gains.iloc[:, 0]), force_in_band_s=1.0)
+    assert [rule.holds for rule in rules.gain(fast).rules] == [(False, False), (True, True)]
 
 
-def test_the_new_law_loses_where_another_is_less(claims):
+def test_every_claim_has_two_rules_and_the_force_gain_is_judged_by_its_band(claims):
+    study, tables = claims
+    found = study.claims_tables.claims(tables, pd.read_csv(study.HERE / "costs.csv"))
+    assert len(found) == 5
+    assert all(len(claim.rules) == 2 for claim in found)
+    assert [rule.holds for rule in found[2].rules] == [(True, True), (False, False)]
+
+
+def test_the_anchored_law_loses_where_another_is_less(claims):
     study, _ = claims
+    kept = pd.read_csv(study.LOSSES)
+    assert_allclose(study.losses()["least"], kept["least"], rtol=0.01)
     front = pd.read_csv(study.HERE / "front" / "adept-judged.csv")
-    text = study.claims_tables.losses({"adept": front})
-    best = front.loc[front.groupby("trial")["force_N"].idxmin()].set_index("trial")["law"]
-    listed = {line.split(" | ")[1] for line in text.splitlines()[2:] if " N |" in line}
+    listed = kept[(kept["cell"] == "adept") & (kept["measure"] == "force_N")]
     anchored = front[front["law"] == "anchored"].set_index("trial")["force_N"]
     least = front.groupby("trial")["force_N"].min()
-    assert listed == {trial for trial in anchored.index if anchored[trial] > 1.1 * least[trial]}
-    assert not any(best[trial] == "anchored" for trial in listed)
+    assert set(listed["trial"]) == {trial for trial in anchored.index if anchored[trial] > 1.1 * least[trial]}
+    counts = re.search(r"(\d+) pairs of trial and measure. In (\d+) of them it is position", claims_page())
+    assert [int(count) for count in counts.groups()] == [len(kept), (kept["measure"] == "position_mm").sum()]
+
+
+def claims_page():
+    return (CONCEPTS / "paper-claims.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_page_of_the_benchmark_says_what_each_controller_measures():
+    import benchmark
+
+    assert set(benchmark.INFORMATION) == set(controller_names())
+    rows = re.findall(r"^\| `([\w-]+)` \| ([^|]+) \| [\d.]+ \(", BENCHMARK, re.MULTILINE)
+    assert dict(rows) == benchmark.INFORMATION
 
 
 def test_the_claims_are_drawn_from_their_tables(claims):

@@ -81,7 +81,8 @@ class SteadyErrors(NamedTuple):
             )
         if self.product:
             lines.append(
-                f"no law of these measurements has force times (sag + bias) below {self.product:.3g} N m"
+                f"no equal laws of these measurements, each on its own view, have force times (sag + bias)"
+                f" below {self.product:.3g} N m"
             )
         return "\n".join(lines)
 
@@ -89,7 +90,7 @@ class SteadyErrors(NamedTuple):
 def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0) -> SteadyErrors:
     """Return the steady errors of a scenario's law at rest; those of law (23) at the start pose.
 
-    The formulas are derived on the pages "The payload-space law" and "Which law" of the documentation.
+    The formulas stand on the pages "Proofs of the payload-space law" and "Choose a law" of the documentation.
 
     Args:
         scenario: scenario with a law of coop_pin.

@@ -73,13 +73,13 @@ class PayloadSpaceController(ArmController):
 
     What is measured decides what fhat is:
 
-    - the internal wrench f_m: the law is the *anchored PI*. The anchors of all arms sum to zero, so that the
-      motion does not feel them, and the internal force converges whatever the kinematic bias;
+    - the internal wrench f_m: the law is the *anchored PI*. The anchors of all arms sum to zero, so that
+      they do not move the payload, and a constant kinematic bias leaves a constant internal force;
     - this arm's own wrist wrench F, with a stated approximate payload mass: fhat = F - c What. Nothing
       crosses between the arms; the error of What is a constant load on the motion;
     - nothing: the *leaky PI*, which forgets what differs from the holding torques at the rate lambda.
 
-    The derivation is on the page "The payload-space law" of the documentation.
+    The derivation is on the page "Proofs of the payload-space law" of the documentation.
 
     Attributes:
         rows: the k_0 task rows.
