@@ -178,8 +178,8 @@ class MujocoRun:
         timeline = self.loop.timeline
         if not timeline.happens_at(t):
             return
-        for change in timeline.changes_at(t):
-            self.payload = change.apply(self.payload)
+        for event in timeline.events_at(t):
+            self.payload = event.apply(self.payload)
             self.model.body_mass[self.bar] = self.payload.mass
             self.model.body_inertia[self.bar] = self.payload.inertia[:3]
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))

@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
-from coop_pin.batch.arm_dynamics import ArmInput, ArmModel, arm_terms
-from coop_pin.batch.cell_dynamics import CellModel, CellState, cell_motion
+from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
+from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
-from coop_pin.batch.simulate import BatchSimulator, RecordMemory
+from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
@@ -41,7 +41,7 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
     chain = CellChain(scenario.cell, scenario.plant)
     model, cell, q_start = (
         chain.mechanism.model,
-        CellModel.from_chain(chain),
+        CellNumbers.from_chain(chain),
         chain.configuration(scenario.start.matrix),
     )
     tape, sizes = Tape(), [len(arm.bodies) for arm in cell.arms]
@@ -83,7 +83,7 @@ def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
     tape, data = Tape(), model.createData()
     q, v, tau = (inputs(tape, n) for _ in range(3))
     state = ArmInput(q, v, tau, (first.R, first.p), last, (arm.R_JP, arm.p_JP))
-    terms = arm_terms(ArmModel(arm, gravity, "012345"), state)
+    terms = arm_terms(ArmNumbers(arm, gravity, "012345"), state)
     outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, terms.potential]
     for q, v, tau in rng.normal(size=(3, 3, n)):
         a = pin.aba(model, data, q, v, tau)
@@ -191,7 +191,7 @@ def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
         for found in (first, again):
             assert_array_equal(found.values[run], alone.values[0])
             assert_array_equal(found.signals[run], alone.signals[0])
-            assert_array_equal(found.plants[run].start.last, alone.plants[0].start.last)
+            assert_array_equal(found.plants[run].start.holding, alone.plants[0].start.holding)
     numbers = first.values[:, np.isfinite(first.values).all(axis=0)]
     assert (np.ptp(numbers, axis=0) > 0.0).sum() > 1
 
@@ -226,8 +226,8 @@ def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch)
 def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeypatch):
     """Each of three blocks has memory of its own, which later batches overwrite; nobody reads it any more."""
     monkeypatch.setattr("coop_pin.batch.simulate.LARGEST_BLOCK", 2)
-    scenarios, memory = runs("adept-paper", 0.05, 5), RecordMemory()
-    simulator, others = BatchSimulator(memory=memory), runs("adept-paper", 0.05, 2)[::-1]
+    scenarios = runs("adept-paper", 0.05, 5)
+    simulator, others = BatchSimulator(), runs("adept-paper", 0.05, 2)[::-1]
     batch, again = simulator.run(scenarios), simulator.run(scenarios)
     names = [name for name in batch.samples if name != "torque"]
     read = {name: batch.samples[name] for name in names}
@@ -235,9 +235,9 @@ def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeyp
     result = batch.result(4).data.copy(deep=True)
     for _ in range(2):
         batch.release()  # a second time changes nothing
-    released = len(memory._free)
+    released = len(simulator._free)
     later = [simulator.run(others) for _ in range(3)]
-    assert (released, len(memory._free)) == (3, 0)
+    assert (released, len(simulator._free)) == (3, 0)
     for name, values in read.items():
         assert_array_equal(values, copies[name], err_msg=name)
         assert_array_equal(again.samples[name], values, err_msg=name)

@@ -541,3 +541,22 @@ def test_a_source_draws_the_same_whatever_other_sources_there_are():
     draws = {(seed, name): tuple(generator(seed, name).normal(size=4)) for seed in (0, 1) for name in "ab"}
     assert len(set(draws.values())) == 4
     assert draws[0, "a"] == tuple(generator(0, "a").normal(size=4))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_signals_are_the_same_drawn_tick_by_tick_and_at_once(name):
+    """A single run draws them in growing blocks, a batch all at once."""
+    wrist = {"noise": {"force": 1.0}, "rate_hz": 20.0, "delay": 3, "lost": [[0.1, 0.3], [0.2, 0.25]]}
+    changes = ANYTHING | {"arm_sensors.right.wrist": wrist, "controller.force_path": {"kind": "late"}}
+    scenario, count = scenario_of(name, changes), 700
+    joints = [3, 3] if name == "planar" else [6, 6]
+    whole, rows = SensorSignals(scenario, joints).draw(count), SensorSignals(scenario, joints).rows()
+    for k in range(count):
+        row = next(rows)
+        assert (row.age, row.arrived) == (whole.age[k], whole.arrived[k])
+        for arm, arms in zip(row.arms, whole.arms, strict=True):
+            assert all(np.array_equal(part, parts[k]) for part, parts in zip(arm, arms, strict=True))
+    oldest = np.maximum(*(np.where(np.isinf(arm.wrist_age), 1e9, arm.wrist_age) for arm in whole.arms))
+    later = np.isfinite(whole.age)
+    assert later.sum() > 600
+    assert (whole.age[later] >= oldest[later]).all()

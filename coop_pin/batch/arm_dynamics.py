@@ -40,7 +40,7 @@ class ArmInput(NamedTuple):
     held: tuple[Numbers, Numbers]
 
 
-class ArmTerms(NamedTuple):
+class ArmResponse(NamedTuple):
     """Dynamics of one arm for the forces that act on its payload frame: M a + h = tau + S^T F.
 
     With M = L D L^T and the kept rows S_k of S::
@@ -53,7 +53,7 @@ class ArmTerms(NamedTuple):
         R_WP: orientation of P, shape (3, 3).
         p_WP: position of P, shape (3,).
         V: twist of the last body, shape (6,).
-        A: its acceleration for a = 0, less gravity, shape (6,).
+        A: acceleration of the last body for a = 0, less gravity, shape (6,).
         S: motion subspaces, shape (6, n).
         L: unit lower triangle, shape (n, n).
         D_inverse: shape (n,).
@@ -84,11 +84,11 @@ class ArmTerms(NamedTuple):
         return solve_transposed(self.L, self.D_inverse * (self.u + self.Y @ F))
 
 
-class ArmModel(NamedTuple):
+class ArmNumbers(NamedTuple):
     """Constants of an arm's dynamics.
 
     Attributes:
-        arm: its bodies; those numbers that ArmInput has are not read.
+        arm: bodies of the arm; those numbers that ArmInput has are not read.
         gravity: m/s^2, shape (3,).
         rows: the kept rows of six-vectors, as text: the others are zero for every motion.
     """
@@ -98,7 +98,7 @@ class ArmModel(NamedTuple):
     rows: str
 
 
-def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
+def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
     """Return the dynamics of an arm by recursive Newton-Euler and composite rigid bodies, in body axes."""
     first, *others = model.arm.bodies
     bodies = [first._replace(R=state.first[0], p=state.first[1]), *others]
@@ -112,7 +112,7 @@ def arm_terms(model: ArmModel, state: ArmInput) -> ArmTerms:
     L, D_inverse = factor(M)
     Y = np.stack([solve_lower(L, row) for row in seen.S[rows]], axis=1)
     u, Z = solve_lower(L, state.tau - h), D_inverse[:, None] * Y
-    return ArmTerms(
+    return ArmResponse(
         R_WP=seen.R_WP,
         p_WP=seen.p_WP,
         V=V,
@@ -139,7 +139,7 @@ def newton_euler(
         Omega = alpha^x + w w^T - w . w 1,  f = m a + Omega h,  n = I alpha + w x I w + h x a
 
     Args:
-        arm: its bodies.
+        arm: Bodies of the arm.
         gravity: m/s^2, shape (3,).
         q: joint positions, shape (n,).
         v: joint rates, shape (n,).

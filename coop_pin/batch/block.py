@@ -40,7 +40,7 @@ class RunBlock:
     Attributes:
         shape: shape of the runs.
         constants: constants of one of them.
-        start: its start.
+        start: start of that run.
         signals: signals of all runs.
         lanes: slots of a block.
         uniforms: numbers that all runs share at a row.
@@ -63,7 +63,7 @@ class RunBlock:
         Args:
             shape: Shape of the runs.
             constants: Constants of one of them.
-            start: Start of that one.
+            start: Start of that run.
             differs: Leaves of the constants that differ between the runs.
             signals: Signals of all runs.
             table: Quantities of the runs.

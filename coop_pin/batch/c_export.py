@@ -18,8 +18,6 @@ from coop_pin.arrays import as_count, require_type
 from coop_pin.atomic_write import write_atomically
 from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
-    DESIRED,
-    MEASURED,
     LawCode,
     LawTick,
     RecordedLaw,
@@ -31,6 +29,7 @@ from coop_pin.batch.law_code import (
 )
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
+from coop_pin.control.interface import DESIRED, MEASURED
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.simulation import Simulation

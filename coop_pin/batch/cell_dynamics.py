@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from coop_pin.batch.arm_dynamics import (
     ArmInput,
-    ArmModel,
-    ArmTerms,
+    ArmNumbers,
+    ArmResponse,
     arm_terms,
     factor,
     solve_lower,
@@ -40,12 +40,12 @@ _TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
 """Series of asin(s) / s in s^2, and of (1 - x / 2 cot(x / 2)) / x^2 in x^2: exact for closed grasps."""
 
 
-class CellModel(NamedTuple):
+class CellNumbers(NamedTuple):
     """Constants of a cell's dynamics.
 
     Attributes:
         arms: as the plant has them; the payload is not part of the first one's last body.
-        payload: its inertia about P.
+        payload: inertia of the payload about P.
         tips: position of each tip in the payload frame, m, shape (m, 3).
         gravity: m/s^2, shape (3,).
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
@@ -60,7 +60,7 @@ class CellModel(NamedTuple):
     velocity_gain: Number
 
     @classmethod
-    def from_chain(cls, chain: CellChain) -> CellModel:
+    def from_chain(cls, chain: CellChain) -> CellNumbers:
         """Return the constants of a chain whose payload is welded to the first arm.
 
         Raises:
@@ -98,12 +98,12 @@ class CellMotion(NamedTuple):
     """Accelerations and forces of a cell at a state, and what is seen of it.
 
     Attributes:
-        accelerations: of each arm's joints, shape (n,) each.
+        accelerations: accelerations of each arm's joints, shape (n,) each.
         wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); only the moving rows
             are determined.
         R_WP: orientation of the payload, shape (3, 3).
-        p_WP: its position, shape (3,).
-        V_WP: its twist about P, shape (6,).
+        p_WP: position of P, shape (3,).
+        V_WP: twist of the payload about P, shape (6,).
         tips: positions of the tips, shape (m, 3).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
         kinetic: energy, J.
@@ -137,10 +137,10 @@ class CellState(NamedTuple):
     external: Numbers
 
 
-def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellModel, state: CellState) -> CellMotion:
+def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state: CellState) -> CellMotion:
     """Return the constrained motion of a cell.
 
-    With G_i and b_i of ArmTerms, the external wrench W on the payload and f_i on arm i by the payload::
+    With G_i and b_i of ArmResponse, the external wrench W on the payload and f_i on arm i by the payload::
 
         G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_j f_j),   i = 1, ..., m - 1
         d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
@@ -148,14 +148,14 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellModel, state: 
     f_0 follows from the balance of the payload.
 
     Args:
-        functions: of the arms.
-        tape: to record on.
-        cell: its constants.
+        functions: Shared functions of the arms.
+        tape: Tape to record on.
+        cell: Constants of the cell.
         state: traced.
     """
     rows = cell.moving_rows(state.q)
     terms = [
-        _terms(functions, tape, ArmModel(arm, cell.gravity, "".join(map(str, rows))), own)
+        _terms(functions, tape, ArmNumbers(arm, cell.gravity, "".join(map(str, rows))), own)
         for arm, own in zip(cell.arms, _arm_inputs(cell, state), strict=True)
     ]
     first = terms[0]
@@ -185,7 +185,7 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellModel, state: 
     )
 
 
-def payload_energy(cell: CellModel, motion: CellMotion) -> Number:
+def payload_energy(cell: CellNumbers, motion: CellMotion) -> Number:
     """Return kinetic and potential energy of the payload, J: what a change of its mass changes."""
     v, w = motion.V_WP[:3], motion.V_WP[3:]
     w_P = motion.R_WP.T @ w
@@ -210,7 +210,7 @@ def _series(x: Any, coefficients: Sequence[float]) -> Number:
     return value
 
 
-def _arm_inputs(cell: CellModel, state: CellState) -> list[ArmInput]:
+def _arm_inputs(cell: CellNumbers, state: CellState) -> list[ArmInput]:
     """Return the input of each arm; the first one's last body carries the payload."""
     made = []
     for index, (arm, q, v, tau) in enumerate(zip(cell.arms, state.q, state.v, state.tau, strict=True)):
@@ -220,7 +220,7 @@ def _arm_inputs(cell: CellModel, state: CellState) -> list[ArmInput]:
     return made
 
 
-def _terms(functions: SharedFunctions, tape: Tape, model: ArmModel, state: ArmInput) -> ArmTerms:
+def _terms(functions: SharedFunctions, tape: Tape, model: ArmNumbers, state: ArmInput) -> ArmResponse:
     """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
     if len(model.rows) < 6:
         return arm_terms(model, state)
@@ -228,12 +228,16 @@ def _terms(functions: SharedFunctions, tape: Tape, model: ArmModel, state: ArmIn
     bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
     bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
     shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
-    found: ArmTerms = functions.call(tape, arm_terms, model._replace(arm=shared), state)
+    found: ArmResponse = functions.call(tape, arm_terms, model._replace(arm=shared), state)
     return found
 
 
 def _closure_forces(
-    cell: CellModel, terms: Sequence[ArmTerms], W: Numbers, errors: Sequence[Numbers], rows: Sequence[int]
+    cell: CellNumbers,
+    terms: Sequence[ArmResponse],
+    W: Numbers,
+    errors: Sequence[Numbers],
+    rows: Sequence[int],
 ) -> list[Numbers]:
     """Return f_i on arms 1 to m - 1 by the payload, about the world's origin, in the moving rows."""
     first, others, k = terms[0], terms[1:], len(rows)

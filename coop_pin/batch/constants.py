@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.batch.cell_dynamics import CellModel
+from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
@@ -22,8 +22,8 @@ from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
 
 
-class Instant(NamedTuple):
-    """What events make of the cell at an instant.
+class Surroundings(NamedTuple):
+    """What acts on the payload from an instant of events on.
 
     Attributes:
         payload: the payload's inertia about P from then on.
@@ -70,15 +70,15 @@ class RunConstants(NamedTuple):
         arms: kinematics and friction of each arm.
         sensors: sensors of all arms.
         drives: drives of all arms.
-        instants: what events make of the cell, in order.
+        instants: surroundings of the payload from each instant of events on.
         controller: controller of all arms.
     """
 
-    cell: CellModel
+    cell: CellNumbers
     arms: tuple[ArmConstants, ...]
     sensors: CellSensors
     drives: CellDrives
-    instants: tuple[Instant, ...]
+    instants: tuple[Surroundings, ...]
     controller: Any
 
 
@@ -107,7 +107,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
         TracingError: an arm is no serial chain.
     """
     return RunConstants(
-        cell=CellModel.from_chain(run.plant.chain),
+        cell=CellNumbers.from_chain(run.plant.chain),
         arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
@@ -137,13 +137,13 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
     )
 
 
-def instants(scenario: Scenario, run: Simulation) -> tuple[Instant, ...]:
+def instants(scenario: Scenario, run: Simulation) -> tuple[Surroundings, ...]:
     """Return what events make of the cell, at each of the times of event_times."""
     payload, found = scenario.cell.payload, []
     for time in event_times(run):
-        for change in run.timeline.changes_at(time):
-            payload = change.apply(payload)
-        found.append(Instant(_inertia(payload), run.timeline.push_at(time)))
+        for event in run.timeline.events_at(time):
+            payload = event.apply(payload)
+        found.append(Surroundings(_inertia(payload), run.timeline.push_at(time)))
     return tuple(found)
 
 

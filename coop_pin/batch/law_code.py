@@ -12,6 +12,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
+from coop_pin.control.interface import DESIRED, MEASURED
 from coop_pin.errors import TracingError
 from coop_pin.simulation.sensing import measurement
 from coop_pin.spatial.task_rows import TaskRows
@@ -25,25 +26,6 @@ _AGREEMENT = 1e-12
 
 Values: TypeAlias = Mapping[str, Any]
 """Values of fields of a measurement or a reference by name."""
-
-MEASURED = {
-    "time": "t_k, s",
-    "q": "drive coordinates, rad",
-    "v": "drive velocities, rad/s",
-    "saturated": "1.0 where the torque was cut at its limit over the last tick, else 0.0",
-    "internal_wrench": "internal wrench on this arm about P in world axes, task rows, N and N m",
-    "internal_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
-    "interaction_wrench": "wrench on this arm by the payload about P in world axes, task rows, N and N m",
-    "interaction_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
-    "holding_torque": "torques that hold the arm at rest, N m; read at the start only",
-}
-DESIRED = {
-    "pose": "desired pose of P in the world, row by row",
-    "twist": "desired twist of P in world axes, task rows, m/s and rad/s",
-    "acceleration": "desired acceleration of P in world axes, task rows",
-    "internal_wrench": "desired internal wrench on this arm about P in payload axes, task rows",
-}
-"""Fields that are inputs of the code, and their meanings; pose, twist and Jacobian follow from them."""
 
 
 class LawTick(NamedTuple):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.batch.cell_dynamics import CellModel, CellMotion, CellState, cell_motion
+from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
 from coop_pin.simulation.plant import CHANNELS
@@ -29,12 +29,12 @@ class PlantNumbers(NamedTuple):
     """Numbers of a plant, most of which fold into its code.
 
     Attributes:
-        cell: its dynamics.
-        friction: of each arm.
+        cell: dynamics of the cell.
+        friction: friction of each arm.
         external: wrench on the payload about P in world axes, shape (6,).
     """
 
-    cell: CellModel
+    cell: CellNumbers
     friction: tuple[Friction, ...]
     external: Numbers
 
@@ -45,7 +45,7 @@ class PlantState(NamedTuple):
     Attributes:
         q: joint positions of all arms, shape (N,).
         v: joint rates of all arms, shape (N,).
-        force: of the drives, N m, shape (N,).
+        force: generalised force of the drives, N m, shape (N,).
     """
 
     q: Numbers
@@ -80,7 +80,7 @@ def write_step(kernel: Kernel, functions: SharedFunctions, plant: PlantNumbers) 
     Args:
         kernel: reads q, v, force, work, h and the rates at the start of the step.
         functions: has the rates of the other stages.
-        plant: its numbers as the kernel reads them.
+        plant: Numbers of the plant as the kernel reads them.
     """
 
     def rates_at(plant: PlantNumbers, state: PlantState) -> list[Number]:

@@ -24,7 +24,7 @@ _PLANT = set(Scenario.model_fields) - {"controller", "beyond_bound", "seed", "na
 """Fields of a scenario that make the plant; of the controller, its class and force path do."""
 
 
-class Plant:
+class PreparedPlant:
     """Plant of one or more runs, before they run.
 
     Attributes:
@@ -86,13 +86,13 @@ class Prepared(NamedTuple):
     """
 
     scenarios: Sequence[Scenario]
-    plants: Sequence[Plant]
+    plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
     values: Array
     kind: Hashable
 
     @classmethod
-    def of_run(cls, scenario: Scenario, plant: Plant) -> Prepared:
+    def of_run(cls, scenario: Scenario, plant: PreparedPlant) -> Prepared:
         """Return the batch of a single run.
 
         Raises:

@@ -22,7 +22,7 @@ class RunProgram:
     """Program of runs that differ from a first one in chosen numbers.
 
     Attributes:
-        program: what a machine runs.
+        program: program for a machine.
         uniforms: numbers that all runs share, shape (rows, uniforms).
     """
 

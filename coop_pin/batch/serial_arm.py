@@ -111,12 +111,12 @@ class RigidInertia(NamedTuple):
 # ---------------------------------------------------------------- kinematics
 
 
-class Body(NamedTuple):
-    """Body of an arm with the joint that carries it; the joint moves about or along the body's z axis.
+class Link(NamedTuple):
+    """Link of an arm with the joint that carries it; the joint moves about or along the body's z axis.
 
     Attributes:
         R: orientation of the joint in the body before, shape (3, 3).
-        p: its position there, m, shape (3,).
+        p: position of the joint there, m, shape (3,).
         inertia: about its own origin.
     """
 
@@ -132,10 +132,10 @@ class SerialArm(NamedTuple):
         bodies: from base to tip.
         is_revolute: kind of each joint.
         R_JP: orientation of P in the last body, shape (3, 3).
-        p_JP: its position there, m, shape (3,).
+        p_JP: position of P there, m, shape (3,).
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[Link, ...]
     is_revolute: tuple[bool, ...]
     R_JP: Numbers
     p_JP: Numbers
@@ -165,7 +165,7 @@ class SerialArm(NamedTuple):
             align = pin.SE3(_aligned(model.joints[joint], kind), np.zeros(3))
             X = turned.actInv(model.jointPlacements[joint]) * align
             inertia = align.actInv(last if joint == joints[-1] else model.inertias[joint])
-            bodies.append(Body(_snapped(X.rotation), X.translation.copy(), RigidInertia.from_model(inertia)))
+            bodies.append(Link(_snapped(X.rotation), X.translation.copy(), RigidInertia.from_model(inertia)))
             kinds.append(kind.startswith("JointModelR"))
             turned, parent = align, joint
         X = turned.actInv(X_JP)
@@ -185,12 +185,12 @@ def _snapped(R: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.abs(R - whole) < _ROUNDING, whole, R) + 0.0
 
 
-class Frames(NamedTuple):
+class ArmFrames(NamedTuple):
     """Joints and payload frame of an arm in the world.
 
     Attributes:
         R: orientation of the last body, shape (3, 3).
-        p: its position, shape (3,).
+        p: position of the last body, shape (3,).
         S: motion subspaces, shape (6, n).
         R_WP: orientation of P, shape (3, 3).
         p_WP: position of P, shape (3,).
@@ -215,7 +215,7 @@ def links(arm: SerialArm, q: Numbers) -> list[tuple[Numbers, Numbers]]:
     return found
 
 
-def frames(arm: SerialArm, q: Numbers) -> Frames:
+def frames(arm: SerialArm, q: Numbers) -> ArmFrames:
     """Return the frames of an arm at joint positions, shape (n,)."""
     R, p = np.eye(3).astype(object), np.zeros(3).astype(object)
     S = np.empty((6, len(q)), dtype=object)
@@ -223,7 +223,7 @@ def frames(arm: SerialArm, q: Numbers) -> Frames:
         p, R = p + R @ p_k, R @ R_k
         z = R[:, 2]
         S[:, k] = join(cross(p, z), z) if arm.is_revolute[k] else join(z, np.zeros(3))
-    return Frames(R, p, S, R @ arm.R_JP, p + R @ arm.p_JP)
+    return ArmFrames(R, p, S, R @ arm.R_JP, p + R @ arm.p_JP)
 
 
 def payload_jacobian(S: Numbers, p_WP: Numbers) -> Numbers:

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.events import PayloadChange
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
@@ -21,7 +20,7 @@ class RunShape(NamedTuple):
     Attributes:
         rows: task rows of the cell.
         delay: ticks of transport of the internal wrench; None without a force path.
-        wrist_delays: of each arm's wrist sensor, ticks, 0 for an arm without one; None if no arm has one.
+        wrist_delays: delay of each arm's wrist sensor, ticks, 0 without one; None if no arm has one.
         has_wrist: whether each arm measures its wrench.
         has_encoders: whether each arm's drives are not measured as they are.
         misses: whether each arm may miss ticks.
@@ -44,6 +43,7 @@ class RunShape(NamedTuple):
     def of(cls, scenario: Scenario) -> RunShape:
         """Return the shape of a scenario's run."""
         path, arms = scenario.controller.force_path, list(scenario.cell.arms)
+        payload = scenario.cell.payload
         sensors, actuators = map(scenario.sensors_of, arms), list(map(scenario.actuators_of, arms))
         wrists, are_ideal = zip(*((own.wrist, own.joints_are_ideal) for own in sensors), strict=True)
         return cls(
@@ -54,8 +54,8 @@ class RunShape(NamedTuple):
             has_encoders=tuple(not is_ideal for is_ideal in are_ideal),
             misses=tuple(own.missed_ticks > 0.0 for own in actuators),
             lags=tuple(own.lag > 0.0 for own in actuators),
-            changes_payload=any(isinstance(event, PayloadChange) for event in scenario.events),
-            pushes=any(not isinstance(event, PayloadChange) for event in scenario.events),
+            changes_payload=any(event.apply(payload) is not payload for event in scenario.events),
+            pushes=any(event.push_at(event.time) is not None for event in scenario.events),
         )
 
 

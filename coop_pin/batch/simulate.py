@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_memory, require_type
-from coop_pin.batch.preparation import Plant, Prepared, plant_fields
+from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.support import require_traceable
@@ -123,8 +123,8 @@ class BatchSimulator:
             machine: Maker of the machine of a program.
         """
         self._new_machine = machine
-        self._plants, self._families = list[tuple[list[object], Plant]](), list[Family]()
-        self._free = list[Array]()  # of released records: new memory costs as much as the runs
+        self._plants, self._families = list[tuple[list[object], PreparedPlant]](), list[Family]()
+        self._free = list[Array]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
         """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
@@ -138,7 +138,7 @@ class BatchSimulator:
         """Return a run before it runs; raises as Plant and Prepared.of_run."""
         fields = plant_fields(scenario)
         index = next((i for i, (known, _) in enumerate(self._plants) if known == fields), None)
-        plant = Plant(scenario) if index is None else self._plants.pop(index)[1]
+        plant = PreparedPlant(scenario) if index is None else self._plants.pop(index)[1]
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 
@@ -161,7 +161,10 @@ class BatchSimulator:
         return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, taken))
 
     def _memory(self, size: int) -> Array:
-        """Return memory for ``size`` numbers or more, of a released record if there is one."""
+        """Return memory for ``size`` numbers or more.
+
+        That of a released record if there is one: to get and clear new memory takes the time of the runs.
+        """
         memory = self._free.pop() if self._free else np.empty(size)
         return memory if memory.size >= size else np.empty(size)
 

@@ -5,7 +5,7 @@ Sensors and drives are the functions of coop_pin.simulation, called with traced 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -21,7 +21,7 @@ from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
 from coop_pin.model.arm_model import PayloadKinematics
-from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState
+from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState, TorqueResponse
 from coop_pin.simulation.sensing import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.generic_numbers import inverse
@@ -171,20 +171,18 @@ class TickCode:
 
     def _drive(self) -> Kernel:
         """Return the kernel before a plant step: the mean force of varying torques over it."""
-        kernel, constants = self._block.kernel("drive")
-        response, state = constants.drives.response, self._drives(kernel).response
-        if response is not None and state is not None:
-            torques = response.mean(state, kernel.uniform("s"), kernel.uniform("h"))
-            self._hold(kernel, constants, constants.drives.acting(torques, kernel.uniform("gives")))
-        return kernel
+        return self._varying("drive", lambda response, state, s, h: response.mean(state, s, h))
 
     def _release(self) -> Kernel:
         """Return the kernel at the end of a tick: the force of varying torques there."""
-        kernel, constants = self._block.kernel("release")
-        response, state = constants.drives.response, self._drives(kernel).response
-        if response is not None and state is not None:
-            torques = response.at(state, kernel.uniform("s"))
-            self._hold(kernel, constants, constants.drives.acting(torques, kernel.uniform("gives")))
+        return self._varying("release", lambda response, state, s, _: response.at(state, s))
+
+    def _varying(self, name: str, torques: Callable[[TorqueResponse, Any, Any, Any], Numbers]) -> Kernel:
+        kernel, constants = self._block.kernel(name)
+        drives = constants.drives
+        if drives.response is not None:
+            now = torques(drives.response, self._drives(kernel).response, *map(kernel.uniform, ("s", "h")))
+            self._hold(kernel, constants, drives.acting(now, kernel.uniform("gives")))
         return kernel
 
     def _observe(self) -> Kernel:

@@ -7,7 +7,7 @@ from collections.abc import Hashable
 import numpy as np
 
 from coop_pin.arrays import Array, require_finite
-from coop_pin.batch.cell_dynamics import CellModel
+from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
 from coop_pin.batch.serial_arm import RigidInertia
 from coop_pin.batch.support import plant_reason
@@ -175,7 +175,7 @@ def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
     if reason := plant_reason(options):
         raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
     try:
-        cell = CellModel.from_chain(chain)
+        cell = CellNumbers.from_chain(chain)
     except TracingError as error:
         raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
     resistance = tuple(friction(arm, name) for name, arm in chain.cell.arms.items())

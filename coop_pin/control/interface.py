@@ -71,6 +71,26 @@ class ArmReference(NamedTuple):
     internal_wrench: Array
 
 
+MEASURED = {
+    "time": "t_k, s",
+    "q": "drive coordinates, rad",
+    "v": "drive velocities, rad/s",
+    "saturated": "1.0 where the torque was cut at its limit over the last tick, else 0.0",
+    "internal_wrench": "internal wrench on this arm about P in world axes, task rows, N and N m",
+    "internal_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
+    "interaction_wrench": "wrench on this arm by the payload about P in world axes, task rows, N and N m",
+    "interaction_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
+    "holding_torque": "torques that hold the arm at rest, N m; read at the start only",
+}
+DESIRED = {
+    "pose": "desired pose of P in the world, row by row",
+    "twist": "desired twist of P in world axes, task rows, m/s and rad/s",
+    "acceleration": "desired acceleration of P in world axes, task rows",
+    "internal_wrench": "desired internal wrench on this arm about P in payload axes, task rows",
+}
+"""Fields that exported laws are given, and their meaning; pose, twist and Jacobian follow from q and v."""
+
+
 class ArmCommand(NamedTuple):
     """Controller output for one arm.
 

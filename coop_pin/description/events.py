@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,7 +10,45 @@ from coop_pin.description.payload import Payload
 from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
 
 
-class PayloadChange(Description):
+class PayloadEvent(Description):
+    """Event on the payload: it may change the payload at its time, and push it until its end.
+
+    Attributes:
+        kind: name of the event's kind in scenario files.
+        time: time of the event, s.
+        title: name of the event, in a few words.
+        heading: name of what it brings.
+    """
+
+    kind: str
+    time: NotNegative
+    title: ClassVar[str]
+    heading: ClassVar[str]
+
+    @property
+    def end(self) -> float:
+        """Time at which the event is over, s; its own time if it is over at once."""
+        return self.time
+
+    @property
+    def instants(self) -> tuple[float, ...]:
+        """Times at which it changes what acts on the payload, s."""
+        return self.time, self.end
+
+    def push_at(self, time: float) -> Vector6 | None:
+        """Return the wrench on the payload about P in world axes from a time on, N and N m; None if none."""
+        return None
+
+    def apply(self, payload: Payload) -> Payload:
+        """Return the payload after the event: the same object if it does not change."""
+        return payload
+
+    def text(self, payload: Payload) -> str:
+        """Return what happens to a payload, for people to read."""
+        return self.title
+
+
+class PayloadChange(PayloadEvent):
     """Sudden change of the payload's mass.
 
     Shape and centre of mass stay as they are; the inertia scales with the mass.
@@ -21,20 +59,20 @@ class PayloadChange(Description):
     """
 
     kind: Literal["payload-change"] = "payload-change"
-    time: NotNegative
     mass: Positive
-
-    @property
-    def end(self) -> float:
-        """Time of the change, s: it is over at once."""
-        return self.time
+    title = "change of mass"
+    heading = "new mass"
 
     def apply(self, payload: Payload) -> Payload:
         """Return the payload after the event."""
         return payload.with_mass(self.mass)
 
+    def text(self, payload: Payload) -> str:
+        """Return both masses."""
+        return f"mass {payload.mass:g} → {self.mass:g} kg"
 
-class WrenchPulse(Description):
+
+class WrenchPulse(PayloadEvent):
     """Constant wrench on the payload for a limited time.
 
     Attributes:
@@ -44,14 +82,27 @@ class WrenchPulse(Description):
     """
 
     kind: Literal["wrench-pulse"] = "wrench-pulse"
-    time: NotNegative
     duration: Positive
     wrench: Vector6
+    title = heading = "push"
 
     @property
     def end(self) -> float:
         """End of the pulse, s."""
         return self.time + self.duration
+
+    def push_at(self, time: float) -> Vector6 | None:
+        """Return the wrench during the pulse."""
+        return self.wrench if self.time <= time < self.end else None
+
+    def text(self, payload: Payload) -> str:
+        """Return force, moment and duration."""
+        parts = [
+            f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
+            for vector, unit in ((self.wrench[:3], "N"), (self.wrench[3:], "N m"))
+            if any(vector)
+        ]
+        return f"{self.title} {' and '.join(parts)} for {self.duration:g} s"
 
 
 Event = Annotated[PayloadChange | WrenchPulse, Field(discriminator="kind")]

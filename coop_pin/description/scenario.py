@@ -17,7 +17,7 @@ from coop_pin.control.law import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Event, PayloadChange
+from coop_pin.description.events import Event
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -230,9 +230,8 @@ class Scenario(Description):
     def payload_at(self, time: float) -> Payload:
         """Return the payload after the changes up to a time, s."""
         payload = self.cell.payload
-        changes = [event for event in self.events if isinstance(event, PayloadChange)]
-        for change in sorted(changes, key=lambda change: change.time):
-            payload = change.apply(payload) if change.time <= time else payload
+        for event in sorted(self.events, key=lambda event: event.time):
+            payload = event.apply(payload) if event.time <= time else payload
         return payload
 
     @property

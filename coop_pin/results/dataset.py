@@ -33,8 +33,8 @@ def dataset(
     """Return the labelled arrays of a run: every stored quantity, and the joint limits.
 
     Args:
-        scenario: what was run.
-        samples: of every recorded quantity.
+        scenario: Scenario that was run.
+        samples: Samples of every recorded quantity.
         joints: names of each arm's joints.
         limits: the four ``LIMITS`` of m arms with at most k joints, shape (4, m, k); NaN where there is none.
     """
@@ -59,8 +59,8 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     (x, y, z, w).
 
     Args:
-        scenario: what was run.
-        values: of all quantities, and what ``without_time`` returns.
+        scenario: Scenario that was run.
+        values: Samples of all quantities, and what ``without_time`` returns.
     """
     # All variables are gathered first: assigning one to a Dataset aligns the whole Dataset anew.
     variables = {

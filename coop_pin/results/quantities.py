@@ -35,7 +35,7 @@ class Quantity(NamedTuple):
     """A quantity of a run.
 
     Attributes:
-        name: of its samples, and of its variable in the dataset.
+        name: name of the samples, and of the variable in the dataset.
         dims: dimensions after time, separated by blanks.
         unit: unit, or several where entries differ: of linear, then of angular ones.
         text: meaning; the variable's ``long_name``.
@@ -109,10 +109,10 @@ def _internal_parts(
     Rows that rigid bodies do not determine count as zero.
 
     Args:
-        name: of the quantities, with {} for the part.
-        text: what the wrench is.
+        name: Name of the quantities, with {} for the part.
+        text: Name of the wrench.
         wrench: shape (..., m, 6).
-        group: of the quantities.
+        group: Group of the quantities.
     """
 
     def axial(s: Samples) -> Array:
@@ -256,8 +256,8 @@ def bytes_per_sample(table: Sequence[Quantity], sizes: Mapping[str, int]) -> int
     Stored quantities count twice: their netCDF file is made in memory.
 
     Args:
-        table: the quantities of the run.
-        sizes: of the dimensions q, v, arm and joint.
+        table: Quantities of the run.
+        sizes: Sizes of the dimensions q, v, arm and joint.
     """
     sizes = {**_FIXED_SIZES, **sizes}
     return sum(
@@ -270,9 +270,9 @@ def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) ->
     """Return empty samples of every recorded quantity.
 
     Args:
-        table: the quantities of the run.
-        count: of samples.
-        sizes: of the dimensions q, v, arm and joint.
+        table: Quantities of the run.
+        count: Number of samples.
+        sizes: Sizes of the dimensions q, v, arm and joint.
     """
     sizes = {**_FIXED_SIZES, **sizes}
     return {
@@ -302,10 +302,10 @@ def computed(
     """Return samples with the computed quantities added.
 
     Args:
-        table: the quantities of the run.
-        samples: of every recorded quantity.
+        table: Quantities of the run.
+        samples: Samples of every recorded quantity.
         load_shares: c_i, shape (m,).
-        names: of the quantities to add, without those that need another; None for all.
+        names: Names of the quantities to add, without those that need another; None for all.
     """
     values = samples | {"load_share": load_shares}
     for quantity in table:

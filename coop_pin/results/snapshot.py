@@ -26,8 +26,8 @@ class Snapshot(NamedTuple):
         torque: N m, shape (m, k); NaN beyond an arm's joints.
         saturated: shape (m, k).
         jacobian_condition: shape (m,).
-        measured_internal_wrench: what the controllers get, N and N m, shape (m, 6); None where it is not
-            recorded.
+        measured_internal_wrench: internal wrenches that the controllers get, N and N m, shape (m, 6); None
+            where they are not recorded.
     """
 
     time: float

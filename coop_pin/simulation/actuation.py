@@ -197,21 +197,20 @@ class CellDrives(NamedTuple):
             gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
             s: Time since the tick before, s.
         """
-        parts, last = zip(
-            *[
-                arm.step(*inputs)
-                for arm, *inputs in zip(self.arms, state.last, commanded, missed, weights, strict=True)
-            ],
-            strict=True,
-        )
-        requested, torques, saturated = map(list, zip(*parts, strict=True))
+        requested, torques, saturated, last = [], [], [], []
+        for arm, *inputs in zip(self.arms, state.last, commanded, missed, weights, strict=True):
+            (asked, torque, cut), kept = arm.step(*inputs)
+            requested.append(asked)
+            torques.append(torque)
+            saturated.append(cut)
+            last.append(kept)
         if self.response is None or state.response is None:
-            return Applied(commanded, requested, torques, saturated), DriveState(last, None)
+            return Applied(commanded, requested, torques, saturated), DriveState(tuple(last), None)
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
         saturated = [frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)]
         torques = self.acting(self.response.at(response, 0.0), gives)
-        return Applied(commanded, requested, torques, saturated), DriveState(last, response)
+        return Applied(commanded, requested, torques, saturated), DriveState(tuple(last), response)
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
@@ -310,7 +309,12 @@ class Actuation:
         weights = [partial(self._weight, index, q) for index in range(len(commanded))]
         since, self._start = time - self._start, time
         applied, self.state = self.drives.step(
-            self.state, commanded, self._missed.draw(1)[0], weights, self.gives(time), since
+            self.state,
+            commanded,
+            self._missed.draw(1)[0],
+            weights,
+            () if self.is_held else self.gives(time),
+            since,
         )
         return applied
 

@@ -29,7 +29,7 @@ class Plant:
     """Closed chain in motion: its state and the forces on it.
 
     Attributes:
-        engine: what computes it.
+        engine: name of what computes the motion.
         chain: the cell's closed chain.
         transmission: between its drives and joints, with friction.
         q: configuration, shape (nq,).
@@ -45,7 +45,7 @@ class Plant:
 
         Args:
             chain: the cell's closed chain.
-            options: for the integrator and the projection.
+            options: Integrator and projection.
             q: configuration on the closures, shape (nq,).
         """
         model = chain.mechanism.model

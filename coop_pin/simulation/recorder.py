@@ -169,7 +169,7 @@ class Recorder:
         """Return the result up to the last recorded tick whose wrenches are finite.
 
         Args:
-            scenario: what was run.
+            scenario: Scenario that was run.
         """
         while self._observed < self.count:
             with contextlib.suppress(CoopPinError):  # which drops the last sample

@@ -284,11 +284,13 @@ class Sensing:
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
         cell, place = self._scenario.cell, self._places[0]
-        loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
-        X_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])
         free = [frozen(np.zeros(len(place.drive), dtype=bool)) for place in self._places]
-        self._signals = SensorSignals(self._scenario, [len(place.drive) for place in self._places]).rows()
-        truth = self._truth(0.0, q, v, free)._replace(wrenches=loads, R_WP=X_WP[:3, :3])
+        self._signals = SensorSignals(self._scenario, [len(cut) for cut in free]).rows()
+        loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
+        truth = self._truth(0.0, q, v, free)._replace(wrenches=loads)
+        if self.sensors.wrists:
+            X_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])
+            truth = truth._replace(R_WP=X_WP[:3, :3])
         views = self._views(q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)
         return [

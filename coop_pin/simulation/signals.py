@@ -20,7 +20,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
-_LARGEST_BLOCK = 256
+_LARGEST_BLOCK = 1024
 """Ticks whose signals a run draws at once, at most."""
 _EARLY = 1e-9
 """A tick this part of a period before an instant is at the instant."""
@@ -93,10 +93,11 @@ class Sampling(NamedTuple):
     @classmethod
     def of_sensor(cls, sensor: WristSensor, clock: Clock) -> Sampling:
         """Return the sampling of a sensor."""
-        lost = [
-            tuple(math.ceil(time / clock.period - _EARLY) for time in interval) for interval in sensor.lost
-        ]
-        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(sorted(lost, reverse=True)))  # type: ignore[arg-type]
+        first, end = (
+            [math.ceil(interval[side] / clock.period - _EARLY) for interval in sensor.lost] for side in (0, 1)
+        )
+        lost = sorted(zip(first, end, strict=True), reverse=True)
+        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(lost))
 
     def newest(self, ticks: Array) -> Array:
         """Return the tick of the newest sample that has arrived by each tick, -inf for none."""
@@ -168,9 +169,12 @@ class SensorSignals:
         noise[is_due] = self._wrist_noise[index](int(is_due.sum()))  # drawn while lost, too: then none shifts
         time = ticks * self._clock.period
         error_E = noise + sensor.offset.vector6 + time[:, None] * sensor.drift.vector6
+        error_P = error_E
+        if error_E.any():
+            error_P = shift_wrench(rotate_vector6(X_PE[None, :3, :3], error_E), X_PE[:3, 3])
         return ArmSignals(
             encoder_noise=self._encoder_noise[index](len(ticks)),
-            wrist_error=shift_wrench(rotate_vector6(X_PE[None, :3, :3], error_E), X_PE[:3, 3]),
+            wrist_error=error_P,
             wrist_arrived=(newest > sampling.newest(ticks - 1.0)).astype(np.float64),
             wrist_age=ticks - (newest if self._has_wrist[index] else -np.inf),
         )
@@ -190,9 +194,12 @@ class MissedTicks:
         arms = scenario.cell.arms
         self._probabilities = [scenario.actuators_of(name).missed_ticks for name in arms]
         self._generators = [generator(scenario.seed, f"{name}/missed_ticks") for name in arms]
+        self._none = np.zeros((1, len(self._generators)))
 
     def draw(self, count: int) -> Array:
         """Return masks of the next ticks, 0.0 or 1.0, shape (count, m)."""
+        if not any(self._probabilities):
+            return self._none.repeat(count, axis=0) if count > 1 else self._none
         masks = np.zeros((count, len(self._generators)))
         for index, (probability, rng) in enumerate(zip(self._probabilities, self._generators, strict=True)):
             if probability:

@@ -31,14 +31,14 @@ def simulate(
     """Return the result of a controller on the plant of a scenario.
 
     Args:
-        scenario: what to run.
+        scenario: Scenario to run.
         controller: it sees measurements only, and need not be the one that the scenario names.
         progress: called after every tick.
         view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
-        plant: what computes the motion.
+        plant: Class that computes the motion.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.

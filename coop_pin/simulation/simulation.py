@@ -13,7 +13,7 @@ import numpy as np
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmReference, CellController
-from coop_pin.description.events import Event, PayloadChange, WrenchPulse
+from coop_pin.description.events import Event, PayloadEvent
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
@@ -53,26 +53,26 @@ class Simulation:
     """A run, tick by tick. A controller, motion or squeeze that is replaced acts from the next tick on.
 
     Attributes:
-        scenario: what is run, with the events added since the start.
+        scenario: the scenario, with the events added since the start.
         controller: it sees measurements only.
         controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.
         plant: the closed chain in motion; mutable, see its module.
-        sensing: what the arms measure.
-        actuation: what the drives make of commands; mutable, see its module.
+        sensing: sensors of the arms.
+        actuation: drives of the arms.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
-        recorder: what was recorded so far.
+        recorder: samples recorded so far.
     """
 
     def __init__(self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant) -> None:
         """Start at t = 0, at rest.
 
         Args:
-            scenario: what to run.
+            scenario: Scenario to run.
             controller: it need not be the one that the scenario names.
-            plant: what computes the motion.
+            plant: Class that computes the motion.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
@@ -146,7 +146,7 @@ class Simulation:
         Raises:
             FieldError: it starts before the next tick, or ends after the run.
         """
-        require_type("event", event, PayloadChange, WrenchPulse)
+        require_type("event", event, PayloadEvent)
         if event.time < self.time:
             raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
@@ -226,24 +226,26 @@ class Simulation:
         if not self.timeline.happens_at(time):
             return
         plant, mechanism = self.plant, self.plant.chain.mechanism
-        for change in self.timeline.changes_at(time):
-            self.recorder.observe()  # what the payload was like until now
-            before = mechanism.energy(plant.q, plant.v).total
-            self._payload = change.apply(self._payload)
-            plant.chain.set_payload(self._payload)
-            self.recorder.payload_energy += mechanism.energy(plant.q, plant.v).total - before
+        for event in self.timeline.events_at(time):
+            payload = event.apply(self._payload)
+            if payload is not self._payload:
+                self.recorder.observe()  # what the payload was like until now
+                before = mechanism.energy(plant.q, plant.v).total
+                self._payload = payload
+                plant.chain.set_payload(payload)
+                self.recorder.payload_energy += mechanism.energy(plant.q, plant.v).total - before
         plant.push(self.timeline.push_at(time))
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
-        actuation = self.actuation
+        actuation, is_held = self.actuation, self.actuation.is_held
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-            if not actuation.is_held:
+            if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
-        if not actuation.is_held:
+        if not is_held:
             self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
 

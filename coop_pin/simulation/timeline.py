@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.events import Event, PayloadChange, WrenchPulse
+from coop_pin.description.events import Event
 from coop_pin.description.plant import Clock
 
 # Two times closer than this part of a plant step are the same instant.
@@ -44,13 +44,8 @@ class Timeline:
         self.period = clock.period
         self._step = clock.period / clock.steps_per_tick
         self._per_tick = clock.steps_per_tick
-        self._changes = sorted(
-            (e for e in events if isinstance(e, PayloadChange)), key=lambda change: change.time
-        )
-        self._pulses = [e for e in events if isinstance(e, WrenchPulse)]
-        self._instants = sorted(
-            {t for p in self._pulses for t in (p.time, p.end)} | {c.time for c in self._changes} | {*instants}
-        )
+        self._events = events
+        self._instants = sorted({time for event in events for time in event.instants} | {*instants})
 
     def time(self, tick: int) -> float:
         """Return t_k, s."""
@@ -71,16 +66,15 @@ class Timeline:
             return False
         return any(self._same(time, instant) for instant in instants)
 
-    def changes_at(self, time: float) -> list[PayloadChange]:
-        """Return the payload changes at this time."""
-        return [change for change in self._changes if self._same(time, change.time)]
+    def events_at(self, time: float) -> list[Event]:
+        """Return the events whose time this is, the earliest first."""
+        events = [event for event in self._events if self._same(time, event.time)]
+        return sorted(events, key=lambda event: event.time)
 
     def push_at(self, time: float) -> Array:
-        """Return the sum of the pulses that push from this time on, N and N m, shape (6,)."""
-        tolerance = _SAME * self._step
-        active = [
-            pulse.wrench for pulse in self._pulses if pulse.time - tolerance <= time < pulse.end - tolerance
-        ]
+        """Return the sum of the wrenches that push from this time on, N and N m, shape (6,)."""
+        pushes = [event.push_at(time + _SAME * self._step) for event in self._events]
+        active = [wrench for wrench in pushes if wrench is not None]
         return np.array(active).sum(axis=0) if active else np.zeros(6)
 
     def _edge(self, tick: int, index: int) -> float:

@@ -59,8 +59,8 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
     """Return the friction of an arm: as described, or of the URDF's <dynamics>, which acts at the joints.
 
     Args:
-        arm: the description.
-        name: its name in the cell, for the path in error messages.
+        arm: Description of the arm.
+        name: Name of the arm in the cell, for the path in error messages.
 
     Raises:
         FieldError: the number of coefficients differs from the number of joints.

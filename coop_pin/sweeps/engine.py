@@ -85,7 +85,7 @@ class Session:
     keys: list[str]
 
     def __init__(self, store: SweepStore, bar: ProgressBar, execution: Execution) -> None:
-        self.store, self.bar, self._execution = store, bar, execution
+        self.store, self.bar, self._execution, self._processes = store, bar, execution, execution.processes
         self.stack = contextlib.ExitStack()
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
@@ -121,7 +121,7 @@ class Session:
     @functools.cached_property
     def _outcomes(self) -> Callable[[Iterator[Job]], Generator[list[Outcome]]]:
         """Outcomes of jobs, by the backend."""
-        scheduler, processes = self._execution.scheduler, self._execution.processes
+        scheduler, processes = self._execution.scheduler, self._processes
         if not scheduler:
             if not processes:
                 return outcomes_here
@@ -157,7 +157,7 @@ class Session:
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
         for name, digests in code:
-            is_here = not (self._execution.processes or self._execution.scheduler)
+            is_here = not (self._processes or self._execution.scheduler)
             if name.startswith("__main__:") and not (is_here and digests):
                 reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
                 detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"

@@ -29,7 +29,7 @@ class Execution:
         quiet: no progress bar, and no summary of a command.
 
     Raises:
-        FieldError: the number of workers is negative, or there is no such engine.
+        FieldError: there is no such engine.
         WrongTypeError: a value has another type.
     """
 
@@ -46,15 +46,19 @@ class Execution:
         require_type("quiet", self.quiet, bool)
         for folder in self.merge:
             require_path("merge", folder)
-        if self.workers is not None and self.workers < 0:
-            expected = "0 (this process) or a number of processes"
-            raise FieldError(f"is {self.workers}; it must be {expected}", "workers")
         if self.engine not in (None, *get_args(SweepEngine)):
             raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
 
     @property
     def processes(self) -> int:
-        """Number of local workers; one for each available processor if it is omitted."""
+        """Number of local workers; one for each available processor if it is omitted.
+
+        Raises:
+            FieldError: it is negative.
+        """
+        if self.workers is not None and self.workers < 0:  # here, so that a command tells it on one line
+            expected = "0 (this process) or a number of processes"
+            raise FieldError(f"is {self.workers}; it must be {expected}", "workers")
         if self.workers is not None:
             return self.workers
         affinity = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))  # not on macOS

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.description.events import Event, PayloadChange
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
@@ -87,9 +86,7 @@ def instants(result: RunResult) -> list[Instant]:
     data, time = result.data, result.data["time"].values
     axial, shear = (np.nan_to_num(data[f"internal_{part}"].values) for part in ("axial", "shear"))
     starts = {
-        "new mass" if isinstance(event, PayloadChange) else "push": event.time
-        for event in reversed(result.scenario.events)
-        if event.time <= result.end
+        event.heading: event.time for event in reversed(result.scenario.events) if event.time <= result.end
     }
     found = [Instant("start", 0.0), *(Instant(name, start) for name, start in sorted(starts.items()))]
     for text, values in (("worst squeeze", -axial), ("worst pull", axial), ("worst shear", shear)):
@@ -103,7 +100,7 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     """Return the events and the windows of the metrics, for the page: kind, start, end (s) and text."""
     scenario = result.scenario
     events = [
-        {"kind": "event", "start": event.time, "end": event.end, "text": _event_text(scenario, event)}
+        {"kind": "event", "start": event.time, "end": event.end, "text": event.text(scenario.cell.payload)}
         for event in scenario.events
         if event.time <= result.end
     ]
@@ -118,17 +115,6 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     return [*windows, *events]
 
 
-def _event_text(scenario: Scenario, event: Event) -> str:
-    if isinstance(event, PayloadChange):
-        return f"mass {scenario.cell.payload.mass:g} → {event.mass:g} kg"
-    parts = [
-        f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
-        for vector, unit in ((event.wrench[:3], "N"), (event.wrench[3:], "N m"))
-        if any(vector)
-    ]
-    return f"push {' and '.join(parts)} for {event.duration:g} s"
-
-
 def _when(scenario: Scenario, time: float) -> str:
     """Return the time as the start of a sentence, with the latest event if that explains it."""
     text = f"At {time:.2f} s"
@@ -136,12 +122,12 @@ def _when(scenario: Scenario, time: float) -> str:
     if not before:
         return text
     event = max(before, key=lambda event: event.end)
-    name, since = "change of mass" if isinstance(event, PayloadChange) else "push", time - event.end
+    name, since = event.title, time - event.end
     if since > _TOLD_WITHIN_S:
         return text
     if abs(since) < 0.5 / scenario.clock.rate_hz:
         return f"{text}, as the {name} ends,"
-    return f"{text}, while the push lasts," if since < 0.0 else f"{text}, {since:.2g} s after the {name},"
+    return f"{text}, while the {name} lasts," if since < 0.0 else f"{text}, {since:.2g} s after the {name},"
 
 
 def _wanted(axial: float) -> str:
