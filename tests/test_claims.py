@@ -118,7 +118,7 @@ def test_damping_that_the_tuning_rule_gives():
         assert_allclose(gains.sign_gain / scenario.controller.switching.width, k_I)
         assert gains.pose_gain == gamma
         references = cp.Simulation(scenario, build_controller(scenario)).references
-        times = np.linspace(0.0, scenario.duration, 5)[1:]
+        times = np.linspace(0.0, scenario.duration, 3)[1:]
         poses = [scenario.start.matrix, *(references(t)[0].pose for t in times)]
         K = np.diag(gains.sliding_gain)
         found = np.array([eigh(K, task_inertias(scenario, X)[1], eigvals_only=True) for X in poses])

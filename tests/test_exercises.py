@@ -36,6 +36,7 @@ def test_the_force_under_one_millimetre_is_predicted_and_halved(solution):
     assert_allclose([force for _, force in rows.values()], [0.25, 0.125, 0.125], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_gains_beyond_the_cubics_rule_grow(solution):
     cubic = solution("break_the_cubic")
     assert cubic.roots(11.9, 20.0, 20.0).real.max() < 0.0 < cubic.roots(11.9, 28.0, 28.0).real.max()
@@ -43,6 +44,7 @@ def test_gains_beyond_the_cubics_rule_grow(solution):
     assert cubic.last_second(28.0) > 0.1
 
 
+@pytest.mark.slow
 def test_the_force_gain_cancels_in_a_relative_band(solution):
     rows = solution("relative_band").compared((0.0, 9.0))
     (_, *slow), (_, *fast) = rows.values()
