@@ -16,14 +16,15 @@ class PayloadEvent(Description):
     Attributes:
         kind: name of the event's kind in scenario files.
         time: time of the event, s.
-        title: name of the event, in a few words.
-        heading: name of what it brings.
     """
+
+    title: ClassVar[str]
+    """Name of the event, in a few words."""
+    heading: ClassVar[str]
+    """Name of what it brings."""
 
     kind: str
     time: NotNegative
-    title: ClassVar[str]
-    heading: ClassVar[str]
 
     @property
     def end(self) -> float:

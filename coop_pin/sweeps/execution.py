@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
-from coop_pin.arrays import require_path, require_type
 from coop_pin.errors import FieldError
 
 SweepEngine: TypeAlias = Literal["single", "batch", "auto"]
@@ -21,7 +20,7 @@ class Execution:
     Attributes:
         workers: number of processes, 0 for this process; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes, for example
-            tcp://127.0.0.1:8786.
+            ``tcp://127.0.0.1:8786``.
         engine: single; batch simulates runs together by compiled code; auto decides; the plan's when omitted,
             single without a plan. A comparison takes single or auto, for each run by itself.
         merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
@@ -40,14 +39,20 @@ class Execution:
     quiet: bool = False
 
     def __post_init__(self) -> None:
+        if self.workers is not None or self.scheduler is not None or self.merge or self.quiet:
+            self._require_types()
+        if self.engine not in (None, *get_args(SweepEngine)):
+            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
+
+    def _require_types(self) -> None:
+        from coop_pin.arrays import require_path, require_type  # loads numpy: not for help
+
         require_type("workers", self.workers, int, type(None))
         require_type("scheduler", self.scheduler, str, type(None))
         require_type("merge", self.merge, list, tuple)
         require_type("quiet", self.quiet, bool)
         for folder in self.merge:
             require_path("merge", folder)
-        if self.engine not in (None, *get_args(SweepEngine)):
-            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
 
     @property
     def processes(self) -> int:
