@@ -9,10 +9,10 @@ from pydantic import AfterValidator, BeforeValidator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NumberVectorOrMatrix, number_or_row
+from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
 
-MatrixGain = NumberVectorOrMatrix
-"""A gain matrix: a number times the identity, a diagonal, or rows."""
+MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
+"""A gain matrix: a number times the identity, a diagonal, or rows; of sized gains an array."""
 RowGain = Annotated[Any, BeforeValidator(number_or_row)]
 """A diagonal gain: a number for all entries, or one for each; of sized gains an array."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -31,7 +32,7 @@ class ControlledArm(NamedTuple):
 
     Attributes:
         name: Name of the arm.
-        place: Place among the cell's arms, from 0.
+        leads: Whether it is the first of the cell's arms.
         rows: The k_0 task rows.
         period: T, s.
         load_share: c.
@@ -43,7 +44,7 @@ class ControlledArm(NamedTuple):
     """
 
     name: str
-    place: int
+    leads: bool
     rows: TaskRows
     period: float
     load_share: float
@@ -268,6 +269,19 @@ class ParametricLaw(Law, Generic[G]):
             f" lower it, {_INSIST}"
         )
         return [FieldError(detail, "gains.anchor_gain")]
+
+
+@dataclass(frozen=True, eq=False)
+class LawController(ArmController, Generic[G]):
+    """Controller of one arm by a law with gains.
+
+    Attributes:
+        arm: Numbers of arm and cell that the law knows.
+        gains: Gains, those of rows and drives as arrays.
+    """
+
+    arm: ControlledArm
+    gains: G
 
 
 class DecentralisedLaw(ParametricLaw[G], Generic[G]):

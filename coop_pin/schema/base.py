@@ -101,7 +101,7 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
     return tuple(_number(entry, str(index)) for index, entry in enumerate(entries))
 
 
-def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
+def number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
     """Return a number, a row of numbers, or rows of equal length."""
     entries = _as_tuples(value)
     if not (isinstance(entries, tuple) and any(isinstance(row, tuple) for row in entries)):
@@ -165,9 +165,6 @@ Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValid
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_as_tuples)]
 NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(number_or_row)]
-NumberVectorOrMatrix = Annotated[
-    float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)
-]
 
 
 def check_arm_names(
