@@ -91,8 +91,3 @@ class Gains(Description):
         array, fields = gain_matrix if self.are_matrices else gain_vector, dict(self)
         arrays = {name: array(fields[name], size, f"{path}.{name}") for name, size in sizes.items()}
         return self.model_copy(update=arrays)
-
-    def feedback(self) -> tuple[float, float]:
-        """Return K_f, by which a measured wrench acts at once, and g, by which it moves an integral, or 0."""
-        fields = dict(self)
-        return fields.get("force_gain", 0.0), fields.get("anchor_gain", 0.0)

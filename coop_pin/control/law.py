@@ -18,8 +18,8 @@ from coop_pin.control.gains import Gains, gain_vector
 from coop_pin.control.interface import ArmController, CellController, DecentralisedController
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
-from coop_pin.errors import FieldError, suggestion
-from coop_pin.schema.base import Description, NotNegative, Vector
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative, Vector, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _INSIST = "or insist with beyond_bound = true"
@@ -225,9 +225,9 @@ class ParametricLaw(Law, Generic[G]):
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
-        force_gains, anchors = zip(*(self.gains_of(name).feedback() for name in cell.arms), strict=True)
-        loop = sampled_loop(self.force_path, cell.wrists, cell.lag)
-        return loop._replace(force_gain=max(force_gains), anchor_gain=max(anchors))
+        gains = [dict(self.gains_of(name)) for name in cell.arms]
+        largest = {name: max(g.get(name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")}
+        return sampled_loop(self.force_path, cell.wrists, cell.lag)._replace(**largest)
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
         """Return what is wrong with the law for a cell."""
@@ -341,9 +341,8 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
         """Return gains of arms that are not there, that must be equal, or with which feedback is unstable."""
-        if strangers := [name for name in self.arm_gains if name not in cell.arms]:
-            detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], cell.arms)}"
-            return [FieldError(detail, "arm_gains")]
+        if strangers := unknown_arms(self.arm_gains, cell.arms):
+            return [problem.below("arm_gains") for problem in strangers]
         return [*self._unequal(cell.arms), *self.feedback_problems(cell)]
 
     def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
