@@ -79,7 +79,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "    ArmKinematics.view": lambda: sensing._kinematics[0].view(angles),
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
-        "    pose_error": lambda: law.rows.pose_error(measured[0].payload_pose, references[0].pose),
+        "    pose_error": lambda: law.arm.rows.pose_error(measured[0].payload_pose, references[0].pose),
         BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
         "Actuation.apply": lambda: run.actuation.apply(t, command, plant.q),
         "references": lambda: run.references(t),

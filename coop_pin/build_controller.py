@@ -35,7 +35,7 @@ def controlled_arm(scenario: Scenario, name: str, model: ArmModel | None = None)
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(
         name=name,
-        place=list(cell.arms).index(name),
+        leads=name == next(iter(cell.arms)),
         rows=cell.task_rows,
         period=scenario.clock.period,
         load_share=cell.share(name),

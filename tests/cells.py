@@ -6,6 +6,7 @@ import numpy as np
 
 from coop_pin.chain import ClosedChain
 from coop_pin.control import (
+    ControlledArm,
     LateForcePath,
     PayloadSpace,
     PayloadSpaceGains,
@@ -18,8 +19,15 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference import HoldMotion
 from coop_pin.schema.pose import Pose
+from coop_pin.spatial.task_rows import TaskRows
 
 SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
+
+
+def arm_of(rows: TaskRows, period: float, load_share: float = 0.5) -> ControlledArm:
+    """What a law may know of an arm without a scenario."""
+    k = rows.size
+    return ControlledArm("left", True, rows, period, load_share, k, None, np.zeros(3), np.eye(4), 0)
 
 
 def planar_scenario() -> Scenario:

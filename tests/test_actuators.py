@@ -381,7 +381,7 @@ def test_neutral_values_change_no_bit(name):
         ({"actuators.torque_lost_at": 20.1}, "actuators.torque_lost_at"),
         ({"arm_actuators.left": {"torque_lost_at": 20.1}}, "arm_actuators.left.torque_lost_at"),
         ({"actuators.gravity_compensation.mass_error": -1.5}, "actuators.gravity_compensation.mass_error"),
-        ({"arm_actuators.lefft": {"lag": 0.1}}, "arm_actuators"),
+        ({"arm_actuators.lefft": {"lag": 0.1}}, "arm_actuators.lefft"),
         ({"cell.arms.left.friction.coulomb": 2.0, "cell.arms.left.friction.stiction": 1.0},
          "cell.arms.left.friction.stiction"),
     ],

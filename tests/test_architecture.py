@@ -307,10 +307,10 @@ sys.modules["pinocchio"] = None  # importing it raises from here on
 import numpy as np
 import coop_pin
 from coop_pin.control import (
-    ArmMeasurement, ArmReference, PayloadSpaceController, Posture, RedundantSlidingModeController,
-    Saturation, Sign, SlidingModeController, ZeroedController,
+    ArmMeasurement, ArmReference, ControlledArm, PayloadSpaceController, PayloadSpaceGains, Posture,
+    RedundantSlidingModeController, Saturation, Sign, SlidingModeController, SlidingModeGains,
+    ZeroedController,
 )
-from coop_pin.control.law import ControlledArm
 from coop_pin.control.leader_follower import LeaderFollower
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.prescribed_performance import PrescribedPerformance
@@ -318,11 +318,11 @@ from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.spatial import make_pose, task_rows
 
 rows = task_rows("planar")
-law = SlidingModeController(
-    rows=rows, period=0.0125, pose_gain=2.0 * np.eye(3), sign_gain=0.2 * np.eye(3),
-    damping_gain=np.diag([60.0, 60.0, 10.0]),
-    force_gain=0.5, transient_rate=5.0, switching=Sign(),
+arm = ControlledArm("left", True, rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
+gains = SlidingModeGains(
+    pose_gain=2.0, sign_gain=0.2, damping_gain=(60.0, 60.0, 10.0), force_gain=0.5, transient_rate=5.0
 )
+law = SlidingModeController(arm, gains.sized(3, 3), Sign())
 J = np.array([[-0.4, -0.3, 0.1], [0.5, 0.2, -0.1], [0.0, 1.0, 1.0]])
 v = np.array([0.1, -0.2, 0.3])
 reference = ArmReference(make_pose((0.5, 0.1, 0.0)), np.zeros(3), np.zeros(3), np.array([-10.0, 0.0, 0.0]))
@@ -333,23 +333,23 @@ for k in range(3):
     state = law.init(measurement, reference) if state is None else state
     torque, state = law.step(measurement, reference, state)
 assert np.isfinite(torque).all() and np.abs(torque).max() > 1.0 and np.abs(state.sign_integral).max() > 0.0
-anchored = PayloadSpaceController(
-    rows=rows, period=0.0125, load_share=0.5, pose_gain=2.0 * np.eye(3), sliding_gain=np.diag([800, 800, 40]),
-    sign_gain=0.25 * np.eye(3), force_gain=0.0, transient_rate=5.0, switching=Saturation(), anchor_gain=0.1,
+stiff = PayloadSpaceGains(
+    pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
+anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), 0.2)
 zeroed = ZeroedController(rows, anchored, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
 state = zeroed.init(first, reference)
 for k in range(3):
     torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
 assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
-own = dataclasses.replace(anchored, payload_weight=np.ones(3), leak=0.2)
+own = dataclasses.replace(anchored, payload_weight=np.ones(3))
 for measured in (first._replace(internal_wrench=None, interaction_wrench=f, interaction_wrench_age=0.0),
                  first._replace(internal_wrench=None)):  # by the own wrist, and by nothing
     torque, state = own.step(measured, reference, own.init(measured, reference))
     assert np.isfinite(torque).all()
-wide = dataclasses.replace(law, sign_gain=0.2 * np.eye(4), damping_gain=60.0 * np.eye(4))
-redundant = RedundantSlidingModeController(wide, Posture(np.zeros(4), np.ones(4), np.ones(4)), 0.0)
+wide, posture = gains.replace(damping_gain=60.0).sized(3, 4), Posture(np.zeros(4), np.ones(4), np.ones(4))
+redundant = RedundantSlidingModeController(arm._replace(drives=4), wide, Sign(), posture)
 J4, v4 = np.column_stack((J, J[:, 0] + 0.3)), np.append(v, 0.1)
 spare = measurement._replace(q=np.zeros(4), v=v4, payload_twist=J4 @ v4, payload_jacobian=J4,
                              saturated=np.zeros(4, bool))
@@ -365,7 +365,7 @@ for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), Pre
         if law.kind == "sliding-mode" and k > 3:
             continue
         # All that they may know.
-        arms = [ControlledArm(name, place, rows, 0.0125, 0.5, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
+        arms = [ControlledArm(name, place == 0, rows, 0.0125, 0.5, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
                 for place, name in enumerate(("left", "right"))]
         blind = law.build(None, arms)
         torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))

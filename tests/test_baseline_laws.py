@@ -21,7 +21,7 @@ def arm_of(rows, name, drives):
     """What the laws may know of an arm."""
     place = ["left", "right"].index(name)
     start, gravity = np.eye(4), np.zeros(3)
-    return ControlledArm(name, place, rows, PERIOD, SHARES[place], drives, None, gravity, start, 0)
+    return ControlledArm(name, place == 0, rows, PERIOD, SHARES[place], drives, None, gravity, start, 0)
 
 
 def controller_of(law, arm):
@@ -100,7 +100,7 @@ def test_leader_and_follower_by_hand(name, arm, stated):
         options = {key: rng.uniform(0.5, 3.0, k_0) for key in LEADER_FOLLOWER}
         options |= {"integral_rate": 0.7, "admittance_rate": 9.0, "spare_gains": (3.0, 0.4)}
     seated = arm_of(rows, arm, k_0 + 1)
-    law, place = controller_of(LeaderFollower(gains=options), seated), seated.place
+    law, place = controller_of(LeaderFollower(gains=options), seated), int(not seated.leads)
     m, r = inputs(rows, k_0 + 1)
     first = law.init(m, r)
     assert_close(np.concatenate((first.integral, first.velocity)), np.zeros(2 * k_0), atol=0.0)
@@ -148,7 +148,7 @@ def test_prescribed_performance_by_hand(name, arm, stated, near):
         options = {key: rng.uniform(0.5, 0.9, k_0) for key in PRESCRIBED}
         options |= {"pose_floor": 0.1, "velocity_floor": 0.3, "funnel_rate": 2.5, "spare_gains": (3.0, 0.4)}
     seated = arm_of(rows, arm, k_0 + 1)
-    law, place = controller_of(PrescribedPerformance(gains=options), seated), seated.place
+    law, place = controller_of(PrescribedPerformance(gains=options), seated), int(not seated.leads)
     gain = PRESCRIBED | options
     m, r = inputs(rows, k_0 + 1, time=1.7)
     if near:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import CATALOGUE_CELLS, FAR_CELLS, SCENARIOS
+from cells import CATALOGUE_CELLS, FAR_CELLS, SCENARIOS, arm_of
 from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
@@ -12,11 +12,13 @@ from coop_pin.control import (
     ArmMeasurement,
     ArmReference,
     PayloadSpaceController,
+    PayloadSpaceGains,
     Posture,
     RedundantSlidingModeController,
     Saturation,
     Sign,
     SlidingModeController,
+    SlidingModeGains,
     ZeroedController,
 )
 from coop_pin.control.bounds import force_gain_bound
@@ -49,15 +51,19 @@ def inputs(rows, joints, seed=0, time=0.0):
 
 def law(rows, share=0.4, **fields):
     k = rows.size
-    given = {
+    fields = {
         "pose_gain": 2.0 * np.eye(k),
         "sliding_gain": np.diag(np.arange(1.0, k + 1)),
         "sign_gain": 0.3 * np.eye(k),
         "force_gain": 0.5,
         "transient_rate": 5.0,
+        "anchor_gain": 0.0,
+        "leak": 0.0,
         "switching": Sign(),
-    }
-    return PayloadSpaceController(rows, 0.01, share, **given | fields)
+    } | fields
+    names = PayloadSpaceGains.model_fields.keys() - {"leak"}
+    gains = PayloadSpaceGains(**{name: fields.pop(name) for name in names})
+    return PayloadSpaceController(arm_of(rows, 0.01, share), gains.sized(k, k), **fields)
 
 
 def wrench_of(measurement, torque):
@@ -153,11 +159,11 @@ def test_the_first_torque_is_the_holding_torque(name, spare):
 
 def anchored_ticks(controller, ages, saturated=False):
     """State after each tick of a still arm whose wrench error is one on every row, measured at these ages."""
-    m, r = inputs(controller.rows, controller.rows.size)
-    r = r._replace(internal_wrench=np.zeros(controller.rows.size))
+    m, r = inputs(controller.arm.rows, controller.arm.rows.size)
+    r = r._replace(internal_wrench=np.zeros(controller.arm.rows.size))
     m = m._replace(
-        internal_wrench=np.ones(controller.rows.size),
-        saturated=np.full(controller.rows.size, saturated),
+        internal_wrench=np.ones(controller.arm.rows.size),
+        saturated=np.full(controller.arm.rows.size, saturated),
         payload_twist=r.twist,
         payload_pose=r.pose,
     )
@@ -197,7 +203,7 @@ def test_a_stale_integral_leaks_to_its_last_anchored_value():
     pushed = [state.integral for state in states]
     assert_allclose(pushed, np.full((6, 3), -0.1))  # at its anchored value there is nothing to forget
     state = states[3]._replace(integral=np.full(3, 0.9))
-    m, r = inputs(controller.rows, 3)
+    m, r = inputs(controller.arm.rows, 3)
     m = m._replace(time=0.05, internal_wrench=np.ones(3))
     fresh_enough = controller.step(m._replace(internal_wrench_age=3.0), r, state._replace(wrench_age=2.0))
     assert_allclose(fresh_enough.state.integral, 0.9)
@@ -207,7 +213,7 @@ def test_a_stale_integral_leaks_to_its_last_anchored_value():
 
 def test_without_a_measurement_the_integral_leaks_to_the_holding_torques():
     controller = law(task_rows("planar"), leak=2.0, sign_gain=np.zeros((3, 3)))
-    m, r = inputs(controller.rows, 3)
+    m, r = inputs(controller.arm.rows, 3)
     m = m._replace(internal_wrench=None, holding_torque=np.array([5.0, -3.0, 1.0]))
     state = controller.init(m, r)
     held = wrench_of(m, m.holding_torque)
@@ -255,7 +261,7 @@ def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
 
 def test_neither_anchor_nor_leak_unless_stated():
     controller = law(task_rows("planar"), sign_gain=np.zeros((3, 3)))
-    m, r = inputs(controller.rows, 3)
+    m, r = inputs(controller.arm.rows, 3)
     for age in (0.0, 9.0):  # anchored anew, and stale
         state = controller.init(m, r)._replace(integral=np.ones(3), wrench_age=np.inf if age == 0.0 else 8.0)
         after = controller.step(m._replace(internal_wrench_age=age), r, state).state
@@ -267,7 +273,8 @@ def test_only_time_since_the_start_counts():
     controller = law(task_rows("planar"), anchor_gain=0.2)
 
     def torque(start):
-        (m, r), (m1, r1) = inputs(controller.rows, 3, time=start), inputs(controller.rows, 3, 1, start + 0.1)
+        rows = controller.arm.rows
+        (m, r), (m1, r1) = inputs(rows, 3, time=start), inputs(rows, 3, 1, start + 0.1)
         return controller.step(m1, r1, controller.init(m, r)).torque
 
     assert_allclose(torque(7.0), torque(0.0), atol=1e-12)
@@ -380,9 +387,12 @@ def test_the_force_gain_bound_of_a_filter():
 def test_redundant_variant_is_the_printed_law_for_square_jacobians(name):
     rows = task_rows(name)
     k = rows.size
-    gains = (np.eye(k), 0.2 * np.eye(k), 3.0 * np.eye(k), 0.5, 5.0, Sign())
-    printed = SlidingModeController(rows, 0.01, *gains)
-    variant = RedundantSlidingModeController(printed, Posture(np.zeros(k), np.zeros(k), np.zeros(k)))
+    gains = SlidingModeGains(
+        pose_gain=1.0, sign_gain=0.2, damping_gain=3.0, force_gain=0.5, transient_rate=5.0
+    )
+    parts = arm_of(rows, 0.01), gains.sized(k, k), Sign()
+    printed = SlidingModeController(*parts)
+    variant = RedundantSlidingModeController(*parts, Posture(np.zeros(k), np.zeros(k), np.zeros(k)))
     (m, r), (m1, r1) = inputs(rows, k), inputs(rows, k, seed=3, time=0.2)
     one, other = printed.step(m1, r1, printed.init(m, r)), variant.step(m1, r1, variant.init(m, r))
     assert_close(other.torque, one.torque, atol=1e-9)
@@ -395,8 +405,8 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
     m, r = inputs(rows, 5)
     r, m = r._replace(internal_wrench=np.zeros(3)), m._replace(internal_wrench=None)
     no_spring = Posture(np.zeros(5), np.zeros(5), np.zeros(5))
-    printed = SlidingModeController(rows, 0.01, np.eye(3), 0.2 * np.eye(5), np.eye(5), 0.0, 5.0, Sign())
-    variant = RedundantSlidingModeController(printed, no_spring)
+    gains = SlidingModeGains(pose_gain=1.0, sign_gain=0.2, damping_gain=1.0, transient_rate=5.0).sized(3, 5)
+    variant = RedundantSlidingModeController(arm_of(rows, 0.01), gains, Sign(), no_spring)
     state = variant.init(m, r)._replace(sign_integral=np.linspace(-1, 1, 5))
     s_r = -variant.step(m, r, state).torque
     J, xtilde = m.payload_jacobian, rows.pose_error(m.payload_pose, r.pose)

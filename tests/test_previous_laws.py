@@ -37,7 +37,7 @@ def test_a_sweep_is_read_and_the_same_call_computes_nothing(folder):
     laws = [stored.plan.scenario(number).controller for number in range(2)]
     assert [law.gains.pose_gain for law in laws] == [2.0, 3.0]
     segments = list((folder / "sweep" / "runs").iterdir())
-    again = cp.sweep(stored.plan, out=folder / "sweep", workers=0, quiet=True)
+    again = cp.sweep(stored.plan, out=folder / "sweep", execution=cp.Execution(workers=0, quiet=True))
     assert again.counts() == stored.counts()
     assert list((folder / "sweep" / "runs").iterdir()) == segments
 

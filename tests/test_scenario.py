@@ -229,7 +229,7 @@ MISTAKES = {
     "gains of a stranger": (
         {"controller.arm_gains.lefft": ARM_GAINS},
         errors.FieldError,
-        "controller.arm_gains",
+        "controller.arm_gains.lefft",
         "'left'",
     ),
 }

@@ -2,13 +2,21 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import SCENARIOS, arm_of
 from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
-from coop_pin.control import ArmMeasurement, ArmReference, Saturation, Sign, SlidingModeController, Tanh
+from coop_pin.control import (
+    ArmMeasurement,
+    ArmReference,
+    Saturation,
+    Sign,
+    SlidingModeController,
+    SlidingModeGains,
+    Tanh,
+)
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.errors import ArgumentError, FieldError, SingularJacobianError
 from coop_pin.spatial import make_pose, pose_error, task_rows
@@ -21,16 +29,14 @@ def controller(rows, force_gain=0.7):
     rng = np.random.default_rng(3)
     gamma = np.diag(rng.uniform(1, 3, k))
     damping = rng.normal(size=(k, k))
-    return SlidingModeController(
-        rows=rows,
-        period=PERIOD,
+    gains = SlidingModeGains(
         pose_gain=gamma,
         sign_gain=np.diag(rng.uniform(0.1, 1, k)),
         damping_gain=damping @ damping.T + np.eye(k),
         force_gain=force_gain,
         transient_rate=5.0,
-        switching=Sign(),
     )
+    return SlidingModeController(arm_of(rows, PERIOD), gains.sized(k, k), Sign())
 
 
 def inputs(rows, time, seed, force=True):
@@ -56,18 +62,19 @@ def inputs(rows, time, seed, force=True):
 
 def torque_by_hand(law, m, r, s0, sigma, t0):
     """Eqs. (19)-(23) entry by entry, with solves in place of the inverse."""
-    k, J = law.rows.size, m.payload_jacobian
-    chosen = list(law.rows.indices)
+    rows, gains, J = law.arm.rows, law.gains, m.payload_jacobian
+    k = rows.size
+    chosen = list(rows.indices)
     xtilde = pose_error(m.payload_pose, r.pose)[chosen]
-    s = np.linalg.solve(J, m.payload_twist - r.twist + law.pose_gain @ xtilde)
-    s_d = s0 * np.exp(-law.transient_rate * (m.time - t0))
+    s = np.linalg.solve(J, m.payload_twist - r.twist + gains.pose_gain @ xtilde)
+    s_d = s0 * np.exp(-gains.transient_rate * (m.time - t0))
     R = m.payload_pose[:3, :3]
-    f_d = (np.kron(np.eye(2), R) @ law.rows.expand(r.internal_wrench))[chosen]
+    f_d = (np.kron(np.eye(2), R) @ rows.expand(r.internal_wrench))[chosen]
     tau = np.zeros(k)
-    qdot_r = np.linalg.solve(J, r.twist - law.pose_gain @ xtilde) + s_d - np.diag(law.sign_gain) * sigma
-    feedback = f_d if m.internal_wrench is None else f_d - law.force_gain * (m.internal_wrench - f_d)
+    qdot_r = np.linalg.solve(J, r.twist - gains.pose_gain @ xtilde) + s_d - np.diag(gains.sign_gain) * sigma
+    feedback = f_d if m.internal_wrench is None else f_d - gains.force_gain * (m.internal_wrench - f_d)
     for i in range(k):
-        tau[i] = -sum(law.damping_gain[i, j] * (m.v[j] - qdot_r[j]) for j in range(k)) - sum(
+        tau[i] = -sum(gains.damping_gain[i, j] * (m.v[j] - qdot_r[j]) for j in range(k)) - sum(
             J[j, i] * feedback[j] for j in range(k)
         )
     return tau, s - s_d
@@ -99,9 +106,9 @@ def test_residual_is_surface_plus_sign_integral(name):
     m, r = inputs(rows, 0.0, 1, force=False)
     r = r._replace(internal_wrench=np.zeros(rows.size))
     state = law.init(*inputs(rows, 0.0, 2))._replace(sign_integral=np.linspace(-1, 1, rows.size))
-    s_r = -np.linalg.solve(law.damping_gain, law.step(m, r, state).torque)
+    s_r = -np.linalg.solve(law.gains.damping_gain, law.step(m, r, state).torque)
     _, s_q = torque_by_hand(law, m, r, state.start_surface, state.sign_integral, 0.0)
-    assert_close(s_r, s_q + law.sign_gain @ state.sign_integral, atol=1e-10)
+    assert_close(s_r, s_q + law.gains.sign_gain @ state.sign_integral, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["planar", "full"])

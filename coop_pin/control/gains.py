@@ -9,10 +9,10 @@ from pydantic import AfterValidator, BeforeValidator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NumberVectorOrMatrix, number_or_row
+from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
 
-MatrixGain = NumberVectorOrMatrix
-"""A gain matrix: a number times the identity, a diagonal, or rows."""
+MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
+"""A gain matrix: a number times the identity, a diagonal, or rows; of sized gains an array."""
 RowGain = Annotated[Any, BeforeValidator(number_or_row)]
 """A diagonal gain: a number for all entries, or one for each; of sized gains an array."""
 
@@ -91,8 +91,3 @@ class Gains(Description):
         array, fields = gain_matrix if self.are_matrices else gain_vector, dict(self)
         arrays = {name: array(fields[name], size, f"{path}.{name}") for name, size in sizes.items()}
         return self.model_copy(update=arrays)
-
-    def feedback(self) -> tuple[float, float]:
-        """Return K_f, by which a measured wrench acts at once, and g, by which it moves an integral, or 0."""
-        fields = dict(self)
-        return fields.get("force_gain", 0.0), fields.get("anchor_gain", 0.0)

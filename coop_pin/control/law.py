@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -17,8 +18,8 @@ from coop_pin.control.gains import Gains, gain_vector
 from coop_pin.control.interface import ArmController, CellController, DecentralisedController
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
-from coop_pin.errors import FieldError, suggestion
-from coop_pin.schema.base import Description, NotNegative, Vector
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative, Vector, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _INSIST = "or insist with beyond_bound = true"
@@ -31,7 +32,7 @@ class ControlledArm(NamedTuple):
 
     Attributes:
         name: Name of the arm.
-        place: Place among the cell's arms, from 0.
+        leads: Whether it is the first of the cell's arms.
         rows: The k_0 task rows.
         period: T, s.
         load_share: c.
@@ -43,7 +44,7 @@ class ControlledArm(NamedTuple):
     """
 
     name: str
-    place: int
+    leads: bool
     rows: TaskRows
     period: float
     load_share: float
@@ -224,9 +225,9 @@ class ParametricLaw(Law, Generic[G]):
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
-        force_gains, anchors = zip(*(self.gains_of(name).feedback() for name in cell.arms), strict=True)
-        loop = sampled_loop(self.force_path, cell.wrists, cell.lag)
-        return loop._replace(force_gain=max(force_gains), anchor_gain=max(anchors))
+        gains = [dict(self.gains_of(name)) for name in cell.arms]
+        largest = {name: max(g.get(name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")}
+        return sampled_loop(self.force_path, cell.wrists, cell.lag)._replace(**largest)
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
         """Return what is wrong with the law for a cell."""
@@ -268,6 +269,19 @@ class ParametricLaw(Law, Generic[G]):
             f" lower it, {_INSIST}"
         )
         return [FieldError(detail, "gains.anchor_gain")]
+
+
+@dataclass(frozen=True, eq=False)
+class LawController(ArmController, Generic[G]):
+    """Controller of one arm by a law with gains.
+
+    Attributes:
+        arm: Numbers of arm and cell that the law knows.
+        gains: Gains, those of rows and drives as arrays.
+    """
+
+    arm: ControlledArm
+    gains: G
 
 
 class DecentralisedLaw(ParametricLaw[G], Generic[G]):
@@ -327,9 +341,8 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
         """Return gains of arms that are not there, that must be equal, or with which feedback is unstable."""
-        if strangers := [name for name in self.arm_gains if name not in cell.arms]:
-            detail = f"names {strangers}, which the cell does not have; {suggestion(strangers[0], cell.arms)}"
-            return [FieldError(detail, "arm_gains")]
+        if strangers := unknown_arms(self.arm_gains, cell.arms):
+            return [problem.below("arm_gains") for problem in strangers]
         return [*self._unequal(cell.arms), *self.feedback_problems(cell)]
 
     def _unequal(self, arms: Sequence[str]) -> list[FieldError]:

@@ -11,12 +11,11 @@ from coop_pin.arrays import Array
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw
+from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, LawController
 from coop_pin.control.terms import spare_torque
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Interval, NotNegative, Positive
 from coop_pin.spatial.generic_numbers import exp
-from coop_pin.spatial.task_rows import TaskRows
 
 
 class LeaderFollowerState(NamedTuple):
@@ -69,7 +68,7 @@ class LeaderFollowerGains(Gains):
 
 
 @dataclass(frozen=True, eq=False)
-class LeaderFollowerController(ArmController):
+class LeaderFollowerController(LawController[LeaderFollowerGains]):
     """Leader with a PI law on the payload, followers with an impedance; the first arm of the cell leads.
 
     Luh and Zheng (1987), "Constrained relations between two coordinated industrial robots for motion
@@ -85,24 +84,12 @@ class LeaderFollowerController(ArmController):
     A follower does not know the motion: it moves with the payload and yields until its wrench is F_d. At rest
     V_c = 0, so that F = F_d whatever its kinematics are off by. Its force loop has the gain B / D over a
     filter of pole p and is stable below ``force_gain_bound(p)``; T B_p / D is its anchor gain.
-
-    Attributes:
-        rows: The k_0 task rows.
-        period: T, s.
-        load_share: c of this arm.
-        leads: Whether this arm is the leader.
-        gains: Gains, those of rows with k_0 entries.
     """
-
-    rows: TaskRows
-    period: float
-    load_share: float
-    leads: bool
-    gains: LeaderFollowerGains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LeaderFollowerState:
         """Return the state at t_0: z = 0, V_c = 0."""
-        return LeaderFollowerState(np.zeros(self.rows.size), np.zeros(self.rows.size), measurement.q)
+        nothing = np.zeros(self.arm.rows.size)
+        return LeaderFollowerState(nothing, nothing, measurement.q)
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: LeaderFollowerState
@@ -112,11 +99,11 @@ class LeaderFollowerController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        gains, T, z, V_c = self.gains, self.period, state.integral, state.velocity
-        load = self.load_share * gains.payload_weight
-        F_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench) + load
-        if self.leads:
-            xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        arm, gains, z, V_c = self.arm, self.gains, state.integral, state.velocity
+        rows, T, load = arm.rows, arm.period, arm.load_share * gains.payload_weight
+        F_d = rows.turn(measurement.payload_pose, reference.internal_wrench) + load
+        if arm.leads:
+            xtilde = rows.pose_error(measurement.payload_pose, reference.pose)
             s = measurement.payload_twist - reference.twist + gains.pose_gain * xtilde
             push = gains.sliding_gain * s
             rate = gains.integral_rate * push
@@ -147,7 +134,7 @@ class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
 
     def controller_of(self, arm: ControlledArm, gains: LeaderFollowerGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return LeaderFollowerController(arm.rows, arm.period, arm.load_share, arm.place == 0, gains)
+        return LeaderFollowerController(arm, gains)
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return a follower's force loop in the task row with the largest B / D."""

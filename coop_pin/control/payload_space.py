@@ -15,7 +15,7 @@ from pydantic import Field
 from coop_pin.arrays import Array
 from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, PostureGains
+from coop_pin.control.law import ControlledArm, LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Switching
@@ -50,8 +50,29 @@ class PayloadSpaceState(NamedTuple):
     start_pull: Array
 
 
+class PayloadSpaceGains(SurfaceGains):
+    """Gains of the payload-space law.
+
+    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
+
+    Attributes:
+        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
+            N m s/rad.
+        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
+            integral; without a measured wrench it does nothing.
+        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
+            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain", "sign_gain", "sliding_gain")
+
+    sliding_gain: PositiveGain
+    anchor_gain: NotNegative = 0.1
+    leak: NotNegative | None = None
+
+
 @dataclass(frozen=True, eq=False)
-class PayloadSpaceController(ArmController):
+class PayloadSpaceController(LawController[PayloadSpaceGains]):
     """Law (23) on the payload: motion terms leave no internal wrench; decentralised, without a model.
 
     For any number of joints k >= k_0. Wrenches and twists are about P in world axes, on the task rows.
@@ -82,16 +103,7 @@ class PayloadSpaceController(ArmController):
     The derivation is on the page "Proofs of the payload-space law" of the documentation.
 
     Attributes:
-        rows: the k_0 task rows.
-        period: T, s.
-        load_share: c of this arm.
-        pose_gain: gamma, 1/s, shape (k_0, k_0).
-        sliding_gain: K, N s/m and N m s/rad, shape (k_0, k_0).
-        sign_gain: alpha, m/s^2 and rad/s^2, shape (k_0, k_0), diagonal.
-        force_gain: K_f.
-        transient_rate: kappa, 1/s.
         switching: phi: sgn, or a smooth function in its place.
-        anchor_gain: g, for each new measurement.
         leak: lambda, 1/s.
         payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
@@ -99,17 +111,8 @@ class PayloadSpaceController(ArmController):
         posture: what spare joints do; None for an arm without spare joints.
     """
 
-    rows: TaskRows
-    period: float
-    load_share: float
-    pose_gain: Array
-    sliding_gain: Array
-    sign_gain: Array
-    force_gain: float
-    transient_rate: float
     switching: Switching
-    anchor_gain: float = 0.0
-    leak: float = 0.0
+    leak: float
     payload_weight: Array | None = None
     stale_after: float = 3.0
     posture: Posture | None = None
@@ -123,7 +126,7 @@ class PayloadSpaceController(ArmController):
             SingularJacobianError: there is a holding torque, and the payload Jacobian loses rank.
         """
         J, tau_hold = measurement.payload_jacobian, measurement.holding_torque
-        Z, nothing = np.zeros(self.rows.size), np.zeros(J.shape[1])
+        Z, nothing = np.zeros(self.arm.rows.size), np.zeros(J.shape[1])
         pull = nothing
         if tau_hold is not None:
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
@@ -143,32 +146,33 @@ class PayloadSpaceController(ArmController):
         self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState
     ) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next."""
-        T, c, K, J = self.period, self.load_share, self.sliding_gain, measurement.payload_jacobian
-        e = np.exp(-self.transient_rate * (measurement.time - state.start_time))
+        arm, gains, J = self.arm, self.gains, measurement.payload_jacobian
+        T, c, K = arm.period, arm.load_share, gains.sliding_gain
+        e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
-        f_r = self.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
+        f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
         fresh = is_new(age, state.wrench_age)
-        Z = state.integral - fresh * self.anchor_gain * (fhat - f_r)
+        Z = state.integral - fresh * gains.anchor_gain * (fhat - f_r)
         Z_hold = np.where(fresh, Z, state.anchored)
 
-        tau = -J.T.dot(c * K.dot(s) + Z + f_r - self.force_gain * (fhat - f_r))
+        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
         if self.posture is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - state.start_pull * e
             J_plus = right_inverse(J, measurement.time)
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
-        integral = (1.0 - measurement.saturated.any()) * c * K.dot(self.sign_gain.dot(self.switching(s)))
+        integral = (1.0 - measurement.saturated.any()) * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         return ArmCommand(
             tau, state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
         )
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
-        return measurement.payload_twist - reference.twist + self.pose_gain.dot(xtilde)
+        xtilde = self.arm.rows.pose_error(measurement.payload_pose, reference.pose)
+        return measurement.payload_twist - reference.twist + self.gains.pose_gain.dot(xtilde)
 
     def _measured_wrench(self, measurement: ArmMeasurement, f_r: Array) -> tuple[Array, float]:
         """Return fhat, shape (k_0,), and its age in ticks; f_r of age inf if nothing is measured."""
@@ -176,29 +180,8 @@ class PayloadSpaceController(ArmController):
             return measurement.internal_wrench, measurement.internal_wrench_age
         if measurement.interaction_wrench is None or self.payload_weight is None:
             return f_r, np.inf
-        share_of_weight = self.load_share * self.payload_weight
+        share_of_weight = self.arm.load_share * self.payload_weight
         return measurement.interaction_wrench - share_of_weight, measurement.interaction_wrench_age
-
-
-class PayloadSpaceGains(SurfaceGains):
-    """Gains of the payload-space law.
-
-    ``sign_gain`` over the width of the saturation is k_I, the integral rate of a PI controller, 1/s.
-
-    Attributes:
-        sliding_gain: K, on the task rows: three for the position, N s/m, then three for the orientation,
-            N m s/rad.
-        anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
-            integral; without a measured wrench it does nothing.
-        leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
-            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
-    """
-
-    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain", "sign_gain", "sliding_gain")
-
-    sliding_gain: PositiveGain
-    anchor_gain: NotNegative = 0.1
-    leak: NotNegative | None = None
 
 
 class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
@@ -253,14 +236,13 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
             raise FieldError(detail, "controller.gains.leak")
         return PayloadSpaceController(
-            rows=arm.rows,
-            period=arm.period,
-            load_share=arm.load_share,
-            switching=self.switching,
+            arm,
+            gains,
+            self.switching,
+            leak,
             payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
-            **dict(gains) | {"leak": leak},
         )
 
     def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:

@@ -11,7 +11,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, DecentralisedLaw
+from coop_pin.control.law import ControlledArm, DecentralisedLaw, LawController
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
@@ -56,7 +56,7 @@ class PrescribedPerformanceGains(Gains):
 
 
 @dataclass(frozen=True, eq=False)
-class PrescribedPerformanceController(ArmController):
+class PrescribedPerformanceController(LawController[PrescribedPerformanceGains]):
     """Model-free prescribed-performance law for one arm; decentralised, without force sensing.
 
     Verginis, Mastellaro and Dimarogonas (2018), "Robust cooperative manipulation without force/torque
@@ -70,16 +70,7 @@ class PrescribedPerformanceController(ArmController):
 
     Near xi = 0 it is the payload-space PD law with gamma = 4 g_s / rho_s^2 and K = 4 g_v / rho_v^2, so that K
     over the narrowest funnel is bounded by the tick as there. Ours: f_d, fed forward; xi is cut at 0.99.
-
-    Attributes:
-        rows: The k_0 task rows.
-        load_share: c of this arm.
-        gains: Gains, those of rows with k_0 entries.
     """
-
-    rows: TaskRows
-    load_share: float
-    gains: PrescribedPerformanceGains
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> tuple[float, Array]:
         """Return t_0, s, and the drive angles there, rad, shape (k,)."""
@@ -93,15 +84,15 @@ class PrescribedPerformanceController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian of a redundant arm loses rank.
         """
-        gains = self.gains
+        gains, rows = self.gains, self.arm.rows
         decay = exp(-gains.funnel_rate * (measurement.time - state[0]))
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtilde = rows.pose_error(measurement.payload_pose, reference.pose)
         V_r = -gains.pose_gain * _push(xtilde, _width(gains.pose_funnel, gains.pose_floor, decay))
         rho = _width(gains.velocity_funnel, gains.velocity_floor, decay)
         push = gains.velocity_gain * _push(measurement.payload_twist - V_r, rho)
-        f_d = self.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        f_d = rows.turn(measurement.payload_pose, reference.internal_wrench)
         tau = spare_torque(measurement, state[1], gains.spare_gains)
-        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self.load_share * push + f_d), state)
+        return ArmCommand(tau - measurement.payload_jacobian.T.dot(self.arm.load_share * push + f_d), state)
 
 
 def _width(first: Array, floor: Array, decay: float) -> Array:
@@ -125,7 +116,7 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
         self, arm: ControlledArm, gains: PrescribedPerformanceGains, scenario: Any
     ) -> ArmController:
         """Return the law of one arm."""
-        return PrescribedPerformanceController(arm.rows, arm.load_share, gains)
+        return PrescribedPerformanceController(arm, gains)
 
     def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
         """Return the spring of two funnels at their floors in each linear task row."""

@@ -15,13 +15,12 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.gains import PositiveGain, gain_matrix
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, PostureGains
+from coop_pin.control.law import ControlledArm, LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
 from coop_pin.schema.base import NotNegative
 from coop_pin.spatial.generic_numbers import exp
-from coop_pin.spatial.task_rows import TaskRows
 
 
 class SlidingModeState(NamedTuple):
@@ -38,8 +37,21 @@ class SlidingModeState(NamedTuple):
     sign_integral: Array
 
 
+class SlidingModeGains(SurfaceGains):
+    """Gains of law (23) for one arm.
+
+    Attributes:
+        damping_gain: K_d, on the joints, N m s/rad; one for all or one for each.
+    """
+
+    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain",)
+    on_drives: ClassVar[tuple[str, ...]] = ("sign_gain", "damping_gain")
+
+    damping_gain: PositiveGain
+
+
 @dataclass(frozen=True, eq=False)
-class SlidingModeController(ArmController):
+class SlidingModeController(LawController[SlidingModeGains]):
     """Law (23) for an arm with as many joints as task rows (k = k_0), in sampled time.
 
     ::
@@ -56,24 +68,18 @@ class SlidingModeController(ArmController):
     is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
 
     Attributes:
-        rows: the k_0 task rows.
-        period: T, s.
-        pose_gain: gamma, 1/s, shape (k_0, k_0).
-        sign_gain: alpha, rad/s^2, shape (k, k), diagonal.
-        damping_gain: K_d, N m s/rad, shape (k, k).
-        force_gain: K_f.
-        transient_rate: kappa, 1/s.
         switching: sgn, or a smooth function in its place.
     """
 
-    rows: TaskRows
-    period: float
-    pose_gain: Array
-    sign_gain: Array
-    damping_gain: Array
-    force_gain: float
-    transient_rate: float
     switching: Switching
+
+    def inverse(self, measurement: ArmMeasurement) -> Array:
+        """Return J^-1, shape (k, k_0)."""
+        return jacobian_inverse(measurement.payload_jacobian, measurement.time)
+
+    def with_posture(self, tau: Array, measurement: ArmMeasurement, J_plus: Array) -> Array:
+        """Return the torque with that of spare joints, of which there are none, N m, shape (k,)."""
+        return tau
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
         """Return the state at t_0: the surface there, and sigma = 0.
@@ -81,7 +87,10 @@ class SlidingModeController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian is singular.
         """
-        return self.init_through(_inverse(measurement), measurement, reference)
+        xtilde = self.arm.rows.pose_error(measurement.payload_pose, reference.pose)
+        xtildedot = measurement.payload_twist - reference.twist
+        s = self.inverse(measurement).dot(xtildedot + self.gains.pose_gain.dot(xtilde))
+        return SlidingModeState(measurement.time, s, np.zeros_like(s))
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
@@ -91,42 +100,25 @@ class SlidingModeController(ArmController):
         Raises:
             SingularJacobianError: the payload Jacobian is singular.
         """
-        return self.step_through(_inverse(measurement), measurement, reference, state)
-
-    def init_through(
-        self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference
-    ) -> SlidingModeState:
-        """Return the state at t_0 for a stated inverse of the payload Jacobian, shape (k, k_0)."""
-        xtilde = self.rows.pose_error(measurement.payload_pose, reference.pose)
-        xtildedot = measurement.payload_twist - reference.twist
-        s = J_plus.dot(xtildedot + self.pose_gain.dot(xtilde))
-        return SlidingModeState(measurement.time, s, np.zeros_like(s))
-
-    def step_through(
-        self, J_plus: Array, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
-    ) -> ArmCommand:
-        """Return the command for a stated inverse of the payload Jacobian, shape (k, k_0)."""
         # dot, not @: for a 3x3 matrix it costs a third.
+        gains, rows, J_plus = self.gains, self.arm.rows, self.inverse(measurement)
         t, v, J = measurement.time, measurement.v, measurement.payload_jacobian
-        gamma_xtilde = self.pose_gain.dot(self.rows.pose_error(measurement.payload_pose, reference.pose))
+        gamma_xtilde = gains.pose_gain.dot(rows.pose_error(measurement.payload_pose, reference.pose))
         s = J_plus.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
-        s_d = state.start_surface * exp(-self.transient_rate * (t - state.start_time))
+        s_d = state.start_surface * exp(-gains.transient_rate * (t - state.start_time))
         s_q = s - s_d
-        qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - self.sign_gain.dot(state.sign_integral)
+        qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - gains.sign_gain.dot(state.sign_integral)
         s_r = v - qdot_r
-        tau = -self.damping_gain.dot(s_r) - J.T.dot(
-            force_term(self.rows, self.force_gain, measurement, reference)
+        tau = -gains.damping_gain.dot(s_r) - J.T.dot(
+            force_term(rows, gains.force_gain, measurement, reference)
         )
-        sigma = state.sign_integral + self.period * (self.switching(s_q) * ~measurement.saturated)
+        sigma = state.sign_integral + self.arm.period * (self.switching(s_q) * ~measurement.saturated)
+        tau = self.with_posture(tau, measurement, J_plus)
         return ArmCommand(tau, SlidingModeState(state.start_time, state.start_surface, sigma))
 
 
-def _inverse(measurement: ArmMeasurement) -> Array:
-    return jacobian_inverse(measurement.payload_jacobian, measurement.time)
-
-
 @dataclass(frozen=True, eq=False)
-class RedundantSlidingModeController(ArmController):
+class RedundantSlidingModeController(SlidingModeController):
     """Law (23) for a redundant arm (k > k_0): right pseudo-inverse and posture term, in sampled time.
 
     ::
@@ -144,51 +136,20 @@ class RedundantSlidingModeController(ArmController):
     x follows x_d only up to that damping; the scenario of the run records it.
 
     Attributes:
-        printed: the printed law, evaluated with this J^+.
         posture: what the spare joints do.
         inverse_damping: of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
     """
 
-    printed: SlidingModeController
     posture: Posture
     inverse_damping: float = 0.0
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> SlidingModeState:
-        """Return the state at t_0: the surface there, and sigma = 0.
-
-        Raises:
-            SingularJacobianError: the payload Jacobian loses rank and the damping is zero.
-        """
-        return self.printed.init_through(self._inverse(measurement), measurement, reference)
-
-    def step(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: SlidingModeState
-    ) -> ArmCommand:
-        """Return the drive torque of this tick and the state of the next.
-
-        Raises:
-            SingularJacobianError: the payload Jacobian loses rank and the damping is zero.
-        """
-        J_plus = self._inverse(measurement)
-        command = self.printed.step_through(J_plus, measurement, reference, state)
-        posture = self.posture.torque(measurement.q, measurement.v, measurement.payload_jacobian, J_plus)
-        return ArmCommand(command.torque + posture, command.state)
-
-    def _inverse(self, measurement: ArmMeasurement) -> Array:
+    def inverse(self, measurement: ArmMeasurement) -> Array:
+        """Return J^+, shape (k, k_0)."""
         return right_inverse(measurement.payload_jacobian, measurement.time, self.inverse_damping)
 
-
-class SlidingModeGains(SurfaceGains):
-    """Gains of law (23) for one arm.
-
-    Attributes:
-        damping_gain: K_d, on the joints, N m s/rad; one for all or one for each.
-    """
-
-    on_rows: ClassVar[tuple[str, ...]] = ("pose_gain",)
-    on_drives: ClassVar[tuple[str, ...]] = ("sign_gain", "damping_gain")
-
-    damping_gain: PositiveGain
+    def with_posture(self, tau: Array, measurement: ArmMeasurement, J_plus: Array) -> Array:
+        """Return the torque with that of the posture, N m, shape (k,)."""
+        return tau + self.posture.torque(measurement.q, measurement.v, measurement.payload_jacobian, J_plus)
 
 
 class SlidingMode(SurfaceLaw[SlidingModeGains]):
@@ -203,7 +164,7 @@ class SlidingMode(SurfaceLaw[SlidingModeGains]):
 
     def controller_of(self, arm: ControlledArm, gains: SlidingModeGains, scenario: Any) -> ArmController:
         """Return the printed law of one arm."""
-        return SlidingModeController(arm.rows, arm.period, switching=self.switching, **dict(gains))
+        return SlidingModeController(arm, gains, self.switching)
 
     def joint_spring(self, arm: str, J_inverse: Array) -> Array | None:
         """Return B = J^-T K_d J^-1 gamma, shape (k_0, k_0); infinite with an integral, which ramps."""
@@ -229,5 +190,5 @@ class RedundantSlidingMode(SurfaceLaw[SlidingModeGains]):
 
     def controller_of(self, arm: ControlledArm, gains: SlidingModeGains, scenario: Any) -> ArmController:
         """Return the law of one arm with its posture term."""
-        printed = SlidingModeController(arm.rows, arm.period, switching=self.switching, **dict(gains))
-        return RedundantSlidingModeController(printed, self.posture.term(arm), self.inverse_damping)
+        posture = self.posture.term(arm)
+        return RedundantSlidingModeController(arm, gains, self.switching, posture, self.inverse_damping)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -57,3 +59,11 @@ class Actuators(Description):
     missed_ticks: float = Field(default=0.0, ge=0.0, le=1.0)
     gravity_compensation: GravityCompensation | None = None
     torque_lost_at: NotNegative | None = None
+
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
+        """Return what is wrong with the time of a loss of torque, given the fields of the run."""
+        lost, duration = self.torque_lost_at, run.get("duration", math.inf)
+        if lost is None or lost <= duration:
+            return []
+        detail = f"the run ends at {duration:g} s: lengthen it, or lose the torque earlier"
+        return [FieldError(f"is {lost:g} s; {detail}", "torque_lost_at")]

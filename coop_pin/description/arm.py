@@ -22,7 +22,15 @@ from coop_pin.arrays import Array
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, UrdfError
-from coop_pin.schema.base import Description, Matrix, NumberOrVector, Positive, Vector, number_or_row
+from coop_pin.schema.base import (
+    Description,
+    Magnitude,
+    Matrix,
+    NumberOrVector,
+    Positive,
+    Vector,
+    number_or_row,
+)
 from coop_pin.schema.pose import Pose
 
 
@@ -45,18 +53,11 @@ class JointFriction(Description):
         stribeck_velocity: speed at which the level falls from stiction to Coulomb friction, rad/s.
     """
 
-    viscous: NumberOrVector = 0.0
-    coulomb: NumberOrVector = 0.0
+    viscous: Magnitude = 0.0
+    coulomb: Magnitude = 0.0
     coulomb_velocity: Positive = 0.05
     stiction: NumberOrVector | None = None
     stribeck_velocity: Positive = 0.2
-
-    @field_validator("viscous", "coulomb")
-    @classmethod
-    def _not_negative(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
-        if np.min(value) < 0.0:
-            raise FieldError(f"is {value}; friction coefficients must not be negative")
-        return value
 
     @field_validator("stiction")
     @classmethod

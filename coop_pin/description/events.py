@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from coop_pin.description.payload import Payload
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
 
 
@@ -35,6 +38,13 @@ class PayloadEvent(Description):
     def instants(self) -> tuple[float, ...]:
         """Times at which it changes what acts on the payload, s."""
         return self.time, self.end
+
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
+        """Return what is wrong with the event's time, given the fields of the run."""
+        if self.end <= (duration := run.get("duration", math.inf)):
+            return []
+        detail = f"the run ends at {duration:g} s: lengthen it or move the event"
+        return [FieldError(f"ends at t = {self.end:g} s; {detail}", "time")]
 
     def push_at(self, time: float) -> Vector6 | None:
         """Return the wrench on the payload about P in world axes from a time on, N and N m; None if none."""

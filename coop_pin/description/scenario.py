@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -23,7 +22,7 @@ from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.errors import FieldError, NameNotFoundError, one_or_all, suggestion
+from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import (
@@ -34,6 +33,7 @@ from coop_pin.schema.base import (
     Vector,
     check_arm_names,
     overridden,
+    unknown_arms,
 )
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
@@ -128,73 +128,21 @@ class Scenario(Description):
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
 
-    @field_validator("events")
+    @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors")
     @classmethod
-    def _within_the_run(cls, events: tuple[Event, ...], earlier: ValidationInfo) -> tuple[Event, ...]:
-        duration = earlier.data.get("duration", np.inf)
-        ends = [event.end for event in events]
-        wanted = f"the run ends at {duration:g} s: lengthen it or move the event"
-        late = [
-            FieldError(f"ends at t = {end:g} s; {wanted}", f"{index}.time")
-            for index, end in enumerate(ends)
-            if end > duration
-        ]
-        if late:
-            raise one_or_all(late, "the events")
-        return events
-
-    @field_validator("actuators", "arm_actuators")
-    @classmethod
-    def _lost_within_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
-        duration = earlier.data.get("duration", np.inf)
-        table = value if isinstance(value, dict) else {"": value}
-        wanted = f"the run ends at {duration:g} s: lengthen it, or lose the torque earlier"
-        late = [
-            FieldError(f"is {actuators.torque_lost_at:g} s; {wanted}", f"{name}.torque_lost_at".lstrip("."))
-            for name, actuators in table.items()
-            if actuators.torque_lost_at is not None and actuators.torque_lost_at > duration
-        ]
-        if late:
-            raise one_or_all(late, "the actuators")
+    def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
+        problems = list[FieldError]()
+        if isinstance(value, dict) and "cell" in earlier.data:
+            problems += unknown_arms(value, earlier.data["cell"].arms)
+        for path, part in _parts(value).items():
+            problems += [problem.below(path) for problem in part.timing_problems(earlier.data)]
+        if problems:
+            raise one_or_all(problems, f"the {earlier.field_name}")
         return value
-
-    @field_validator("arm_actuators")
-    @classmethod
-    def _of_known_arms(cls, table: dict[str, Actuators], earlier: ValidationInfo) -> dict[str, Actuators]:
-        arms = list(earlier.data["cell"].arms) if "cell" in earlier.data else list(table)
-        if strangers := [name for name in table if name not in arms]:
-            raise FieldError(
-                f"names {strangers}, which the cell does not have; {suggestion(strangers[0], arms)}"
-            )
-        return table
 
     def actuators_of(self, arm: str) -> Actuators:
         """Return the actuators of one arm."""
         return self.arm_actuators.get(arm, self.actuators)
-
-    @field_validator("sensors")
-    @classmethod
-    def _sensors_fit_the_run(cls, sensors: Sensors, earlier: ValidationInfo) -> Sensors:
-        if problems := sensors.timing_problems(earlier.data):
-            raise one_or_all(problems, "the sensors")
-        return sensors
-
-    @field_validator("arm_sensors")
-    @classmethod
-    def _sensors_of_arms_fit_the_run(
-        cls, sensors: dict[str, Sensors], earlier: ValidationInfo
-    ) -> dict[str, Sensors]:
-        arms = earlier.data["cell"].arms if "cell" in earlier.data else sensors
-        problems = [
-            FieldError(f"names an arm that the cell does not have; {suggestion(name, list(arms))}", name)
-            for name in sensors
-            if name not in arms
-        ]
-        for name, entry in sensors.items():
-            problems += [problem.below(name) for problem in entry.timing_problems(earlier.data)]
-        if problems:
-            raise one_or_all(problems, "the sensors")
-        return sensors
 
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
@@ -296,6 +244,13 @@ class Scenario(Description):
         """Write the resolved scenario to a TOML file."""
         require_path("path", path)
         Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def _parts(value: Any) -> dict[str, Any]:
+    """Return the values of a field by their path within it."""
+    if isinstance(value, tuple):
+        return {str(index): part for index, part in enumerate(value)}
+    return value if isinstance(value, dict) else {"": value}
 
 
 def _missing(path: Path) -> NameNotFoundError:

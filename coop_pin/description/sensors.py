@@ -7,24 +7,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.plant import Clock
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, Interval, NumberOrVector, Positive
+from coop_pin.schema.base import Description, Interval, Magnitude, NumberOrVector, Positive, not_negative
 
 _SLACK = 1e-9
-
-
-def _not_negative(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
-    if np.min(value) < 0.0:
-        raise FieldError(f"is {value}; it must not be negative")
-    return value
-
-
-Magnitude = Annotated[NumberOrVector, AfterValidator(_not_negative)]
-"""A number or a row of numbers, none of them negative."""
 
 
 class Encoder(Description):
@@ -131,7 +121,7 @@ class WristSensor(Description):
     def _no_negative_noise(cls, noise: WrenchParts) -> WrenchParts:
         for part, value in noise:
             try:
-                _not_negative(value)
+                not_negative(value)
             except FieldError as error:
                 raise error.below(part) from None
         return noise

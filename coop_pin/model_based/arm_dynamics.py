@@ -70,8 +70,10 @@ class ArmDynamics:
         self._data, self._payload_frame = self.model.createData(), frame_id(self.model, "payload")
         self.from_drive = self._arm.from_drive
         self._gravity = np.array(cell.gravity, dtype=float)
-        self._mass = factor.mass * cell.payload.mass
-        self._inertia = factor.inertia * cell.payload.inertia_matrix
+        self._payload = cell.payload.replace(
+            mass=factor.mass * cell.payload.mass,
+            inertia=factor.inertia * np.array(cell.payload.inertia),
+        )
 
     def joints(self, measurement: ArmMeasurement) -> tuple[Array, Array]:
         """Return configuration and joint velocities, shapes (nq,) and (k,)."""
@@ -96,17 +98,15 @@ class ArmDynamics:
 
     def payload_inertia(self, X_WP: Array) -> Array:
         """Return M_0 in world axes on the task rows, shape (k_0, k_0)."""
-        R, rows = X_WP[:3, :3], list(self._rows.indices)
-        M_0 = np.zeros((6, 6))
-        M_0[:3, :3], M_0[3:, 3:] = self._mass * np.eye(3), R @ self._inertia @ R.T
-        return M_0[np.ix_(rows, rows)]
+        rows = list(self._rows.indices)
+        return self._payload.spatial_inertia(X_WP[:3, :3])[np.ix_(rows, rows)]
 
     def payload_bias(self, measurement: ArmMeasurement) -> Array:
         """Return Q_0 V + W_0 = [-m g, w x I w] in world axes on the task rows, eq. (5), shape (k_0,)."""
         R = measurement.payload_pose[:3, :3]
         w = self._rows.expand(measurement.payload_twist)[3:]
-        moment = np.cross(w, R @ self._inertia @ R.T @ w)
-        return self._rows.select(np.concatenate((-self._mass * self._gravity, moment)))
+        moment = np.cross(w, R @ self._payload.inertia_matrix @ R.T @ w)
+        return self._rows.select(np.concatenate((-self._payload.mass * self._gravity, moment)))
 
     # ------------------------------------------------------------ linear in the parameters
 
@@ -118,8 +118,8 @@ class ArmDynamics:
         """
         links = [self.model.inertias[joint].toDynamicParameters() for joint in range(1, self.model.njoints)]
         rubbing = self._friction_factor * np.concatenate((self._friction.viscous, self._friction.coulomb))
-        payload = pin.Inertia(self._mass, np.zeros(3), self._inertia).toDynamicParameters()
-        return np.concatenate((*links, rubbing)), np.array(payload)
+        payload = pin.Inertia(self._payload.mass, np.zeros(3), self._payload.inertia_matrix)
+        return np.concatenate((*links, rubbing)), np.array(payload.toDynamicParameters())
 
     def regressor(self, measurement: ArmMeasurement, v_r: Array, a_r: Array) -> Array:
         """Return Y with Y theta = M a_r + C(q, qdot) v_r + g + friction at v_r, shape (k, 12 k).

@@ -101,7 +101,14 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
     return tuple(_number(entry, str(index)) for index, entry in enumerate(entries))
 
 
-def _number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
+def not_negative(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    """Return a number or a row of numbers that are not negative."""
+    if np.min(value) < 0.0:
+        raise FieldError(f"is {value}; it must not be negative")
+    return value
+
+
+def number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
     """Return a number, a row of numbers, or rows of equal length."""
     entries = _as_tuples(value)
     if not (isinstance(entries, tuple) and any(isinstance(row, tuple) for row in entries)):
@@ -165,9 +172,8 @@ Vector6 = Annotated[tuple[float, float, float, float, float, float], BeforeValid
 Vector = Annotated[tuple[float, ...], BeforeValidator(_as_tuples)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_as_tuples)]
 NumberOrVector = Annotated[float | tuple[float, ...], BeforeValidator(number_or_row)]
-NumberVectorOrMatrix = Annotated[
-    float | tuple[float, ...] | tuple[tuple[float, ...], ...], BeforeValidator(_number_row_or_rows)
-]
+Magnitude = Annotated[NumberOrVector, AfterValidator(not_negative)]
+"""A number or a row of numbers, none of them negative."""
 
 
 def check_arm_names(
@@ -190,6 +196,16 @@ def check_arm_names(
     missing = [name for name in arms if name not in names]
     if missing:
         raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one", path)
+
+
+def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
+    """Return one problem for each arm of a table that a cell does not have."""
+    known = list(arms)
+    return [
+        FieldError(f"names an arm that the cell does not have; {suggestion(name, known)}", name)
+        for name in names
+        if name not in known
+    ]
 
 
 class Description(BaseModel):

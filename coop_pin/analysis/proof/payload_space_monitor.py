@@ -71,10 +71,10 @@ class _MonitoredCell:
         self.laws: list[PayloadSpaceController] = [controller.controllers[name] for name in cell.arms]
         self.models = [CellArm(cell, name) for name in cell.arms]
         law = self.laws[0]
-        k_I = np.diag(law.sign_gain) / float(getattr(law.switching, "width", np.nan))
+        k_I = np.diag(law.gains.sign_gain) / float(getattr(law.switching, "width", np.nan))
         has_layer = bool((k_I > 0.0).all())
-        self.inverse_gain = np.linalg.inv((k_I if has_layer else 1.0) * law.sliding_gain)
-        self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.sliding_gain, np.nan)
+        self.inverse_gain = np.linalg.inv((k_I if has_layer else 1.0) * law.gains.sliding_gain)
+        self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.gains.sliding_gain, np.nan)
         self.start: list[tuple[Array, Array]] = []
         self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
 
@@ -84,7 +84,8 @@ class _MonitoredCell:
         error, is_fresh, is_stale = self._measured(now, f_r)
         w = np.array([-np.linalg.pinv(arm.measured.payload_jacobian).T @ arm.commanded for arm in now.arms])
         F = np.array([self.rows.select(arm.F) for arm in now.arms])
-        slid = self.c * np.array([law.sliding_gain @ s_i for law, s_i in zip(self.laws, s, strict=True)])
+        gains = [law.gains for law in self.laws]
+        slid = self.c * np.array([gain.sliding_gain @ s_i for gain, s_i in zip(gains, s, strict=True)])
         fed_back = f_r - self._each("force_gain") * error
         Z = w - slid - fed_back
         self.Z_hold = np.where(is_fresh, Z, self.Z_hold if self.Z_hold.size else Z)
@@ -93,10 +94,11 @@ class _MonitoredCell:
         anchor = is_fresh * self._each("anchor_gain") * error
         phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
-            [law.sliding_gain @ law.sign_gain @ phi_i for law, phi_i in zip(self.laws, phi, strict=True)]
+            [gain.sliding_gain @ gain.sign_gain @ phi_i for gain, phi_i in zip(gains, phi, strict=True)]
         )
         cut = np.array([[arm.measured.saturated.any()] for arm in now.arms])
-        rate = ~cut * integral - is_stale * self._each("leak") * (Z - self.Z_hold)
+        leak = np.array([[law.leak] for law in self.laws])
+        rate = ~cut * integral - is_stale * leak * (Z - self.Z_hold)
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
@@ -137,7 +139,7 @@ class _MonitoredCell:
 
     def _each(self, gain: str) -> Array:
         """Return a scalar gain of every arm, shape (m, 1)."""
-        return np.array([[getattr(law, gain)] for law in self.laws])
+        return np.array([[dict(law.gains)[gain]] for law in self.laws])
 
     def _internal(self, wrenches: Array) -> Array:
         """Return w_i - c_i sum_j w_j, shape (m, k_0)."""
@@ -145,13 +147,13 @@ class _MonitoredCell:
 
     def _remaining(self, t: float) -> float:
         """Return exp(-kappa (t - t_0))."""
-        return float(np.exp(-self.laws[0].transient_rate * t))
+        return float(np.exp(-self.laws[0].gains.transient_rate * t))
 
     def _surface(self, arm: int, X_WP: Array, twist: Array, t: float) -> Array:
         """Return xtildedot + gamma xtilde of an arm, shape (k_0,)."""
         target = self.simulation.motion.at(t)
         xtilde = self.rows.pose_error(X_WP, target.X_WP_d)
-        return twist - self.rows.select(target.V_WP_d) + self.laws[arm].pose_gain @ xtilde
+        return twist - self.rows.select(target.V_WP_d) + self.laws[arm].gains.pose_gain @ xtilde
 
     def _measured(self, now: RecordedTick, f_r: Array) -> tuple[Array, Mask, Mask]:
         """Return fhat - f_r, shape (m, k_0), and whether it is new and whether it is stale, shape (m, 1)."""
@@ -165,7 +167,7 @@ class _MonitoredCell:
                 ages[i] = m.interaction_wrench_age
         is_fresh = np.array([is_new(age, last) for age, last in zip(ages, self.ages, strict=True)])
         self.ages = ages
-        return error, is_fresh[:, None], ages[:, None] > self._each("stale_after")
+        return error, is_fresh[:, None], (ages > [law.stale_after for law in self.laws])[:, None]
 
     def _arm_wrenches(self, now: RecordedTick, w: Array) -> Array:
         """Return a_i = Jdyn^T (M qdd + h - friction - tau - J^T w) by RNEA, shape (m, k_0).
@@ -210,7 +212,7 @@ class _MonitoredCell:
             x = Zbar + dt * Zbar_rate - d
             return float(s @ inertia @ s + x @ to_rate @ x) / 2.0
 
-        K = self.laws[0].sliding_gain
+        K = self.laws[0].gains.sliding_gain
         damping = -float(sbar @ K @ sbar)
         memory = float((Zbar - d) @ (to_rate @ Zbar_rate - sbar))
         rate = (V(s_1, A_1, _STEP) - V(s_0, A_0, -_STEP)) / (2.0 * _STEP)

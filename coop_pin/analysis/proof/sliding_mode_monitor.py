@@ -53,7 +53,7 @@ def _apart(positions: Array) -> Array:
 
 def _lyapunov(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
     """Return V of Theorem 2, its rate in four terms, and identity (14)."""
-    law, gains, s_r = now.law, arm.law, now.law.s_r
+    law, gains, s_r = now.law, arm.law.gains, now.law.s_r
     ftilde = (1.0 + gains.force_gain) * (x.f - x.f_d)
     lost = law.J @ (gains.sign_gain @ now.sigma - law.s_d)
     terms = {
@@ -76,7 +76,7 @@ def _lyapunov(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
 
 def _theorem_3(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
     """Return u_i' of eq. (26) and the defect of eq. (25)."""
-    law, gains, J = now.law, arm.law, now.dynamics.J
+    law, gains, J = now.law, arm.law.gains, now.dynamics.J
     J_D = J @ np.linalg.inv(now.dynamics.D)
     D_prime, damped = (1.0 + gains.force_gain) * J_D @ J.T, J_D @ (gains.damping_gain + now.C)
     s_d_rate = -gains.transient_rate * law.s_d
@@ -92,7 +92,7 @@ def _at_tick(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> dict[str, Any]:
     now = proof_terms(arm, tick, x)
     law, sigma, singular = now.law, now.sigma, np.linalg.svd(now.law.J, compute_uv=False)
     s_q = law.s - law.s_d
-    arm.sigma = sigma + arm.law.period * (arm.law.switching(s_q) * ~arm.held)
+    arm.sigma = sigma + arm.law.arm.period * (arm.law.switching(s_q) * ~arm.held)
     arm.held = x.saturated
     return {
         "position": law.position,
@@ -100,7 +100,7 @@ def _at_tick(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> dict[str, Any]:
         "s_q": s_q,
         "s_d": law.s_d,
         "sigma": sigma,
-        "residual_21": np.linalg.norm(law.s_r - s_q - arm.law.sign_gain @ sigma),
+        "residual_21": np.linalg.norm(law.s_r - s_q - arm.law.gains.sign_gain @ sigma),
         **_lyapunov(arm, x, now),
         **_theorem_3(arm, x, now),
         "sigma_min": singular[-1],
@@ -110,7 +110,7 @@ def _at_tick(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> dict[str, Any]:
 
 def _marks(arms: list[ProofArm], values: dict[str, Array]) -> dict[str, tuple[str, Array]]:
     """Return sums over the arms and the marks of the proof, with their dimensions after time."""
-    alpha = np.array([np.diag(arm.law.sign_gain).min() for arm in arms])
+    alpha = np.array([np.diag(arm.law.gains.sign_gain).min() for arm in arms])
     rate_3, signs = values["V_rate_3"].sum(axis=1), np.sign(values["s_q"])
     return {
         "V_rate_2_sum": ("", values["V_rate_2"].sum(axis=1)),

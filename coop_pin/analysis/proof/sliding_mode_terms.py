@@ -84,20 +84,21 @@ class ProofArm:
         self.gravity = cell.gravity
         resistance, back = friction(cell.arms[name], name), self.model.from_drive
         self.viscous = back.T @ resistance.axes.T @ np.diag(resistance.viscous) @ resistance.axes @ back
-        self.least_damping = float(np.linalg.eigvalsh((law.damping_gain + law.damping_gain.T) / 2)[0])
+        K_d = law.gains.damping_gain
+        self.least_damping = float(np.linalg.eigvalsh((K_d + K_d.T) / 2)[0])
         self.data = self.model.model.createData()
 
     def law_at(self, t: float, q: Array, v: Array, sigma: Array) -> LawTerms:
         """Return the quantities of the law at a state and sigma."""
-        law, target, view = self.law, self.motion.at(t), self.model.kinematics.view(q)
+        gains, target, view = self.law.gains, self.motion.at(t), self.model.kinematics.view(q)
         x_d, v_d = target.X_WP_d, self.rows.select(target.V_WP_d)
         qdot, J_inverse = self.model.drive @ v, np.linalg.inv(view.jacobian)
-        gamma_xtilde = law.pose_gain @ self.rows.pose_error(view.pose, x_d)
+        gamma_xtilde = gains.pose_gain @ self.rows.pose_error(view.pose, x_d)
         surface = view.jacobian @ qdot - v_d + gamma_xtilde
         s = J_inverse @ surface
         self.start_surface = s if self.start_surface is None else self.start_surface
-        s_d = self.start_surface * np.exp(-law.transient_rate * t)
-        qdot_r = J_inverse @ (v_d - gamma_xtilde) + s_d - law.sign_gain @ sigma
+        s_d = self.start_surface * np.exp(-gains.transient_rate * t)
+        qdot_r = J_inverse @ (v_d - gamma_xtilde) + s_d - gains.sign_gain @ sigma
         return LawTerms(view.pose[:3, 3], view.jacobian, surface, s, s_d, qdot_r, qdot - qdot_r)
 
     def dynamics_at(self, q: Array, v: Array, payload: Payload) -> DynamicsTerms:
@@ -151,10 +152,10 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
     sigma = arm.sigma
     law, gains, dynamics = (
         arm.law_at(tick.t, x.q, x.v, sigma),
-        arm.law,
+        arm.law.gains,
         arm.dynamics_at(x.q, x.v, tick.payload),
     )
-    sigma_rate = gains.switching(law.s - law.s_d)
+    sigma_rate = arm.law.switching(law.s - law.s_d)
     a = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
 
     def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
