@@ -39,7 +39,7 @@ class Execution:
     quiet: bool = False
 
     def __post_init__(self) -> None:
-        if self.workers is not None or self.scheduler is not None or self.merge or self.quiet:
+        if (self.workers, self.scheduler, self.merge, self.quiet) != (None, None, (), False):
             self._require_types()
         if self.engine not in (None, *get_args(SweepEngine)):
             raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
