@@ -83,9 +83,10 @@ class Session:
     """
 
     keys: list[str]
+    bar: ProgressBar
 
-    def __init__(self, store: SweepStore, bar: ProgressBar, execution: Execution) -> None:
-        self.store, self.bar, self._execution, self._processes = store, bar, execution, execution.processes
+    def __init__(self, store: SweepStore, execution: Execution) -> None:
+        self.store, self._execution, self._processes = store, execution, execution.processes
         self.stack = contextlib.ExitStack()
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
@@ -175,13 +176,14 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
 
     Raises:
         StoreLockedError: another process works on the folder.
+        FieldError: the number of workers is negative.
         FileReadError: an older version wrote the folder.
         SweepInterruptedError: Ctrl-C.
     """
-    store = SweepStore(folder)
-    with store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
+    session = Session(SweepStore(folder), execution)  # a refusal leaves no folder
+    with session.store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
         try:
-            session = Session(store, bar, execution)
+            session.bar = bar
             with session.stack:
                 yield session
         except KeyboardInterrupt:
