@@ -19,10 +19,10 @@ from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import (
     FieldError,
     FileReadError,
-    MissingExtraError,
     RunTimeoutError,
     ScenarioError,
     SweepInterruptedError,
+    needs_extra,
 )
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
@@ -128,10 +128,8 @@ class Session:
                 return outcomes_here
             local = contextlib.closing(LocalBackend(processes))
             return functools.partial(outcomes, self.stack.enter_context(local))
-        try:
-            from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
-        except ModuleNotFoundError:
-            raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
+        with needs_extra("distributed", "sweep", "to run a sweep on a scheduler"):
+            from coop_pin.sweeps.dask_backend import connected  # slow to load
         return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
