@@ -17,10 +17,6 @@ from pathlib import Path
 from typing import Any, Self
 
 
-def _new(kind: type[BaseException]) -> BaseException:
-    return kind.__new__(kind)
-
-
 class _Picklable(BaseException):
     """Exception that is pickled by its attributes, because constructors take numbers, not messages."""
 
@@ -29,7 +25,7 @@ class _Picklable(BaseException):
         return str(self.args[0]) if self.args else ""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _new, (type(self),), {**self.__dict__, "args": self.args}
+        return type(self).__new__, (type(self),), {**self.__dict__, "args": self.args}
 
 
 class CoopPinError(_Picklable, Exception):

@@ -238,7 +238,7 @@ class Calls:
 
     @functools.cached_property
     def ArmModel(self):
-        return cp.ArmModel.from_cell(self.scenario.cell, "left")
+        return cp.CellArm(self.scenario.cell, "left")
 
     @functools.cached_property
     def ClosedChain(self):
@@ -271,7 +271,6 @@ class Calls:
         good = {
             "ArmModel": {"arm": self.scenario.cell.arms["left"], "X_PE": np.eye(4), "gravity": (0, 0,
                 -9.8), "name": "x"},
-            "ArmModel.from_cell": {"cell": self.scenario.cell, "name": "left"},
             "ArmModel.configuration": {"angles": np.zeros(k)},
             "ArmModel.posture": {"posture": np.zeros(k)},
             "ArmModel.forward_dynamics": {**arm_state, "tau": np.zeros(k), "F_EP_W": np.zeros(6)},

@@ -61,13 +61,13 @@ def papers_experiment():
 
 def test_the_papers_experiment_keeps_its_internal_force(papers_experiment):
     result = papers_experiment
-    assert (result.steady_window.start, result.steady_window.end) == (4.0, 10.0)
+    assert (result.windows.steady.start, result.windows.steady.end) == (4.0, 10.0)
     assert result.position_rms() <= 0.03e-3
     assert result.internal_force().force_rms_error <= 0.01
     time = result.data.time.values
     assert largest(force_error(result)[time >= 11.7]) < 0.02
     assert result.settling_time() < 2.5
-    assert result.resettling_time() < 2.5
+    assert result.metrics()["resettling_time_s"] < 2.5
 
 
 def test_both_experiments_differ_by_the_controller_alone():

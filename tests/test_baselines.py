@@ -9,7 +9,7 @@ from test_model_based import force_error, stated, still
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
-from coop_pin.model import ArmModel
+from coop_pin.model import CellArm
 
 GAMMA, K_I = 4.0, 4.0
 CARRIED = {"actuators.gravity_compensation": {}}
@@ -74,7 +74,7 @@ class SlidingPid(cp.ArmController):
     def __init__(self, scenario, arm):
         gains = scenario.controller.gains
         self.rows, self.period = scenario.cell.task_rows, scenario.clock.period
-        self.model = ArmModel.from_cell(scenario.cell, arm)
+        self.model = CellArm(scenario.cell, arm)
         self.alpha, self.K_d, self.kappa = gains.pose_gain, np.array(gains.damping_gain), gains.transient_rate
         self.K_i, self.phi = gains.sign_gain, scenario.controller.switching
 

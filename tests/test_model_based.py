@@ -9,7 +9,7 @@ import coop_pin as cp
 from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement
 from coop_pin.errors import FieldError, ScenarioError
-from coop_pin.model import ArmModel
+from coop_pin.model import CellArm
 from coop_pin.model_based import ArmDynamics
 
 STEP = 0.02
@@ -124,7 +124,7 @@ def moving(name, controller, duration, **changes):
 
 def measured(scenario, arm, *, seed):
     """A measurement of an arm with velocities, from its own model."""
-    model, rng = ArmModel.from_cell(scenario.cell, arm), np.random.default_rng(seed)
+    model, rng = CellArm(scenario.cell, arm), np.random.default_rng(seed)
     q, v = rng.uniform(-1.0, 1.0, (2, model.nv))
     back, joints = np.linalg.inv(model.drive), model.configuration(np.linalg.inv(model.drive) @ q)
     J = scenario.cell.task_rows.select(model.payload_jacobian(joints)) @ back
@@ -226,7 +226,7 @@ def test_the_torque_qp_keeps_torque_limits_and_friction_cones(name):
     peak = np.nanmax(np.abs(cp.run(scenario).data.commanded_torque.values), axis=0)
     limits = {}
     for index, arm in enumerate(scenario.cell.arms):
-        joints = ArmModel.from_cell(scenario.cell, arm).nv
+        joints = CellArm(scenario.cell, arm).nv
         limits[f"cell.arms.{arm}.torque_limits"] = (0.95 * peak[index][:joints] + 0.1).tolist()
     result = cp.run(scenario, limits)
     beyond = np.abs(result.data.commanded_torque.values) - result.data.torque_limit.values

@@ -101,7 +101,7 @@ def test_every_metric_has_a_row_in_the_table(name):
     metrics = {metric for metric in result(name).metrics() if "window" not in metric}
     assert {row.name for row in rows} == metrics - {"trustworthy"}
     assert all(part in text for row in rows for part in row)
-    peak = result(name).torque_peak()
+    peak = result(name).metrics()["torque_peak_Nm"]
     assert f"{peak:.3g} N m" in text
     assert "nan" not in re.sub("Every field.*?(?=Motion)", "", text, flags=re.DOTALL).lower()
 

@@ -46,7 +46,7 @@ def test_the_papers_internal_force_after_the_event_is_another_one(paper):
     """-10.2 N before it, -7.7 N from 12 s on: each number states its window."""
     assert paper.internal_force().axial_mean == pytest.approx(-10.15, abs=0.01)
     assert paper.internal_force(window=(12, 20)).axial_mean == pytest.approx(-7.68, abs=0.1)
-    assert paper.after_event_window == pytest.approx((14.2, 20.0))
+    assert paper.windows.after_event == pytest.approx((14.2, 20.0))
     assert paper.metrics()["after_event_internal_axial_mean_N"] == pytest.approx(-7.25, abs=0.01)
 
 

@@ -173,7 +173,7 @@ def test_the_energy_audit_and_the_metrics_of_a_thinned_run_are_those_of_its_samp
     assert thinned.energy_balance_max() > 0.0
     assert thinned.settling_time() == pytest.approx(whole.settling_time(), abs=4 * scenario.clock.period)
     assert thinned.end == whole.end
-    assert thinned.steady_window == whole.steady_window
+    assert thinned.windows.steady == whole.windows.steady
 
 
 def test_an_interrupted_thinned_run_has_its_last_tick_and_snapshots_are_of_every_tick():

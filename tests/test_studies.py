@@ -274,7 +274,7 @@ def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
         direct = cp.run("adept-paper", quiet | bias | {ALPHA: alpha})
         time = direct.data.time.values
         assert_allclose(line.get_xdata(), time)
-        steady = line.get_ydata()[time >= direct.steady_window.start]
+        steady = line.get_ydata()[time >= direct.windows.steady.start]
         assert_allclose(steady.mean(), direct.internal_force().axial_mean, rtol=1e-9)
     assert said.count("0.1 mm bias") == 2
     assert said.count("mm rms") == 2

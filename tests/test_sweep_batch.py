@@ -11,6 +11,7 @@ import coop_pin as cp
 from coop_pin import engine_choice
 from coop_pin.errors import FieldError, MissingExtraError
 from coop_pin.sweeps import SweepPlan, batch_job, engine
+from coop_pin.sweeps.job import Job
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
@@ -81,6 +82,15 @@ def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(t
     runs, engines = swept(plan(axes={"plant.payload": ["welded", "free"]}), tmp_path / "free")
     assert engines == ["batch", "single"]
     assert [run.kind for run in runs] == ["", ""]
+
+
+def test_a_law_that_cannot_be_traced_is_not_traced_again_for_the_next_batch(monkeypatch, caplog):
+    jobs = [Job("key", plan(changes=law("raise"), axes={}).scenario(0), engine="batch")]
+    with caplog.at_level(logging.WARNING):
+        assert batch_job.run_batch(jobs) == [None]
+    assert "cannot be traced" in caplog.text
+    monkeypatch.setattr("coop_pin.batch.simulate.require_traceable", lambda *_: pytest.fail("traced again"))
+    assert batch_job.run_batch(jobs) == [None]
 
 
 # ---------------------------------------------------------------- the choice

@@ -101,6 +101,7 @@ def test_mistakes_are_one_line_and_an_exit_code(folder, capsys, words, code, mes
     said = capsys.readouterr().err
     assert message in said
     assert said.startswith("coop-pin: ")
+    assert not (folder / "out").exists()
 
 
 def test_a_folder_in_use_is_refused(folder, capsys):

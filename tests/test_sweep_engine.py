@@ -76,7 +76,7 @@ def test_tables_are_written_while_the_folder_is_locked(monkeypatch, tmp_path):
 def test_metrics_are_those_of_single_runs(tmp_path):
     result = small(tmp_path)
     for gain, found in zip((0.0, 0.1, 0.2), result.values("torque_peak_Nm").values, strict=True):
-        assert found == cp.run("adept-paper", SHORT | {GAIN: gain}).torque_peak()
+        assert found == cp.run("adept-paper", SHORT | {GAIN: gain}).metrics()["torque_peak_Nm"]
     assert result.counts() == {"ok": 3, "failed": 0, "missing": 0}
     assert_array_equal(result.data[GAIN], [0.0, 0.1, 0.2])
 
@@ -251,7 +251,7 @@ def test_kept_runs_are_read_and_others_computed_with_the_same_numbers(tmp_path, 
     assert result.open(2).data.equals(fresh)
     monkeypatch.setattr("coop_pin.sweeps.result.run", None)
     assert result.open(1).scenario == result.plan.scenario(1)
-    assert result.open(1).torque_peak() == result.values("torque_peak_Nm").values[1]
+    assert result.open(1).metrics()["torque_peak_Nm"] == result.values("torque_peak_Nm").values[1]
 
 
 def test_a_damaged_kept_run_is_computed_again(tmp_path, computed):

@@ -236,7 +236,7 @@ def pushed():
 
 def test_metrics_after_the_last_event_have_their_own_window(pushed):
     metrics = pushed.metrics()
-    assert pushed.after_event_window == (5.1, 6.0)
+    assert pushed.windows.after_event == (5.1, 6.0)
     assert (metrics["after_event_window_start_s"], metrics["after_event_window_end_s"]) == (5.1, 6.0)
     inside = pushed.data.time.values >= 5.1 - 1e-9
     assert_allclose(

@@ -138,24 +138,13 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
 
 
 def instants(scenario: Scenario, run: Simulation) -> tuple[Surroundings, ...]:
-    """Return what events make of the cell, at each of the times of event_times."""
+    """Return what events make of the cell, at each of the timeline's event times."""
     payload, found = scenario.cell.payload, []
-    for time in event_times(run):
+    for time in run.timeline.event_times():
         for event in run.timeline.events_at(time):
             payload = event.apply(payload)
         found.append(Surroundings(_inertia(payload), run.timeline.push_at(time)))
     return tuple(found)
-
-
-def event_times(run: Simulation) -> list[float]:
-    """Return the times at which events act: at ticks before the controller, and between plant steps."""
-    timeline, found = run.timeline, []
-    for tick in range(timeline.ticks + 1):
-        times = [timeline.time(tick)]
-        if tick < timeline.ticks:
-            times += [step.start for index, step in enumerate(timeline.steps(tick)) if index > 0]
-        found += [time for time in times if timeline.happens_at(time)]
-    return found
 
 
 def start(scenario: Scenario, run: Simulation) -> Start:

@@ -14,7 +14,7 @@ from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
@@ -53,7 +53,7 @@ class PreparedPlant:
         if reason := plant_reason(scenario.plant):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
-        self.models = {name: ArmModel.from_cell(scenario.cell, name) for name in scenario.cell.arms}
+        self.models = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
         self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
         others = self.constants._replace(controller=None)
         self.values, self.shape = leaves(others), RunShape.of(scenario)

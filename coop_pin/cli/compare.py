@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from coop_pin import figures
 from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 
@@ -93,10 +94,8 @@ class Compare:
         return OK
 
     def _draw(self, result: Any) -> None:
-        from coop_pin.figures import comparison_figure, save_figure
-
         for name in map(str, result.data["scenario"].values):
-            save_figure(comparison_figure(result, name), self.out / name / "comparison")
+            figures.save_figure(figures.comparison_figure(result, name), self.out / name / "comparison")
 
     def _print_names(self, controllers: tuple[str, ...], scenarios: tuple[str, ...]) -> None:
         from coop_pin.comparison import benchmark_scenario, standard_trials

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from coop_pin import viz
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario
 from coop_pin.errors import CoopPinError, RunInterruptedError, ScenarioWarning
@@ -84,9 +85,7 @@ class Run:
         formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if self.svg else ("png",)
         folder.write(result, timing, replay=self.replay, figures=formats if self.figures else ())
         if self.report:
-            from coop_pin.viz import save_report  # slow to load
-
-            save_report(result, folder.path / folder.REPORT)
+            viz.save_report(result, folder.path / folder.REPORT)
         breaches = result.breaches()
         if not self.quiet:
             written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from coop_pin import figures, sweeps
 from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 
@@ -33,14 +34,12 @@ class Sweep:
 
     def execute(self) -> int:
         """Run the sweep, print its summary and return the exit code; failed runs do not fail the command."""
-        from coop_pin.sweeps import SweepPlan, estimate, sweep
-
-        plan = SweepPlan.load(self.plan)
+        plan = sweeps.SweepPlan.load(self.plan)
         if self.estimate:
-            print(plan.summary(), estimate(plan, workers=self.execution.workers).summary(), sep="\n")
+            print(plan.summary(), sweeps.estimate(plan, workers=self.execution.workers).summary(), sep="\n")
             return OK
         folder = self.out or Path("out") / self.plan.stem.lstrip(".")
-        result = sweep(plan, out=folder, execution=self.execution, retry_failed=self.retry_failed)
+        result = sweeps.sweep(plan, out=folder, execution=self.execution, retry_failed=self.retry_failed)
         if not self.execution.quiet:
             print(result.summary())
             print(f"written to {folder}")
@@ -84,10 +83,8 @@ class SweepShow:
             NameNotFoundError: no run has the metric, or no field of ``at`` varies.
             FieldError: no run has a value of ``at``.
         """
-        from coop_pin.sweeps import SweepResult
-
         fields = {field: value for field, _, value in (text.partition("=") for text in self.at)}
-        result = SweepResult.load(self.folder).at(fields)
+        result = sweeps.SweepResult.load(self.folder).at(fields)
         print(result.summary())
         if self.best is not None:
             print(f"smallest {self.best}:")
@@ -99,14 +96,12 @@ class SweepShow:
                 reason = f"{failure.kind}: {failure.message}"
                 print(f"  run {failure.number}: {_text(failure.parameters)}: {reason}")
         if self.figure is not None:
-            from coop_pin.figures import pareto_figure, save_figure, sweep_figure
-
             if self.against is not None:
-                figure = pareto_figure(result, self.against, self.metric)
+                figure = figures.pareto_figure(result, self.against, self.metric)
             else:
-                figure = sweep_figure(result, self.metric, self.over)
+                figure = figures.sweep_figure(result, self.metric, self.over)
             stem = self.figure.with_suffix("") if self.figure.suffix in (".png", ".svg") else self.figure
-            print("written to " + " and ".join(map(str, save_figure(figure, stem))))
+            print("written to " + " and ".join(map(str, figures.save_figure(figure, stem))))
         if self.table is not None:
             result.store.write_with(self.table, result.table.to_csv)
             print(f"written to {self.table}")

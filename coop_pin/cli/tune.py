@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from coop_pin import sweeps
 from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
 from coop_pin.cli.overrides import TypedFields, changes, field_path, load_scenario
@@ -67,8 +68,6 @@ class Tune:
             FieldError: a field has two ranges, or a range and a value.
             CoopPinError: whatever ``tune`` raises.
         """
-        from coop_pin.sweeps import tune
-
         scenario = load_scenario(self.scenario, self.fields)
         fixed = changes(self.fields, scenario.cell.arms)
         folder = self.out or Path("out") / f"tune-{Path(self.scenario).stem}"
@@ -80,7 +79,7 @@ class Tune:
             if path in fixed:
                 raise FieldError("has a range and a value; give it one of them", path)
             ranges[path] = (low, high)
-        result = tune(
+        result = sweeps.tune(
             scenario,
             ranges,
             minimize=self.minimize,

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from coop_pin import viz
 from coop_pin.cli.exit_codes import OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError
@@ -89,23 +90,20 @@ class View:
         return OK
 
     def _write_images(self, path: Path) -> None:
-        from coop_pin.viz import save_image, save_video
-
         result, other = _result(path), None if self.against is None else _result(self.against)
         if self.image is not None:
-            save_image(result, self.image, other, time=self.time)
+            viz.save_image(result, self.image, other, time=self.time)
             print(self.image.resolve(), flush=True)
         if self.video is not None:
-            save_video(result, self.video, other)
+            viz.save_video(result, self.video, other)
             print(self.video.resolve())
 
     def _view_until_interrupted(self) -> None:
         """Serve a live view of the scenario's cell until Ctrl-C, which ends it normally."""
         from coop_pin.run_scenario import run
-        from coop_pin.viz import open_view
 
         scenario = load_scenario(self.what, self.fields)
-        view = open_view(scenario, port=self.port)
+        view = viz.open_view(scenario, port=self.port)
         try:
             self._show(view.url, view.url)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
@@ -136,11 +134,9 @@ def _result(path: Path) -> Any:
 
 def _comparison(path: Path, against: Path) -> Path:
     """Write the page that compares two runs beside the first one's result, and return its file."""
-    from coop_pin.viz import save_replay
-
     name = against.name if against.is_dir() else against.parent.name or against.stem
     page = (path if path.is_dir() else path.parent) / f"against-{name}.html"
-    save_replay(_result(path), page, _result(against))
+    viz.save_replay(_result(path), page, _result(against))
     return page
 
 
@@ -150,11 +146,9 @@ def _replay(path: Path) -> Path:
 
     if not path.is_file() or path.name == RunFolder.RESULT:
         return RunFolder(path.parent if path.is_file() else path).replay()
-    from coop_pin.viz import save_replay
-
     replay = path.with_suffix(".html")
     if not replay.is_file():
-        save_replay(_result(path), replay)
+        viz.save_replay(_result(path), replay)
     return replay
 
 
@@ -172,12 +166,10 @@ class Report:
 
     def execute(self) -> int:
         """Write the page and print its path."""
-        from coop_pin.results import RunResult
         from coop_pin.run_folder import RunFolder
-        from coop_pin.viz import save_report
 
-        file = self.result / RunFolder.RESULT if self.result.is_dir() else self.result
-        page = self.out or file.with_name(RunFolder.REPORT)
-        save_report(RunResult.load(file), page)
+        folder = self.result if self.result.is_dir() else self.result.parent
+        page = self.out or folder / RunFolder.REPORT
+        viz.save_report(_result(self.result), page)
         print(page.resolve())
         return OK

@@ -84,7 +84,7 @@ def run_figure(
         figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6))
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
         heading = figure.suptitle(f"{as_written(scenario.name)}: {title}", va="top")
-        windows = [one for one in (result.steady_window, result.after_event_window) if not one.is_empty]
+        windows = [one for one in (result.windows.steady, result.windows.after_event) if not one.is_empty]
         shaded = ("blue shade: the windows of the metrics",) if windows else ()
         caption = "; ".join((*((scenario.summary,) if scenario.summary else ()), *shaded))
         below = figure.supxlabel(as_written(caption), fontsize=7.5, color=palette.CAPTION, va="bottom")

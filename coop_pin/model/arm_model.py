@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_pose, require_finite, require_type
 from coop_pin.description.arm import Arm, Miscalibration
-from coop_pin.description.cell import Cell
-from coop_pin.errors import NameNotFoundError
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.model.pinocchio_model import (
@@ -82,15 +80,6 @@ class ArmModel:
         self.drive = arm.drive_matrix(self.nv)
         self.from_drive = np.asarray(np.linalg.inv(self.drive), dtype=np.float64)
         self._angles = JointAngles(self.model)
-
-    @classmethod
-    def from_cell(cls, cell: Cell, name: str) -> Self:
-        """Return the model of an arm of a cell with its grasp, gravity and name; raises as __init__."""
-        require_type("cell", cell, Cell)
-        require_type("name", name, str)
-        if name not in cell.arms:
-            raise NameNotFoundError("arm", name, cell.arms, "the cell")
-        return cls(cell.arms[name], cell.grasps[name].matrix, cell.gravity, name=name)
 
     @cached_property
     def limits(self) -> JointLimits:

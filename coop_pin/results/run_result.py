@@ -79,32 +79,14 @@ class RunResult:
         """Windows of the metrics."""
         return Windows.of(self.scenario, self.end)
 
-    @property
-    def first_event(self) -> float:
-        """Time of the first event, or the end of the run, s."""
-        return self.windows.event.start
-
-    @property
-    def steady_window(self) -> Window:
-        """Window of means and rms values: from 4 s to the first event, or to the end of the run."""
-        return self.windows.steady
-
-    @property
-    def after_event_window(self) -> Window:
-        """Window of the metrics after the events: from 4 s after the last one ended to the end of the run.
-
-        Empty without events.
-        """
-        return self.windows.after_event
-
     def window_of(self, metric: str) -> Window:
         """Return the window that an entry of ``metrics`` is taken over."""
         if metric.startswith("after_event_"):
-            return self.after_event_window
+            return self.windows.after_event
         if metric in STEADY_METRICS:
-            return self.steady_window
+            return self.windows.steady
         if metric == "settling_time_s":
-            return Window(0.0, self.first_event)
+            return Window(0.0, self.windows.event.start)
         return self.windows.event if metric in _EVENT else Window(0.0, self.end)
 
     # ------------------------------------------------------------ trust
@@ -139,15 +121,7 @@ class RunResult:
 
     def settling_time(self) -> float:
         """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
-        return float(metrics.settling_time(self.arrays, Window(0.0, self.first_event)))
-
-    def resettling_time(self) -> float:
-        """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
-        return float(metrics.resettling_time(self.arrays, self.windows))
-
-    def event_peak_position_error(self) -> float:
-        """Return the largest position error from the first event on, m; NaN without an event."""
-        return float(metrics.event_peak_position_error(self.arrays, self.windows))
+        return float(metrics.settling_time(self.arrays, Window(0.0, self.windows.event.start)))
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -186,10 +160,6 @@ class RunResult:
         """Return the largest difference between energy and work over the whole run, J."""
         return float(np.abs(metrics.energy_balance(self.arrays)).max())
 
-    def torque_peak(self) -> float:
-        """Return the largest drive torque over the whole run, N m."""
-        return float(metrics.torque_peak(self.arrays))
-
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
         return metrics.limit_violations(self.arrays)
@@ -214,11 +184,11 @@ class RunResult:
         for name, value in self.metrics().items():
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
-        if self.steady_window.is_empty:
+        if self.windows.steady.is_empty:
             lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
         elif math.isinf(self.settling_time()):
             lines.append(f"  {self._unsettled()}")
-        if scenario.events and self.after_event_window.is_empty:
+        if scenario.events and self.windows.after_event.is_empty:
             wait = f"{SETTLING_S:g} s after its last event"
             lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
@@ -233,7 +203,7 @@ class RunResult:
         return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
 
     def _steady_metrics(self, given: tuple[float, float] | None) -> dict[str, float]:
-        window = self.steady_window if given is None else checked_window(given, self.end)
+        window = self.windows.steady if given is None else checked_window(given, self.end)
         found = metrics.steady_metrics(self.arrays, window)
         return {name: float(value) for name, value in found.items()}
 

@@ -12,7 +12,7 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import CellCommand
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, ShapeError
-from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.signals import MissedTicks
@@ -243,7 +243,7 @@ class Actuation:
         """
         self._places, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
         self._names = [place.name for place in self._places]
-        self._models = [ArmModel.from_cell(cell, name) for name in self._names]
+        self._models = [CellArm(cell, name) for name in self._names]
         self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
         lost = [scenario.actuators_of(name).torque_lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]

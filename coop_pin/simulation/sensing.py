@@ -11,7 +11,8 @@ import numpy as np
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics, ArmModel, PayloadKinematics
+from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.encoder import Encoders, EncoderState
@@ -289,7 +290,7 @@ class Sensing:
         loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
         truth = self._truth(0.0, q, v, free)._replace(wrenches=loads)
         if self.sensors.wrists:
-            X_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])
+            X_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])
             truth = truth._replace(R_WP=X_WP[:3, :3])
         views = self._views(q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)

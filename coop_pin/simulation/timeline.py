@@ -66,6 +66,16 @@ class Timeline:
             return False
         return any(self._same(time, instant) for instant in instants)
 
+    def event_times(self) -> list[float]:
+        """Return the times at which events act: at ticks before the controller, and between plant steps."""
+        nearest, times = {round(instant / self.period) for instant in self._instants}, list[float]()
+        for tick in sorted({tick for near in nearest for tick in range(near - 1, near + 2)}):
+            if 0 <= tick < self.ticks:
+                times += [step.start for step in self.steps(tick)]
+            elif tick == self.ticks:
+                times.append(self.time(tick))
+        return list(filter(self.happens_at, times))
+
     def events_at(self, time: float) -> list[Event]:
         """Return the events whose time this is, the earliest first."""
         events = [event for event in self._events if self._same(time, event.time)]

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
@@ -18,6 +18,8 @@ from coop_pin.sweeps.run_key import require_unchanged
 
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
+_untraceable = set[Hashable]()
+"""Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 
 
@@ -41,6 +43,8 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         require_unchanged(job.code)
         with _left_to_single_runs(job):
             run = _simulator.prepare(separate(job.scenario))
+            if run.kind in _untraceable:
+                continue
             same = (each for each in families if next(iter(each.values())).kind == run.kind)
             if (family := next(same, None)) is None:
                 families.append(family := {})
@@ -93,6 +97,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         batch = _simulator.run_prepared(runs)
         metrics = batch.metrics()
     except TracingError:
+        _untraceable.add(runs[0].kind)
         raise
     except Exception:
         half = len(jobs) // 2

@@ -19,10 +19,10 @@ from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import (
     FieldError,
     FileReadError,
-    MissingExtraError,
     RunTimeoutError,
     ScenarioError,
     SweepInterruptedError,
+    needs_extra,
 )
 from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
@@ -83,9 +83,10 @@ class Session:
     """
 
     keys: list[str]
+    bar: ProgressBar
 
-    def __init__(self, store: SweepStore, bar: ProgressBar, execution: Execution) -> None:
-        self.store, self.bar, self._execution, self._processes = store, bar, execution, execution.processes
+    def __init__(self, store: SweepStore, execution: Execution) -> None:
+        self.store, self._execution, self._processes = store, execution, execution.processes
         self.stack = contextlib.ExitStack()
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
@@ -127,10 +128,8 @@ class Session:
                 return outcomes_here
             local = contextlib.closing(LocalBackend(processes))
             return functools.partial(outcomes, self.stack.enter_context(local))
-        try:
-            from coop_pin.sweeps.dask_backend import connected  # dask is an extra, and slow to load
-        except ModuleNotFoundError:
-            raise MissingExtraError("distributed", "sweep", "to run a sweep on a scheduler") from None
+        with needs_extra("distributed", "sweep", "to run a sweep on a scheduler"):
+            from coop_pin.sweeps.dask_backend import connected  # slow to load
         return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
@@ -175,13 +174,14 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
 
     Raises:
         StoreLockedError: another process works on the folder.
+        FieldError: the number of workers is negative.
         FileReadError: an older version wrote the folder.
         SweepInterruptedError: Ctrl-C.
     """
-    store = SweepStore(folder)
-    with store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
+    session = Session(SweepStore(folder), execution)  # a refusal leaves no folder
+    with session.store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
         try:
-            session = Session(store, bar, execution)
+            session.bar = bar
             with session.stack:
                 yield session
         except KeyboardInterrupt:

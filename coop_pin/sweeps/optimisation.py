@@ -13,7 +13,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, MissingExtraError, NothingFeasibleError, ScenarioError
+from coop_pin.errors import FieldError, NothingFeasibleError, ScenarioError, needs_extra
 from coop_pin.sweeps.dimensions import Sample, Span
 from coop_pin.sweeps.engine import open_session, with_engine
 from coop_pin.sweeps.execution import HERE, Execution
@@ -111,10 +111,8 @@ def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
     Raises:
         MissingExtraError: optuna is not installed.
     """
-    try:
-        import optuna  # an extra, and slow to load
-    except ImportError:
-        raise MissingExtraError("optuna", "tune", "to search for gains") from None
+    with needs_extra("optuna", "tune", "to search for gains"):
+        import optuna  # slow to load
     experimental, size, start = optuna.exceptions.ExperimentalWarning, first.count, first.dimension()
     with contextlib.ExitStack() as stack:
         stack.enter_context(warnings.catch_warnings(action="ignore", category=experimental))

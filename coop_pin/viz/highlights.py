@@ -107,8 +107,8 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     windows = [
         {"kind": "window", "start": window.start, "end": window.end, "text": text}
         for window, text in (
-            (result.steady_window, "judged: steady"),
-            (result.after_event_window, "judged: after event"),
+            (result.windows.steady, "judged: steady"),
+            (result.windows.after_event, "judged: after event"),
         )
         if not window.is_empty
     ]
