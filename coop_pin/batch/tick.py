@@ -95,10 +95,10 @@ class TickCode:
         self, kernel: Kernel, constants: RunConstants, signals: RunSignals
     ) -> tuple[Truth, list[View]]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
-        names = ("q", "v", "saturated")
-        q, v, saturated = (self._block.split(kernel.read(name)) for name in names)
+        names = ("q", "v", "torque", "saturated")
+        q, *others = (self._block.split(kernel.read(name)) for name in names)
         wrenches, R_WP = kernel.read("wrenches"), kernel.read("R_WP")
-        truth = Truth(signals.desired.time, q, v, saturated, wrenches, R_WP, signals.sensors)
+        truth = Truth(signals.desired.time, q, *others, wrenches, R_WP, signals.sensors)
         return truth, [partial(self._view, *pair) for pair in zip(constants.arms, q, strict=True)]
 
     def _view(self, arm: ArmConstants, angles: Numbers, measured: Numbers | None) -> PayloadKinematics:
@@ -126,12 +126,11 @@ class TickCode:
             command = constants.controller.step(measurements, self._block.references(signals.desired), law)
             kernel.write("law", command.state)
         commanded = [traced(torque) for torque in command.torques]
-        weights = [partial(self._weight, kernel, constants, index) for index in range(len(commanded))]
         applied, drives = constants.drives.step(
             self._drives(kernel),
             commanded,
             signals.missed,
-            weights,
+            partial(self._weight, kernel, constants),
             kernel.uniform("gives"),
             kernel.uniform("s"),
         )

@@ -55,7 +55,8 @@ class Truth(NamedTuple):
         time: t_k, s.
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
-        saturated: which drive torques were cut over the last tick, shape (k,) each.
+        torques: drive torques that acted from the last tick on, N m, shape (k,) each; zero at the first.
+        saturated: which of them were cut over the last tick, shape (k,) each.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
         R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
@@ -65,6 +66,7 @@ class Truth(NamedTuple):
     time: Any
     angles: Sequence[Array]
     rates: Sequence[Array]
+    torques: Sequence[Array]
     saturated: Sequence[Mask]
     wrenches: Array
     R_WP: Array
@@ -152,10 +154,10 @@ class CellSensors(NamedTuple):
         state = SensorState(encoders, self.wrists, None)
         if self.path is None:
             return state
-        seen = [view.pose for (view, _, _), _ in self._joints(state, truth, views)]
+        joints, _ = self._joints(state, truth, views)
         desired = [
-            self.rows.turn(pose, reference.internal_wrench)
-            for pose, reference in zip(seen, references, strict=True)
+            self.rows.turn(view.pose, reference.internal_wrench)
+            for (view, _, _), reference in zip(joints, references, strict=True)
         ]
         return state._replace(path=self.path.start(np.stack(desired)))
 
@@ -163,7 +165,7 @@ class CellSensors(NamedTuple):
         self, state: SensorState, truth: Truth, views: Sequence[View]
     ) -> tuple[list[ArmMeasurement], SensorState]:
         """Return what the arms measure at a tick, and the state."""
-        joints, encoders = zip(*self._joints(state, truth, views), strict=True)
+        joints, encoders = self._joints(state, truth, views)
         signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
         if wrists:
             wrists = self._wrists(state, truth, [view.pose for view, _, _ in joints])
@@ -172,32 +174,35 @@ class CellSensors(NamedTuple):
             internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
             path = self.path.step(path, internal.take(self.rows.indices, axis=1), signals.arrived)
             frozen(path.measured)
-        readings = [
-            frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None
-            for index, arm in enumerate(self.arms)
-        ]
-        seen = [
+        measured = [
             measurement(
-                *own,
+                view,
+                q,
+                v,
                 time=truth.time,
                 saturated=truth.saturated[index],
                 internal_wrench=None if path is None else path.measured[index],
                 internal_wrench_age=signals.age,
-                interaction_wrench=readings[index],
+                interaction_wrench=frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
                 interaction_wrench_age=signals.arms[index].wrist_age,
             )
-            for index, own in enumerate(joints)
+            for index, (arm, (view, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
-        return seen, SensorState(encoders, wrists, path)
+        return measured, SensorState(encoders, wrists, path)
 
-    def _joints(self, state: SensorState, truth: Truth, views: Sequence[View]) -> list[Any]:
-        """Return what ``ArmSensors.joints`` does of each arm."""
-        return [
-            arm.joints(memory, angles, rates, signals.encoder_noise, view)
-            for arm, memory, angles, rates, signals, view in zip(
-                self.arms, state.encoders, truth.angles, truth.rates, truth.signals.arms, views, strict=True
+    def _joints(
+        self, state: SensorState, truth: Truth, views: Sequence[View]
+    ) -> tuple[list[tuple[PayloadKinematics, Array, Array]], tuple[EncoderState | None, ...]]:
+        """Return the outputs of ``ArmSensors.joints`` of each arm, and the memories of the encoders."""
+        joints, memories = [], []
+        for index, arm in enumerate(self.arms):
+            noise = truth.signals.arms[index].encoder_noise
+            output, memory = arm.joints(
+                state.encoders[index], truth.angles[index], truth.rates[index], noise, views[index]
             )
-        ]
+            joints.append(output)
+            memories.append(memory)
+        return joints, tuple(memories)
 
     def _wrists(self, state: SensorState, truth: Truth, poses: Sequence[Array]) -> tuple[Wrist, ...]:
         """Return the wrists after a tick."""
@@ -276,6 +281,7 @@ class Sensing:
             path = f"{_path(scenario, place.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, places)
+        self._needs_wrenches = self.sensors.needs_wrenches
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
@@ -284,14 +290,13 @@ class Sensing:
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
         cell, place = self._scenario.cell, self._places[0]
-        free = [frozen(np.zeros(len(place.drive), dtype=bool)) for place in self._places]
-        self._signals = SensorSignals(self._scenario, [len(cut) for cut in free]).rows()
-        loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
-        truth = self._truth(0.0, q, v, free)._replace(wrenches=loads)
+        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._places]
+        free = [frozen(torque > 0.0) for torque in rest]
+        self._signals = SensorSignals(self._scenario, [len(torque) for torque in rest]).rows()
+        loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
-            X_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])
-            truth = truth._replace(R_WP=X_WP[:3, :3])
-        views = self._views(q)
+            R_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
+        truth, views = self._truth(0.0, q, v, rest, free, loads, R_WP), self._views(q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)
         return [
             seen._replace(holding_torque=frozen(torque * factor))
@@ -300,29 +305,36 @@ class Sensing:
             )
         ]
 
-    def measure(self, time: float, plant: Plant, saturated: Sequence[Mask]) -> list[ArmMeasurement]:
-        """Return the measurements of a later tick; ``saturated`` is that of the tick before."""
-        truth = self._truth(time, plant.q, plant.v, saturated)
-        if self.sensors.needs_wrenches:
-            truth = truth._replace(wrenches=plant.interaction_wrenches())
-        if self.sensors.wrists:
-            truth = truth._replace(R_WP=plant.chain.payload_pose(plant.q)[:3, :3])
-        seen, self._state = self.sensors.step(self._state, truth, self._views(plant.q))
-        return seen
+    def measure(
+        self, time: float, plant: Plant, torques: Sequence[Array], saturated: Sequence[Mask]
+    ) -> list[ArmMeasurement]:
+        """Return the measurements of a later tick; torques and ``saturated`` are those of the tick before."""
+        q = plant.q
+        wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
+        R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
+        truth = self._truth(time, q, plant.v, torques, saturated, wrenches, R_WP)
+        measured, self._state = self.sensors.step(self._state, truth, self._views(q))
+        return measured
 
-    def _truth(self, time: float, q: Array, v: Array, saturated: Sequence[Mask]) -> Truth:
-        """Return what the joint sensors sense.
+    def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
+        """Return what the sensors sense.
 
         Encoders count turns: the angle of a continuous joint starts within half a turn of the posture and
         never jumps.
+
+        Args:
+            time: Time of the tick, s.
+            q: Configuration of the cell, shape (nq,).
+            v: Velocity of the cell, shape (nv,).
+            others: Fields of Truth between the rates and the signals.
         """
-        self._angles = [
-            own if place.angles.is_vector else place.angles.near(own, before)
-            for place, before in zip(self._places, self._angles, strict=True)
-            for own in (q[place.q_slice],)
-        ]
+        for index, place in enumerate(self._places):
+            angles = q[place.q_slice]
+            if not place.angles.is_vector:
+                angles = place.angles.near(angles, self._angles[index])
+            self._angles[index] = angles
         rates = [v[place.v_slice] for place in self._places]
-        return Truth(time, self._angles, rates, saturated, _NONE, _NONE, next(self._signals))
+        return Truth(time, tuple(self._angles), rates, *others, next(self._signals))
 
     def _views(self, q: Array) -> list[View]:
         """Return the view of each arm in a configuration of the cell."""
