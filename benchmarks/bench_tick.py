@@ -65,7 +65,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     angles, rates = q[place.q_slice], v[place.v_slice]
 
     def measured_by_one_arm() -> ArmMeasurement:
-        view, T = sensing._view(0, q, None), place.drive
+        view, T = sensing._view(q, 0, None), place.drive
         return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force, plant.external)]

@@ -144,11 +144,11 @@ class ArmDrives(NamedTuple):
             last: Last command that arrived, N m, shape (k,).
             command: Command of this tick, likewise.
             missed: Whether it is missed, a mask.
-            weight: T^-T g(q), N m, shape (k,); None without gravity compensation.
+            weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
         """
         if self.misses:
             last = command = np.where(missed, last, command)
-        requested = command if self.carried is None else command + self.carried * weight
+        requested = command if weight is None else command + weight
         torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
         return (requested, torque, frozen(np.not_equal(torque, requested))), last
 
@@ -199,7 +199,7 @@ class CellDrives(NamedTuple):
         """
         requested, torques, saturated, last = [], [], [], []
         for index, arm in enumerate(self.arms):
-            carried = None if arm.carried is None else weight(index)
+            carried = None if arm.carried is None else arm.carried * weight(index)
             (asked, torque, cut), kept = arm.step(state.last[index], commanded[index], missed[index], carried)
             requested.append(asked)
             torques.append(torque)

@@ -21,8 +21,8 @@ from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
 from coop_pin.spatial import rotate_vector6, weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
 
-View = Callable[[Array | None], PayloadKinematics]
-"""Payload pose and Jacobian by an arm's own kinematics at measured joint angles; None: the true ones."""
+View = Callable[[int, Array | None], PayloadKinematics]
+"""Payload pose and Jacobian by an arm's own kinematics, at its measured joint angles; None: the true ones."""
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
@@ -55,22 +55,22 @@ class Truth(NamedTuple):
         time: t_k, s.
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
+        signals: errors of the sensors, and when samples arrive.
         torques: drive torques that acted from the last tick on, N m, shape (k,) each; zero at the first.
         saturated: which of them were cut over the last tick, shape (k,) each.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
         R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
-        signals: errors of the sensors, and when samples arrive.
     """
 
     time: Any
     angles: Sequence[Array]
     rates: Sequence[Array]
+    signals: CellSignals
     torques: Sequence[Array]
     saturated: Sequence[Mask]
     wrenches: Array
     R_WP: Array
-    signals: CellSignals
 
 
 class ArmSensors(NamedTuple):
@@ -87,16 +87,6 @@ class ArmSensors(NamedTuple):
     to_joints: Array
     encoders: Encoders | None
     has_wrist: bool
-
-    def joints(
-        self, state: EncoderState | None, angles: Array, rates: Array, noise: Array, view: View
-    ) -> tuple[tuple[PayloadKinematics, Array, Array], EncoderState | None]:
-        """Return the view of the payload and measured position and velocity of the drives, and the state."""
-        q, v = self.drive.dot(angles), self.drive.dot(rates)
-        if self.encoders is None or state is None:
-            return (view(None), q, v), None
-        (q, v), state = self.encoders.step(state, q, v, noise)
-        return (view(self.to_joints.dot(q)), q, v), state
 
 
 class SensorState(NamedTuple):
@@ -139,12 +129,12 @@ class CellSensors(NamedTuple):
         """Whether anything of the wrenches is measured."""
         return bool(self.wrists) or self.path is not None
 
-    def start(self, truth: Truth, views: Sequence[View], references: Sequence[ArmReference]) -> SensorState:
+    def start(self, truth: Truth, view: View, references: Sequence[ArmReference]) -> SensorState:
         """Return the state before the first tick.
 
         Args:
             truth: What is sensed at the first tick.
-            views: Kinematics of each arm.
+            view: Kinematics of the arms.
             references: References of the first tick, for f_m[0] = f_d as the arms see the payload.
         """
         encoders = tuple(
@@ -154,21 +144,19 @@ class CellSensors(NamedTuple):
         state = SensorState(encoders, self.wrists, None)
         if self.path is None:
             return state
-        joints, _ = self._joints(state, truth, views)
+        joints, _ = self._joints(state, truth, view)
         desired = [
-            self.rows.turn(view.pose, reference.internal_wrench)
-            for (view, _, _), reference in zip(joints, references, strict=True)
+            self.rows.turn(seen.pose, reference.internal_wrench)
+            for (seen, _, _), reference in zip(joints, references, strict=True)
         ]
         return state._replace(path=self.path.start(np.stack(desired)))
 
-    def step(
-        self, state: SensorState, truth: Truth, views: Sequence[View]
-    ) -> tuple[list[ArmMeasurement], SensorState]:
+    def step(self, state: SensorState, truth: Truth, view: View) -> tuple[list[ArmMeasurement], SensorState]:
         """Return what the arms measure at a tick, and the state."""
-        joints, encoders = self._joints(state, truth, views)
+        joints, encoders = self._joints(state, truth, view)
         signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
         if wrists:
-            wrists = self._wrists(state, truth, [view.pose for view, _, _ in joints])
+            wrists = self._wrists(state, truth, [seen.pose for seen, _, _ in joints])
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
             internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
@@ -176,7 +164,7 @@ class CellSensors(NamedTuple):
             frozen(path.measured)
         measured = [
             measurement(
-                view,
+                seen,
                 q,
                 v,
                 time=truth.time,
@@ -186,21 +174,22 @@ class CellSensors(NamedTuple):
                 interaction_wrench=frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
                 interaction_wrench_age=signals.arms[index].wrist_age,
             )
-            for index, (arm, (view, q, v)) in enumerate(zip(self.arms, joints, strict=True))
+            for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
         return measured, SensorState(encoders, wrists, path)
 
     def _joints(
-        self, state: SensorState, truth: Truth, views: Sequence[View]
+        self, state: SensorState, truth: Truth, view: View
     ) -> tuple[list[tuple[PayloadKinematics, Array, Array]], tuple[EncoderState | None, ...]]:
-        """Return the outputs of ``ArmSensors.joints`` of each arm, and the memories of the encoders."""
+        """Return the view of the payload and measured q and v of each arm, and the memories of encoders."""
         joints, memories = [], []
         for index, arm in enumerate(self.arms):
-            noise = truth.signals.arms[index].encoder_noise
-            output, memory = arm.joints(
-                state.encoders[index], truth.angles[index], truth.rates[index], noise, views[index]
-            )
-            joints.append(output)
+            q, v = arm.drive.dot(truth.angles[index]), arm.drive.dot(truth.rates[index])
+            angles, memory = None, state.encoders[index]
+            if arm.encoders is not None and memory is not None:
+                (q, v), memory = arm.encoders.step(memory, q, v, truth.signals.arms[index].encoder_noise)
+                angles = arm.to_joints.dot(q)
+            joints.append((view(index, angles), q, v))
             memories.append(memory)
         return joints, tuple(memories)
 
@@ -296,8 +285,8 @@ class Sensing:
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
             R_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
-        truth, views = self._truth(0.0, q, v, rest, free, loads, R_WP), self._views(q)
-        measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)
+        truth, view = self._truth(0.0, q, v, rest, free, loads, R_WP), partial(self._view, q)
+        measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
         return [
             seen._replace(holding_torque=frozen(torque * factor))
             for seen, torque, factor in zip(
@@ -313,7 +302,7 @@ class Sensing:
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
         truth = self._truth(time, q, plant.v, torques, saturated, wrenches, R_WP)
-        measured, self._state = self.sensors.step(self._state, truth, self._views(q))
+        measured, self._state = self.sensors.step(self._state, truth, partial(self._view, q))
         return measured
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
@@ -326,7 +315,7 @@ class Sensing:
             time: Time of the tick, s.
             q: Configuration of the cell, shape (nq,).
             v: Velocity of the cell, shape (nv,).
-            others: Fields of Truth between the rates and the signals.
+            others: Fields of Truth after the signals.
         """
         for index, place in enumerate(self._places):
             angles = q[place.q_slice]
@@ -334,13 +323,10 @@ class Sensing:
                 angles = place.angles.near(angles, self._angles[index])
             self._angles[index] = angles
         rates = [v[place.v_slice] for place in self._places]
-        return Truth(time, tuple(self._angles), rates, *others, next(self._signals))
+        return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
 
-    def _views(self, q: Array) -> list[View]:
-        """Return the view of each arm in a configuration of the cell."""
-        return [partial(self._view, index, q) for index in range(len(self._places))]
-
-    def _view(self, index: int, q: Array, angles: Array | None) -> PayloadKinematics:
+    def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
         place = self._places[index]
-        own = q[place.q_slice] if angles is None else place.angles.configuration(angles)
-        return self._kinematics[index].view(own)
+        return self._kinematics[index].view(
+            q[place.q_slice] if angles is None else place.angles.configuration(angles)
+        )
