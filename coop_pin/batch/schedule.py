@@ -30,9 +30,9 @@ class RunProgram:
         """Trace and order the kernels.
 
         Args:
-            first: a batch whose first run has the numbers that fold.
-            differs: leaves of the constants that are inputs.
-            is_loaded: entries of the signals that are inputs.
+            first: Batch whose first run has the numbers that fold.
+            differs: Leaves of the constants that are inputs.
+            is_loaded: Entries of the signals that are inputs.
         """
         plant, signals = first.plants[0], first.signals[0]
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)

@@ -28,24 +28,31 @@ _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
 
 
-def measurement(view: PayloadKinematics, q: Array, v: Array, **others: Any) -> ArmMeasurement:
+def measurement(
+    view: PayloadKinematics,
+    q: Array,
+    v: Array,
+    time: Any,
+    internal_wrench: Array | None,
+    saturated: Mask,
+    *others: Any,
+    **named: Any,
+) -> ArmMeasurement:
     """Return the measurement of an arm.
 
     Args:
         view: Payload pose and Jacobian by its own kinematics.
         q: Measured drive coordinates, rad, shape (k,).
         v: Measured drive velocities, rad/s, shape (k,).
-        others: Remaining fields of the measurement.
+        time: t_k, s.
+        internal_wrench: Measured internal wrench, shape (k_0,); None without a force path.
+        saturated: Mask of the drive torques that were cut, shape (k,).
+        others: Remaining fields of the measurement, in order.
+        named: Remaining fields of the measurement, by name.
     """
     pose, J = view
-    return ArmMeasurement(
-        q=frozen(q),
-        v=frozen(v),
-        payload_pose=frozen(pose),
-        payload_twist=frozen(J.dot(v)),
-        payload_jacobian=frozen(J),
-        **others,
-    )
+    joints = frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
+    return ArmMeasurement(time, *joints, internal_wrench, saturated, *others, **named)
 
 
 class Truth(NamedTuple):
@@ -167,12 +174,12 @@ class CellSensors(NamedTuple):
                 seen,
                 q,
                 v,
-                time=truth.time,
-                saturated=truth.saturated[index],
-                internal_wrench=None if path is None else path.measured[index],
-                internal_wrench_age=signals.age,
-                interaction_wrench=frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
-                interaction_wrench_age=signals.arms[index].wrist_age,
+                truth.time,
+                None if path is None else path.measured[index],
+                truth.saturated[index],
+                signals.age,
+                frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
+                signals.arms[index].wrist_age,
             )
             for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]

@@ -71,7 +71,7 @@ class Simulation:
 
         Args:
             scenario: Scenario to run.
-            controller: it need not be the one that the scenario names.
+            controller: Controller of the cell; it need not be the one that the scenario names.
             plant: Class that computes the motion.
 
         Raises:
