@@ -65,7 +65,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     angles, rates = q[place.q_slice], v[place.v_slice]
 
     def measured_by_one_arm() -> ArmMeasurement:
-        view, T = sensing._view(0, q, None), place.drive
+        view, T = sensing._view(q, 0, None), place.drive
         return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force, plant.external)]
@@ -80,7 +80,9 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.arm.rows.pose_error(measured[0].payload_pose, references[0].pose),
-        BOTH: lambda: controller.step(run.sensing.measure(t, plant, none_saturated), references, state),
+        BOTH: lambda: controller.step(
+            run.sensing.measure(t, plant, command.torques, none_saturated), references, state
+        ),
         "Actuation.apply": lambda: run.actuation.apply(t, command, plant.q),
         "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),

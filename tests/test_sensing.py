@@ -48,8 +48,16 @@ def started(scenario, ticks=1):
 
 def measured(simulation, count):
     """Measurements of all arms at ``count`` more ticks during which the plant stays as it is."""
-    cut = [np.zeros(len(place.drive), dtype=bool) for place in simulation.plant.chain.model.arms]
-    return [simulation.sensing.measure(simulation.time, simulation.plant, cut) for _ in range(count)]
+    return [
+        simulation.sensing.measure(simulation.time, simulation.plant, *at_rest(simulation))
+        for _ in range(count)
+    ]
+
+
+def at_rest(simulation):
+    """No torques, none of them cut."""
+    torques = [np.zeros(len(place.drive)) for place in simulation.plant.chain.model.arms]
+    return torques, [torque > 0.0 for torque in torques]
 
 
 def of_arm(measurements, arm, field):
@@ -180,9 +188,8 @@ def test_ideal_wrist_sensors_report_the_true_wrenches_and_their_internal_part(na
     sensed = started(scenario_of(name, changes | {"sensors.wrist": {}}), 6)
     assert_allclose(ideal.plant.q, sensed.plant.q, rtol=0, atol=1e-12)
     rows, truth = sensed.scenario.cell.task_rows, sensed.plant.interaction_wrenches()
-    cut = [np.zeros(len(place.drive), dtype=bool) for place in sensed.plant.chain.model.arms]
-    seen = sensed.sensing.measure(sensed.time, sensed.plant, cut)
-    other = ideal.sensing.measure(ideal.time, ideal.plant, cut)
+    seen = sensed.sensing.measure(sensed.time, sensed.plant, *at_rest(sensed))
+    other = ideal.sensing.measure(ideal.time, ideal.plant, *at_rest(ideal))
     scale = np.abs(truth).max()
     for arm, F in zip(seen, truth, strict=True):
         assert_allclose(arm.interaction_wrench, rows.select(F), rtol=0, atol=1e-9 * scale)
@@ -533,7 +540,7 @@ def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, rob
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)
     assert np.abs([rows.select(wrench) for wrench in internal]).max() < 1e-10
     simulation.tick()
-    later = simulation.sensing.measure(0.0, plant, [measurement.saturated for measurement in first])
+    later = simulation.sensing.measure(0.0, plant, *at_rest(simulation))
     assert [measurement.holding_torque for measurement in later] == [None] * len(first)
 
 

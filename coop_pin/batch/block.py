@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, Start
 from coop_pin.batch.serial_arm import Numbers
-from coop_pin.batch.signals import Desired, RunShape, RunSignals
+from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
@@ -35,10 +35,9 @@ class SignalSplit(NamedTuple):
 
 
 class RunBlock:
-    """Slots of the runs of a shape.
+    """Slots of the runs of a family.
 
     Attributes:
-        shape: shape of the runs.
         constants: constants of one of them.
         start: start of that run.
         signals: signals of all runs.
@@ -51,7 +50,6 @@ class RunBlock:
 
     def __init__(
         self,
-        shape: RunShape,
         constants: RunConstants,
         start: Start,
         differs: Mask,
@@ -61,17 +59,16 @@ class RunBlock:
         """Lay out the block.
 
         Args:
-            shape: Shape of the runs.
             constants: Constants of one of them.
             start: Start of that run.
             differs: Leaves of the constants that differ between the runs.
             signals: Signals of all runs.
             table: Quantities of the runs.
         """
-        self.shape, self.constants, self.signals, self._differs = shape, constants, signals, differs
+        self.constants, self.signals, self._differs = constants, signals, differs
         self.start, self.read = start, {each.name: each.read for each in table if each.read}
         self._sizes = [len(arm.drive) for arm in constants.arms]
-        m, N, k_0 = len(self._sizes), sum(self._sizes), shape.rows.size
+        m, N, k_0 = len(self._sizes), sum(self._sizes), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         recorded: tuple[tuple[Any, ...], ...] = (
             *(("q", N), ("v", N), ("work", 3), ("payload_energy",)),
@@ -106,7 +103,7 @@ class RunBlock:
             for number, differs in zip(numbers, self._differs.tolist(), strict=True)
         )
         constants = rebuilt(self.constants, known)
-        if self.shape.changes_payload:
+        if constants.changes_payload:
             payload = rebuilt(constants.cell.payload, iter(kernel.read("payload")))
             constants = constants._replace(cell=constants.cell._replace(payload=payload))
         return kernel, constants
@@ -125,7 +122,7 @@ class RunBlock:
 
     def references(self, desired: Desired) -> list[ArmReference]:
         """Return the reference of each arm at a tick."""
-        rows = self.shape.rows
+        rows = self.constants.sensors.rows
         twist, acceleration = traced(rows.select(desired.twist)), traced(rows.select(desired.acceleration))
         return [
             ArmReference(desired.pose, twist, acceleration, traced(rows.select(wrench)))

@@ -88,7 +88,7 @@ class CellNumbers(NamedTuple):
         """Return the rows of world six-vectors that are not zero by structure for every motion of the cell.
 
         Args:
-            q: joint positions of each arm, traced, shape (n,) each.
+            q: Joint positions of each arm, traced, shape (n,) each.
         """
         S = np.hstack([frames(arm, own).S for arm, own in zip(self.arms, q, strict=True)])
         return [row for row in range(6) if any(isinstance(x, Traced) or x != 0.0 for x in S[row])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,6 +72,8 @@ class RunConstants(NamedTuple):
         sensors: sensors of all arms.
         drives: drives of all arms.
         instants: surroundings of the payload from each instant of events on.
+        changes_payload: whether events change the payload.
+        pushes: whether events push the payload.
         controller: controller of all arms.
     """
 
@@ -79,7 +82,21 @@ class RunConstants(NamedTuple):
     sensors: CellSensors
     drives: CellDrives
     instants: tuple[Surroundings, ...]
+    changes_payload: bool
+    pushes: bool
     controller: Any
+
+    def view(
+        self, angles: Sequence[Numbers], index: int, measured: Numbers | None = None
+    ) -> PayloadKinematics:
+        """Return payload pose and Jacobian by an arm's own kinematics.
+
+        Args:
+            angles: True joint angles of each arm, shape (k,) each.
+            index: Index of the arm.
+            measured: Measured joint angles of the arm, shape (k,); the true ones when omitted.
+        """
+        return self.arms[index].view(self.sensors.rows, angles[index] if measured is None else measured)
 
 
 class Start(NamedTuple):
@@ -106,12 +123,15 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     Raises:
         TracingError: an arm is no serial chain.
     """
+    payload, events = scenario.cell.payload, scenario.events
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
         arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         instants=instants(scenario, run),
+        changes_payload=any(event.apply(payload) is not payload for event in events),
+        pushes=any(event.push_at(event.time) is not None for event in events),
         controller=run.controller,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import run_constants, start
-from coop_pin.batch.signals import RunShape, columns, desired_of, first_of, run_signals
+from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
@@ -33,7 +33,6 @@ class PreparedPlant:
         constants: numbers of the first run, the controller's last.
         values: leaves of the constants, the controller's apart.
         start: initial state of the runs.
-        shape: shape of the runs.
         desired: desired motion and squeeze at all ticks.
         example: signals of a tick.
         table: quantities of the runs.
@@ -56,8 +55,8 @@ class PreparedPlant:
         self.models = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
         self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
         others = self.constants._replace(controller=None)
-        self.values, self.shape = leaves(others), RunShape.of(scenario)
-        self.kind = structure(others), self.shape, tuple(scenario.cell.arms), _times(scenario)
+        self.values = leaves(others)
+        self.kind = structure(others), tuple(scenario.cell.arms), _times(scenario)
         self.desired = desired_of(self.run)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         drawn = run_signals(scenario, self.desired, self._joints)

@@ -76,7 +76,7 @@ class RunSamples(Mapping[str, Any]):
         """Return the extremes in time of what metrics and trust need no more of, as one or two samples.
 
         Args:
-            allowed: condition number; of runs that keep below it, upper bounds are given, which cost little.
+            allowed: Condition number; of runs that keep below it, upper bounds are given, which cost little.
         """
         errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
         is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)

@@ -30,14 +30,14 @@ class RunProgram:
         """Trace and order the kernels.
 
         Args:
-            first: a batch whose first run has the numbers that fold.
-            differs: leaves of the constants that are inputs.
-            is_loaded: entries of the signals that are inputs.
+            first: Batch whose first run has the numbers that fold.
+            differs: Leaves of the constants that are inputs.
+            is_loaded: Entries of the signals that are inputs.
         """
         plant, signals = first.plants[0], first.signals[0]
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
-        self._block = RunBlock(plant.shape, plant.constants, plant.start, differs, split, plant.read)
+        self._block = RunBlock(plant.constants, plant.start, differs, split, plant.read)
         self._differs, kernels = differs, TickCode(self._block).kernels()
         schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
         self.uniforms, block = np.array(schedule.rows), self._block

@@ -147,10 +147,10 @@ class SerialArm(NamedTuple):
         """Return the arm of some joints of a Pinocchio model.
 
         Args:
-            model: the tree.
-            joints: from base to tip.
+            model: Tree of the arm.
+            joints: Indices of its joints from base to tip.
             X_JP: pose of P in the last joint's frame.
-            last: inertia that the last joint carries.
+            last: Inertia that the last joint carries.
 
         Raises:
             TracingError: the joints are no serial chain, or one of them has more than one degree of freedom.

@@ -11,52 +11,6 @@ from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
-from coop_pin.spatial.task_rows import TaskRows
-
-
-class RunShape(NamedTuple):
-    """What runs of one program share besides numbers.
-
-    Attributes:
-        rows: task rows of the cell.
-        delay: ticks of transport of the internal wrench; None without a force path.
-        wrist_delays: delay of each arm's wrist sensor, ticks, 0 without one; None if no arm has one.
-        has_wrist: whether each arm measures its wrench.
-        has_encoders: whether each arm's drives are not measured as they are.
-        misses: whether each arm may miss ticks.
-        lags: whether each arm's drives have a lag.
-        changes_payload: whether events change it.
-        pushes: whether events push it.
-    """
-
-    rows: TaskRows
-    delay: int | None
-    wrist_delays: tuple[int, ...] | None
-    has_wrist: tuple[bool, ...]
-    has_encoders: tuple[bool, ...]
-    misses: tuple[bool, ...]
-    lags: tuple[bool, ...]
-    changes_payload: bool
-    pushes: bool
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> RunShape:
-        """Return the shape of a scenario's run."""
-        path, arms = scenario.controller.force_path, list(scenario.cell.arms)
-        payload = scenario.cell.payload
-        sensors, actuators = map(scenario.sensors_of, arms), list(map(scenario.actuators_of, arms))
-        wrists, are_ideal = zip(*((own.wrist, own.joints_are_ideal) for own in sensors), strict=True)
-        return cls(
-            rows=scenario.cell.task_rows,
-            delay=path.delay if path.measures else None,
-            wrist_delays=tuple(wrist.delay if wrist else 0 for wrist in wrists) if any(wrists) else None,
-            has_wrist=tuple(wrist is not None for wrist in wrists),
-            has_encoders=tuple(not is_ideal for is_ideal in are_ideal),
-            misses=tuple(own.missed_ticks > 0.0 for own in actuators),
-            lags=tuple(own.lag > 0.0 for own in actuators),
-            changes_payload=any(event.apply(payload) is not payload for event in scenario.events),
-            pushes=any(event.push_at(event.time) is not None for event in scenario.events),
-        )
 
 
 class Desired(NamedTuple):

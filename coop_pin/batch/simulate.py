@@ -177,8 +177,8 @@ class BatchSimulator:
         """Return code for a batch; it is compiled anew only when further numbers differ.
 
         Args:
-            first: first run of the batch.
-            prepared: batch.
+            first: First run of the batch.
+            prepared: Batch.
 
         Raises:
             TracingError: the runs cannot be traced.

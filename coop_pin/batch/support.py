@@ -76,10 +76,10 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
     """Return successive ticks of all arms under a controller, at random states near the start."""
     rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
-    begun, sensors, rows = start(scenario, run), constants.sensors, scenario.cell.task_rows
+    begun, sensors = start(scenario, run), constants.sensors
     sizes = [len(arm.drive) for arm in constants.arms]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
-    signals, seen, state = SensorSignals(scenario, sizes).rows(), None, None
+    signals, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
     for tick in range(_TICKS):
         time = tick * scenario.clock.period
         references, angles = run.references(time), split(begun.q + _SPREAD * rng.normal(size=sum(sizes)))
@@ -87,17 +87,15 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             time=time,
             angles=angles,
             rates=split(_SPREAD * rng.normal(size=sum(sizes))),
+            torques=split(np.zeros(sum(sizes))),
             saturated=split(rng.random(sum(sizes)) < _SATURATED),
             wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
             R_WP=np.eye(3),
             signals=next(signals),
         )
-        views = [
-            lambda measured, arm=arm, q=q: arm.view(rows, q if measured is None else measured)
-            for arm, q in zip(constants.arms, angles, strict=True)
-        ]
-        seen = sensors.start(truth, views, references) if seen is None else seen
-        measurements, seen = sensors.step(seen, truth, views)
+        view = partial(constants.view, angles)
+        sensed = sensors.start(truth, view, references) if sensed is None else sensed
+        measurements, sensed = sensors.step(sensed, truth, view)
         first = [
             each._replace(holding_torque=torque)
             for each, torque in zip(measurements, split(begun.holding), strict=True)

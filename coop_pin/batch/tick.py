@@ -14,13 +14,12 @@ import numpy as np
 from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.block import RunBlock
 from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
-from coop_pin.batch.constants import ArmConstants, RunConstants
+from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.law_code import only_tracing_errors
 from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
-from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState, TorqueResponse
 from coop_pin.simulation.sensing import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
@@ -36,7 +35,7 @@ class TickCode:
     """Kernels of the runs of a block."""
 
     def __init__(self, block: RunBlock) -> None:
-        self._block, self._shape = block, block.shape
+        self._block = block
         self._functions = SharedFunctions()
         self._sensors: Any = None
         self._law: Any = None
@@ -52,7 +51,7 @@ class TickCode:
 
     def _plant(self, kernel: Kernel, constants: RunConstants) -> PlantNumbers:
         """Return the numbers of the plant with the present push."""
-        external = kernel.read("external") if self._shape.pushes else np.zeros(6)
+        external = kernel.read("external") if constants.pushes else np.zeros(6)
         return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
 
     def _motion(self, kernel: Kernel, constants: RunConstants) -> tuple[CellMotion, list[Number]]:
@@ -66,7 +65,7 @@ class TickCode:
         kernel, constants = self._block.kernel("start")
         signals, weight = self._block.signals_at(kernel), constants.cell.payload.mass * constants.cell.gravity
         references = self._block.references(signals.desired)
-        truth, views = self._truth(kernel, constants, signals)
+        truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
             load = np.concatenate((weight, np.zeros(3)))
             loads = np.stack([share * load for share in constants.sensors.shares])
@@ -74,8 +73,8 @@ class TickCode:
             truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
             kernel.write("wrenches", loads)
             kernel.write("R_WP", R_WP)
-        self._sensors = constants.sensors.start(truth, views, references)
-        measurements, _ = constants.sensors.step(self._sensors, truth, views)
+        self._sensors = constants.sensors.start(truth, view, references)
+        measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = self._block.split(kernel.read("holding"))
         with only_tracing_errors():
             self._law = constants.controller.init(
@@ -91,18 +90,21 @@ class TickCode:
         self._guard(kernel, [])
         return kernel
 
-    def _truth(
-        self, kernel: Kernel, constants: RunConstants, signals: RunSignals
-    ) -> tuple[Truth, list[View]]:
+    def _truth(self, kernel: Kernel, constants: RunConstants, signals: RunSignals) -> tuple[Truth, View]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
-        names = ("q", "v", "saturated")
-        q, v, saturated = (self._block.split(kernel.read(name)) for name in names)
-        wrenches, R_WP = kernel.read("wrenches"), kernel.read("R_WP")
-        truth = Truth(signals.desired.time, q, v, saturated, wrenches, R_WP, signals.sensors)
-        return truth, [partial(self._view, *pair) for pair in zip(constants.arms, q, strict=True)]
-
-    def _view(self, arm: ArmConstants, angles: Numbers, measured: Numbers | None) -> PayloadKinematics:
-        return arm.view(self._shape.rows, angles if measured is None else measured)
+        names = ("q", "v", "torque", "saturated")
+        q, v, torques, saturated = (self._block.split(kernel.read(name)) for name in names)
+        truth = Truth(
+            time=signals.desired.time,
+            angles=q,
+            rates=v,
+            signals=signals.sensors,
+            torques=torques,
+            saturated=saturated,
+            wrenches=kernel.read("wrenches"),
+            R_WP=kernel.read("R_WP"),
+        )
+        return truth, partial(constants.view, q)
 
     def _weigh(self) -> Kernel:
         """Return the kernel before a later tick: what wrist sensors and force path sense."""
@@ -126,12 +128,11 @@ class TickCode:
             command = constants.controller.step(measurements, self._block.references(signals.desired), law)
             kernel.write("law", command.state)
         commanded = [traced(torque) for torque in command.torques]
-        weights = [partial(self._weight, kernel, constants, index) for index in range(len(commanded))]
         applied, drives = constants.drives.step(
             self._drives(kernel),
             commanded,
             signals.missed,
-            weights,
+            partial(self._weight, kernel, constants),
             kernel.uniform("gives"),
             kernel.uniform("s"),
         )
@@ -213,9 +214,9 @@ class TickCode:
         """Return the kernel of an instant of events: the payload and the push from then on."""
         kernel, constants = self._block.kernel(f"event_{index}")
         instant = constants.instants[index]
-        if self._shape.pushes:
+        if constants.pushes:
             kernel.write("external", instant.push)
-        if self._shape.changes_payload:
+        if constants.changes_payload:
             motion, _ = self._motion(kernel, constants)
             after = constants.cell._replace(payload=instant.payload)
             gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)

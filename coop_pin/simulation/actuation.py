@@ -136,7 +136,7 @@ class ArmDrives(NamedTuple):
     misses: bool
 
     def step(
-        self, last: Array, command: Array, missed: Array, weight: Callable[[], Array]
+        self, last: Array, command: Array, missed: Array, weight: Array | None
     ) -> tuple[tuple[Array, Array, Mask], Array]:
         """Return the torque asked for, that within the limits, and where it was cut; and the last command.
 
@@ -144,11 +144,11 @@ class ArmDrives(NamedTuple):
             last: Last command that arrived, N m, shape (k,).
             command: Command of this tick, likewise.
             missed: Whether it is missed, a mask.
-            weight: Returns T^-T g(q), N m, shape (k,).
+            weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
         """
         if self.misses:
             last = command = np.where(missed, last, command)
-        requested = command if self.carried is None else command + self.carried * weight()
+        requested = command if weight is None else command + weight
         torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
         return (requested, torque, frozen(np.not_equal(torque, requested))), last
 
@@ -183,7 +183,7 @@ class CellDrives(NamedTuple):
         state: DriveState,
         commanded: Sequence[Array],
         missed: Array,
-        weights: Sequence[Callable[[], Array]],
+        weight: Callable[[int], Array],
         gives: Sequence[float],
         s: float,
     ) -> tuple[Applied, DriveState]:
@@ -193,13 +193,14 @@ class CellDrives(NamedTuple):
             state: State after the tick before.
             commanded: Torques by the controller, N m, shape (k,) each.
             missed: Masks, whether each arm misses the tick, shape (m,).
-            weights: Functions that return T^-T g(q) of each arm, N m, shape (k,).
+            weight: Function that returns T^-T g(q) of an arm by its index, N m, shape (k,).
             gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
             s: Time since the tick before, s.
         """
         requested, torques, saturated, last = [], [], [], []
-        for arm, *inputs in zip(self.arms, state.last, commanded, missed, weights, strict=True):
-            (asked, torque, cut), kept = arm.step(*inputs)
+        for index, arm in enumerate(self.arms):
+            carried = None if arm.carried is None else arm.carried * weight(index)
+            (asked, torque, cut), kept = arm.step(state.last[index], commanded[index], missed[index], carried)
             requested.append(asked)
             torques.append(torque)
             saturated.append(cut)
@@ -285,7 +286,7 @@ class Actuation:
         commands = []
         for index, arm in enumerate(self.drives.arms):
             torque = self._holding_torque(index, q)
-            carried = 0.0 if arm.carried is None else arm.carried * self._weight(index, q)
+            carried = 0.0 if arm.carried is None else arm.carried * self._weight(q, index)
             commands.append(frozen(torque - carried))
         return commands
 
@@ -306,13 +307,12 @@ class Actuation:
             largest = float(np.abs(torque).max())
             if not largest < TORQUE_LIMIT:  # also catches NaN
                 raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, TORQUE_LIMIT)
-        weights = [partial(self._weight, index, q) for index in range(len(commanded))]
         since, self._start = time - self._start, time
         applied, self.state = self.drives.step(
             self.state,
             commanded,
             self._missed.draw(1)[0],
-            weights,
+            partial(self._weight, q),
             () if self.is_held else self.gives(time),
             since,
         )
@@ -348,7 +348,7 @@ class Actuation:
         tau = model.inverse_dynamics(q[place.q_slice], rest, rest, self._loads[index])
         return np.asarray(np.linalg.solve(place.drive.T, tau), dtype=np.float64)
 
-    def _weight(self, index: int, q: Array) -> Array:
+    def _weight(self, q: Array, index: int) -> Array:
         """Return T^-T g(q): the arm's weight at its drives, N m, shape (k,)."""
         place, model = self._places[index], self._models[index]
         g = model.nonlinear_effects(q[place.q_slice], np.zeros(model.nv))

@@ -44,9 +44,9 @@ class Plant:
         """Start at rest, without torques.
 
         Args:
-            chain: the cell's closed chain.
+            chain: Closed chain of the cell.
             options: Integrator and projection.
-            q: configuration on the closures, shape (nq,).
+            q: Configuration on the closures, shape (nq,).
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
@@ -84,10 +84,10 @@ class Plant:
         """Return poses, wrenches and energy at n states, with the present payload.
 
         Args:
-            q: configurations, shape (n, nq).
-            v: velocities, shape (n, nv).
-            force: generalised forces of the actuators, N m, shape (n, nv).
-            external: wrenches on the payload about P in world axes, shape (n, 6).
+            q: Configurations, shape (n, nq).
+            v: Velocities, shape (n, nv).
+            force: Generalised forces of the actuators, N m, shape (n, nv).
+            external: Wrenches on the payload about P in world axes, shape (n, 6).
 
         Raises:
             OutOfRangeError: a wrench is not finite.

@@ -112,9 +112,10 @@ class Recorder:
         for name, done in zip(_WORK, plant.work, strict=True):
             kept[name][sample] = done
         for samples, read, entries in self._read:
+            row = samples[sample, ...]
             for entry, value in zip(entries, read(measurements, applied), strict=True):
                 if value is not None:
-                    samples[(sample, *entry)] = value
+                    row[entry] = value
         for jacobians, seen in zip(self._jacobians, measurements, strict=True):
             jacobians[sample] = seen.payload_jacobian
         for index, turned in self._turned.items():

@@ -22,31 +22,38 @@ from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
 from coop_pin.spatial import rotate_vector6, weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
 
-View = Callable[[Array | None], PayloadKinematics]
-"""Payload pose and Jacobian by an arm's own kinematics at measured joint angles; None: the true ones."""
+View = Callable[[int, Array | None], PayloadKinematics]
+"""Payload pose and Jacobian by an arm's own kinematics, at its measured joint angles; None: the true ones."""
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
 
 
-def measurement(view: PayloadKinematics, q: Array, v: Array, **others: Any) -> ArmMeasurement:
+def measurement(
+    view: PayloadKinematics,
+    q: Array,
+    v: Array,
+    time: Any,
+    internal_wrench: Array | None,
+    saturated: Mask,
+    *others: Any,
+    **named: Any,
+) -> ArmMeasurement:
     """Return the measurement of an arm.
 
     Args:
         view: Payload pose and Jacobian by its own kinematics.
         q: Measured drive coordinates, rad, shape (k,).
         v: Measured drive velocities, rad/s, shape (k,).
-        others: Remaining fields of the measurement.
+        time: t_k, s.
+        internal_wrench: Measured internal wrench, shape (k_0,); None without a force path.
+        saturated: Mask of the drive torques that were cut, shape (k,).
+        others: Remaining fields of the measurement, in order.
+        named: Remaining fields of the measurement, by name.
     """
     pose, J = view
-    return ArmMeasurement(
-        q=frozen(q),
-        v=frozen(v),
-        payload_pose=frozen(pose),
-        payload_twist=frozen(J.dot(v)),
-        payload_jacobian=frozen(J),
-        **others,
-    )
+    joints = frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
+    return ArmMeasurement(time, *joints, internal_wrench, saturated, *others, **named)
 
 
 class Truth(NamedTuple):
@@ -56,20 +63,22 @@ class Truth(NamedTuple):
         time: t_k, s.
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
-        saturated: which drive torques were cut over the last tick, shape (k,) each.
+        signals: errors of the sensors, and when samples arrive.
+        torques: drive torques that acted from the last tick on, N m, shape (k,) each; zero at the first.
+        saturated: which of them were cut over the last tick, shape (k,) each.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
         R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
-        signals: errors of the sensors, and when samples arrive.
     """
 
     time: Any
     angles: Sequence[Array]
     rates: Sequence[Array]
+    signals: CellSignals
+    torques: Sequence[Array]
     saturated: Sequence[Mask]
     wrenches: Array
     R_WP: Array
-    signals: CellSignals
 
 
 class ArmSensors(NamedTuple):
@@ -86,16 +95,6 @@ class ArmSensors(NamedTuple):
     to_joints: Array
     encoders: Encoders | None
     has_wrist: bool
-
-    def joints(
-        self, state: EncoderState | None, angles: Array, rates: Array, noise: Array, view: View
-    ) -> tuple[tuple[PayloadKinematics, Array, Array], EncoderState | None]:
-        """Return the view of the payload and measured position and velocity of the drives, and the state."""
-        q, v = self.drive.dot(angles), self.drive.dot(rates)
-        if self.encoders is None or state is None:
-            return (view(None), q, v), None
-        (q, v), state = self.encoders.step(state, q, v, noise)
-        return (view(self.to_joints.dot(q)), q, v), state
 
 
 class SensorState(NamedTuple):
@@ -138,12 +137,12 @@ class CellSensors(NamedTuple):
         """Whether anything of the wrenches is measured."""
         return bool(self.wrists) or self.path is not None
 
-    def start(self, truth: Truth, views: Sequence[View], references: Sequence[ArmReference]) -> SensorState:
+    def start(self, truth: Truth, view: View, references: Sequence[ArmReference]) -> SensorState:
         """Return the state before the first tick.
 
         Args:
             truth: What is sensed at the first tick.
-            views: Kinematics of each arm.
+            view: Kinematics of the arms.
             references: References of the first tick, for f_m[0] = f_d as the arms see the payload.
         """
         encoders = tuple(
@@ -153,52 +152,54 @@ class CellSensors(NamedTuple):
         state = SensorState(encoders, self.wrists, None)
         if self.path is None:
             return state
-        seen = [view.pose for (view, _, _), _ in self._joints(state, truth, views)]
+        joints, _ = self._joints(state, truth, view)
         desired = [
-            self.rows.turn(pose, reference.internal_wrench)
-            for pose, reference in zip(seen, references, strict=True)
+            self.rows.turn(seen.pose, reference.internal_wrench)
+            for (seen, _, _), reference in zip(joints, references, strict=True)
         ]
         return state._replace(path=self.path.start(np.stack(desired)))
 
-    def step(
-        self, state: SensorState, truth: Truth, views: Sequence[View]
-    ) -> tuple[list[ArmMeasurement], SensorState]:
+    def step(self, state: SensorState, truth: Truth, view: View) -> tuple[list[ArmMeasurement], SensorState]:
         """Return what the arms measure at a tick, and the state."""
-        joints, encoders = zip(*self._joints(state, truth, views), strict=True)
+        joints, encoders = self._joints(state, truth, view)
         signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
         if wrists:
-            wrists = self._wrists(state, truth, [view.pose for view, _, _ in joints])
+            wrists = self._wrists(state, truth, [seen.pose for seen, _, _ in joints])
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
             internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
             path = self.path.step(path, internal.take(self.rows.indices, axis=1), signals.arrived)
             frozen(path.measured)
-        readings = [
-            frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None
-            for index, arm in enumerate(self.arms)
-        ]
-        seen = [
+        measured = [
             measurement(
-                *own,
-                time=truth.time,
-                saturated=truth.saturated[index],
-                internal_wrench=None if path is None else path.measured[index],
-                internal_wrench_age=signals.age,
-                interaction_wrench=readings[index],
-                interaction_wrench_age=signals.arms[index].wrist_age,
+                seen,
+                q,
+                v,
+                truth.time,
+                None if path is None else path.measured[index],
+                truth.saturated[index],
+                signals.age,
+                frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
+                signals.arms[index].wrist_age,
             )
-            for index, own in enumerate(joints)
+            for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
-        return seen, SensorState(encoders, wrists, path)
+        return measured, SensorState(encoders, wrists, path)
 
-    def _joints(self, state: SensorState, truth: Truth, views: Sequence[View]) -> list[Any]:
-        """Return what ``ArmSensors.joints`` does of each arm."""
-        return [
-            arm.joints(memory, angles, rates, signals.encoder_noise, view)
-            for arm, memory, angles, rates, signals, view in zip(
-                self.arms, state.encoders, truth.angles, truth.rates, truth.signals.arms, views, strict=True
-            )
-        ]
+    def _joints(
+        self, state: SensorState, truth: Truth, view: View
+    ) -> tuple[list[tuple[PayloadKinematics, Array, Array]], tuple[EncoderState | None, ...]]:
+        """Return the view of the payload and measured q and v of each arm, and the memories of encoders."""
+        joints, memories = [], []
+        for index, arm in enumerate(self.arms):
+            q, v = arm.drive.dot(truth.angles[index]), arm.drive.dot(truth.rates[index])
+            angles, memory = None, state.encoders[index]
+            if arm.encoders is not None and memory is not None:
+                (q, v), memory = arm.encoders.step(memory, q, v, truth.signals.arms[index].encoder_noise)
+                angles = arm.to_joints.dot(q)
+            joints.append((view(index, angles), q, v))
+            memories.append(memory)
+        return joints, tuple(memories)
 
     def _wrists(self, state: SensorState, truth: Truth, poses: Sequence[Array]) -> tuple[Wrist, ...]:
         """Return the wrists after a tick."""
@@ -277,6 +278,7 @@ class Sensing:
             path = f"{_path(scenario, place.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, places)
+        self._needs_wrenches = self.sensors.needs_wrenches
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
@@ -285,15 +287,14 @@ class Sensing:
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
         cell, place = self._scenario.cell, self._places[0]
-        free = [frozen(np.zeros(len(place.drive), dtype=bool)) for place in self._places]
-        self._signals = SensorSignals(self._scenario, [len(cut) for cut in free]).rows()
-        loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
-        truth = self._truth(0.0, q, v, free)._replace(wrenches=loads)
+        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._places]
+        free = [frozen(torque > 0.0) for torque in rest]
+        self._signals = SensorSignals(self._scenario, [len(torque) for torque in rest]).rows()
+        loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
-            X_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])
-            truth = truth._replace(R_WP=X_WP[:3, :3])
-        views = self._views(q)
-        measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)
+            R_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
+        truth, view = self._truth(0.0, q, v, rest, free, loads, R_WP), partial(self._view, q)
+        measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
         return [
             seen._replace(holding_torque=frozen(torque * factor))
             for seen, torque, factor in zip(
@@ -301,35 +302,39 @@ class Sensing:
             )
         ]
 
-    def measure(self, time: float, plant: Plant, saturated: Sequence[Mask]) -> list[ArmMeasurement]:
-        """Return the measurements of a later tick; ``saturated`` is that of the tick before."""
-        truth = self._truth(time, plant.q, plant.v, saturated)
-        if self.sensors.needs_wrenches:
-            truth = truth._replace(wrenches=plant.interaction_wrenches())
-        if self.sensors.wrists:
-            truth = truth._replace(R_WP=plant.chain.payload_pose(plant.q)[:3, :3])
-        seen, self._state = self.sensors.step(self._state, truth, self._views(plant.q))
-        return seen
+    def measure(
+        self, time: float, plant: Plant, torques: Sequence[Array], saturated: Sequence[Mask]
+    ) -> list[ArmMeasurement]:
+        """Return the measurements of a later tick; torques and ``saturated`` are those of the tick before."""
+        q = plant.q
+        wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
+        R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
+        truth = self._truth(time, q, plant.v, torques, saturated, wrenches, R_WP)
+        measured, self._state = self.sensors.step(self._state, truth, partial(self._view, q))
+        return measured
 
-    def _truth(self, time: float, q: Array, v: Array, saturated: Sequence[Mask]) -> Truth:
-        """Return what the joint sensors sense.
+    def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
+        """Return what the sensors sense.
 
         Encoders count turns: the angle of a continuous joint starts within half a turn of the posture and
         never jumps.
+
+        Args:
+            time: Time of the tick, s.
+            q: Configuration of the cell, shape (nq,).
+            v: Velocity of the cell, shape (nv,).
+            others: Fields of Truth after the signals.
         """
-        self._angles = [
-            own if place.angles.is_vector else place.angles.near(own, before)
-            for place, before in zip(self._places, self._angles, strict=True)
-            for own in (q[place.q_slice],)
-        ]
+        for index, place in enumerate(self._places):
+            angles = q[place.q_slice]
+            if not place.angles.is_vector:
+                angles = place.angles.near(angles, self._angles[index])
+            self._angles[index] = angles
         rates = [v[place.v_slice] for place in self._places]
-        return Truth(time, self._angles, rates, saturated, _NONE, _NONE, next(self._signals))
+        return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
 
-    def _views(self, q: Array) -> list[View]:
-        """Return the view of each arm in a configuration of the cell."""
-        return [partial(self._view, index, q) for index in range(len(self._places))]
-
-    def _view(self, index: int, q: Array, angles: Array | None) -> PayloadKinematics:
+    def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
         place = self._places[index]
-        own = q[place.q_slice] if angles is None else place.angles.configuration(angles)
-        return self._kinematics[index].view(own)
+        return self._kinematics[index].view(
+            q[place.q_slice] if angles is None else place.angles.configuration(angles)
+        )

@@ -68,13 +68,13 @@ class CellSignals(NamedTuple):
     arrived: Any
     age: Any
 
-    def at(self, index: int) -> CellSignals:
-        """Return the signals of one of the ticks."""
+    def ticks(self) -> Iterator[CellSignals]:
+        """Return the signals of one tick after the other."""
         arms = [
-            ArmSignals(arm[0][index], arm[1][index], *[part.item(index) for part in arm[2:]])
-            for arm in self.arms
+            map(ArmSignals, noise, error, arrived.tolist(), age.tolist())
+            for noise, error, arrived, age in self.arms
         ]
-        return CellSignals(tuple(arms), self.arrived.item(index), self.age.item(index))
+        return map(CellSignals, zip(*arms, strict=True), self.arrived.tolist(), self.age.tolist())
 
 
 class Sampling(NamedTuple):
@@ -159,7 +159,7 @@ class SensorSignals:
         """Yield the signals of one tick after the other."""
         count = 1
         while True:
-            yield from map(self.draw(count).at, range(count))
+            yield from self.draw(count).ticks()
             count = min(2 * count, _LARGEST_BLOCK)
 
     def _arm(self, index: int, ticks: Array) -> ArmSignals:

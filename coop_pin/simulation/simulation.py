@@ -71,7 +71,7 @@ class Simulation:
 
         Args:
             scenario: Scenario to run.
-            controller: it need not be the one that the scenario names.
+            controller: Controller of the cell; it need not be the one that the scenario names.
             plant: Class that computes the motion.
 
         Raises:
@@ -194,7 +194,9 @@ class Simulation:
             self._apply_events(time)
             self.controller_state = self.controller.init(measurements, references)
         else:
-            measurements = self.sensing.measure(time, self.plant, self._applied.saturated)
+            measurements = self.sensing.measure(
+                time, self.plant, self._applied.torques, self._applied.saturated
+            )
             self._apply_events(time)
         command = self.controller.step(measurements, references, self.controller_state)
         self.controller_state = command.state

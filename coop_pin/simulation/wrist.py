@@ -10,6 +10,14 @@ from coop_pin.arrays import Array
 from coop_pin.spatial import rotate_vector6
 
 
+def _delayed(late: Array, sample: Array) -> tuple[Array, Array]:
+    """Return the sample that arrives, and those still on their way, the oldest first."""
+    if not len(late):
+        return sample, late
+    late = np.concatenate((late, sample[None]))
+    return late[0], late[1:]
+
+
 class Wrist(NamedTuple):
     """Samples of a wrist sensor on their way to the controller; signals say when one arrives.
 
@@ -36,9 +44,8 @@ class Wrist(NamedTuple):
             R_WP: Orientation of the payload as the arm's kinematics see it, shape (3, 3).
             arrived: Whether a sample arrives, a mask.
         """
-        sample = rotate_vector6(R_WP, F_P + error_P)
-        late = np.concatenate((self.late, sample[None]))
-        return Wrist(late[1:], np.where(arrived, late[0], self.wrench))
+        sample, late = _delayed(self.late, rotate_vector6(R_WP, F_P + error_P))
+        return Wrist(late, np.where(arrived, sample, self.wrench))
 
 
 class ForcePathState(NamedTuple):
@@ -76,6 +83,5 @@ class ForcePath(NamedTuple):
             internal: Internal wrenches of this tick, shape (m, k_0).
             arrived: Whether a sample arrives, a mask.
         """
-        late, p = np.concatenate((state.late, internal[None])), self.pole
-        filtered = p * state.measured + (1.0 - p) * late[0]
-        return ForcePathState(late[1:], np.where(arrived, filtered, state.measured))
+        (f, late), p, f_m = _delayed(state.late, internal), self.pole, state.measured
+        return ForcePathState(late, np.where(arrived, p * f_m + (1.0 - p) * f, f_m))

@@ -104,7 +104,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             measured = sensing.start(plant.q, plant.v, references)
         else:
             _set_events(simulation, t - beside)
-            measured = sensing.measure(t, plant, [arm.saturated for arm in arms])
+            measured = sensing.measure(t, plant, [arm.tau for arm in arms], [arm.saturated for arm in arms])
         payload = _set_events(simulation, t + beside)
         torques = [tau[: len(slot.drive)] for tau, slot in zip(recorded["torque"][k], slots, strict=True)]
         plant.hold(plant.transmission.torque(torques))
