@@ -87,6 +87,7 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             time=time,
             angles=angles,
             rates=split(_SPREAD * rng.normal(size=sum(sizes))),
+            forces=split(_WRENCH * rng.normal(size=sum(sizes))),
             saturated=split(rng.random(sum(sizes)) < _SATURATED),
             wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
             R_WP=np.eye(3),

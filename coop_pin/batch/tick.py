@@ -66,7 +66,11 @@ class TickCode:
         kernel, constants = self._block.kernel("start")
         signals, weight = self._block.signals_at(kernel), constants.cell.payload.mass * constants.cell.gravity
         references = self._block.references(signals.desired)
+        holding = self._block.split(kernel.read("holding"))
+        self._hold(kernel, constants, holding)
         truth, views = self._truth(kernel, constants, signals)
+        forces = [arm.drive.T.dot(torque) for arm, torque in zip(constants.arms, holding, strict=True)]
+        truth = truth._replace(forces=forces)
         if constants.sensors.wrists:
             load = np.concatenate((weight, np.zeros(3)))
             loads = np.stack([share * load for share in constants.sensors.shares])
@@ -76,7 +80,6 @@ class TickCode:
             kernel.write("R_WP", R_WP)
         self._sensors = constants.sensors.start(truth, views, references)
         measurements, _ = constants.sensors.step(self._sensors, truth, views)
-        holding = self._block.split(kernel.read("holding"))
         with only_tracing_errors():
             self._law = constants.controller.init(
                 [
@@ -95,10 +98,10 @@ class TickCode:
         self, kernel: Kernel, constants: RunConstants, signals: RunSignals
     ) -> tuple[Truth, list[View]]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
-        names = ("q", "v", "saturated")
-        q, v, saturated = (self._block.split(kernel.read(name)) for name in names)
+        names = ("q", "v", "force", "saturated")
+        q, v, forces, saturated = (self._block.split(kernel.read(name)) for name in names)
         wrenches, R_WP = kernel.read("wrenches"), kernel.read("R_WP")
-        truth = Truth(signals.desired.time, q, v, saturated, wrenches, R_WP, signals.sensors)
+        truth = Truth(signals.desired.time, q, v, forces, saturated, wrenches, R_WP, signals.sensors)
         return truth, [partial(self._view, *pair) for pair in zip(constants.arms, q, strict=True)]
 
     def _view(self, arm: ArmConstants, angles: Numbers, measured: Numbers | None) -> PayloadKinematics:

@@ -55,6 +55,8 @@ class Truth(NamedTuple):
         time: t_k, s.
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
+        forces: T^T tau of each arm, tau its drive torques just before the tick, N m, shape (k,) each; before
+            the first tick those that hold the cell.
         saturated: which drive torques were cut over the last tick, shape (k,) each.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
@@ -65,6 +67,7 @@ class Truth(NamedTuple):
     time: Any
     angles: Sequence[Array]
     rates: Sequence[Array]
+    forces: Sequence[Array]
     saturated: Sequence[Mask]
     wrenches: Array
     R_WP: Array
@@ -287,22 +290,25 @@ class Sensing:
         free = [frozen(np.zeros(len(place.drive), dtype=bool)) for place in self._places]
         self._signals = SensorSignals(self._scenario, [len(cut) for cut in free]).rows()
         loads = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
+        holding = [
+            frozen(torque * factor)
+            for torque, factor in zip(self._holding_torques(q), self._holding_factors, strict=True)
+        ]
         truth = self._truth(0.0, q, v, free)._replace(wrenches=loads)
+        truth = truth._replace(
+            forces=[arm.drive.T.dot(torque) for arm, torque in zip(self.sensors.arms, holding, strict=True)]
+        )
         if self.sensors.wrists:
             X_WP = ArmModel.from_cell(cell, place.name).payload_pose(q[place.q_slice])
             truth = truth._replace(R_WP=X_WP[:3, :3])
         views = self._views(q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, views, references), truth, views)
-        return [
-            seen._replace(holding_torque=frozen(torque * factor))
-            for seen, torque, factor in zip(
-                measured, self._holding_torques(q), self._holding_factors, strict=True
-            )
-        ]
+        return [seen._replace(holding_torque=torque) for seen, torque in zip(measured, holding, strict=True)]
 
     def measure(self, time: float, plant: Plant, saturated: Sequence[Mask]) -> list[ArmMeasurement]:
         """Return the measurements of a later tick; ``saturated`` is that of the tick before."""
         truth = self._truth(time, plant.q, plant.v, saturated)
+        truth = truth._replace(forces=[plant.force[place.v_slice] for place in self._places])
         if self.sensors.needs_wrenches:
             truth = truth._replace(wrenches=plant.interaction_wrenches())
         if self.sensors.wrists:
@@ -322,7 +328,7 @@ class Sensing:
             for own in (q[place.q_slice],)
         ]
         rates = [v[place.v_slice] for place in self._places]
-        return Truth(time, self._angles, rates, saturated, _NONE, _NONE, next(self._signals))
+        return Truth(time, self._angles, rates, (), saturated, _NONE, _NONE, next(self._signals))
 
     def _views(self, q: Array) -> list[View]:
         """Return the view of each arm in a configuration of the cell."""
