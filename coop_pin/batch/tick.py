@@ -150,8 +150,11 @@ class TickCode:
         kernel.write("condition_bounds", [_condition_bound(J) for J in jacobians])
         for name, read in self._block.read.items():
             values = read(measurements, applied)
-            absent = np.full(self._block.lanes.slots(name).shape[1:], np.nan)
-            kernel.write(name, [traced(absent if value is None else value) for value in values])
+            absent: Any = np.full(self._block.lanes.slots(name).shape or (1,), np.nan)
+            if len(absent) != len(values):  # of the drives of all arms in one row
+                absent = self._block.split(absent)
+            pairs = zip(absent, values, strict=True)
+            kernel.write(name, [traced(none if value is None else value) for none, value in pairs])
 
     def _weight(self, kernel: Kernel, constants: RunConstants, index: int) -> Numbers:
         """Return T^-T g(q) of an arm, N m, shape (k,)."""
