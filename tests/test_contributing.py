@@ -73,8 +73,7 @@ def test_a_controller_a_metric_a_scenario_and_a_trial_are_added_as_written(tmp_p
         names["trials"],
         out="out/compare",
         duration=0.2,
-        workers=0,
-        quiet=True,
+        execution=cp.Execution(workers=0, quiet=True),
     )
     assert set(table.data["trial"].values) == {"nominal", "half the rate"}
     assert set(table.data["controller"].values) == {"damper", "anchored"}
