@@ -47,22 +47,23 @@ class ArmResponse(NamedTuple):
 
         Y = L^-1 S_k^T,  u = L^-1 (tau - h),  G = Y^T D^-1 Y = S_k M^-1 S_k^T,  b = A_k + Y^T D^-1 u
 
-    the acceleration of the last body is G F + b in the kept rows.
+    the acceleration of the last body is G F + b in the kept rows. Twists, accelerations and subspaces are
+    about the origin of the world, in world axes, linear before angular; k of their six rows are kept.
 
     Attributes:
-        R_WP: orientation of P, shape (3, 3).
-        p_WP: position of P, shape (3,).
-        V: twist of the last body, shape (6,).
-        A: acceleration of the last body for a = 0, less gravity, shape (6,).
-        S: motion subspaces, shape (6, n).
-        L: unit lower triangle, shape (n, n).
-        D_inverse: shape (n,).
-        Y: shape (n, k).
-        u: shape (n,).
-        G: shape (k, k).
-        b: shape (k,).
-        kinetic: energy, J.
-        potential: energy, J.
+        R_WP: Orientation of P, shape (3, 3).
+        p_WP: Position of P, m, shape (3,).
+        V: Twist of the last body, m/s and rad/s, shape (6,).
+        A: Acceleration of the last body for a = 0, less gravity, m/s^2 and rad/s^2, shape (6,).
+        S: Motion subspaces of the joints, shape (6, n).
+        L: Unit lower triangle of the mass matrix, shape (n, n).
+        D_inverse: Inverse diagonal of D, shape (n,).
+        Y: L^-1 S_k^T, shape (n, k).
+        u: L^-1 (tau - h), shape (n,).
+        G: Mobility of the last body in the kept rows, shape (k, k).
+        b: Acceleration of the last body in the kept rows without F, shape (k,).
+        kinetic: Kinetic energy, J.
+        potential: Potential energy, J.
     """
 
     R_WP: Numbers

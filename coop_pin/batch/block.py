@@ -13,6 +13,7 @@ from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import Quantity, shape_of
+from coop_pin.simulation.plant import CHANNELS
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.traced_array import parts, traced
 from coop_pin.tracing.tree import leaves, rebuilt
@@ -71,7 +72,7 @@ class RunBlock:
         m, N, k_0 = len(self._sizes), sum(self._sizes), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         recorded: tuple[tuple[Any, ...], ...] = (
-            *(("q", N), ("v", N), ("work", 3), ("payload_energy",)),
+            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("payload_energy",)),
             *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
             *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
             *(("external", 6), ("jacobians", k_0 * N), ("condition_bounds", m)),
@@ -84,7 +85,7 @@ class RunBlock:
         self.loaded = lanes.size - self.recorded
         others: tuple[tuple[Any, ...], ...] = (
             *(("force", N), ("holding", N), ("drives", len(leaves(start.drives)))),
-            *(("rates", N + 3), ("constants", int(differs.sum())), ("payload", 13)),
+            *(("rates", N + len(CHANNELS)), ("constants", int(differs.sum())), ("payload", 13)),
         )
         for field in others:
             lanes.add(*field)

@@ -64,17 +64,19 @@ class ArmConstants(NamedTuple):
 
 
 class RunConstants(NamedTuple):
-    """Numbers of a run.
+    """Numbers of a run: those that differ between the runs of a batch become inputs of the code, others fold.
+
+    The controller is last, since a plant's numbers are those before it.
 
     Attributes:
-        cell: dynamics of the cell.
-        arms: kinematics and friction of each arm.
-        sensors: sensors of all arms.
-        drives: drives of all arms.
-        instants: surroundings of the payload from each instant of events on.
-        changes_payload: whether events change the payload.
-        pushes: whether events push the payload.
-        controller: controller of all arms.
+        cell: Dynamics of the cell.
+        arms: Kinematics and friction of each arm.
+        sensors: Sensors of all arms.
+        drives: Drives of all arms.
+        instants: Surroundings of the payload from each instant of events on.
+        changes_payload: Whether events change the payload.
+        pushes: Whether events push the payload.
+        controller: Controller of all arms.
     """
 
     cell: CellNumbers

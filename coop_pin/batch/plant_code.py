@@ -63,7 +63,8 @@ def plant_motion(
 ) -> tuple[CellMotion, list[Number]]:
     """Return the motion under the held forces and friction, and its rates.
 
-    The rates are the accelerations of all joints and the powers of CHANNELS.
+    The rates are the accelerations of all joints, then the powers of CHANNELS in their order. A force on the
+    payload that depends on the state belongs into ``cell_motion``, where the pose and twist of P are known.
     """
     sizes = [len(arm.bodies) for arm in plant.cell.arms]
     q, v, forces = (parts(values, sizes) for values in state)

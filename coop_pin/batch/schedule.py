@@ -94,7 +94,7 @@ class Schedule:
             elif block.constants.sensors.needs_wrenches:
                 self._call("weigh", row)
             self._call("tick", row)
-            self._happen(timeline, time)  # the law does not see what happens at its tick
+            self._happen(timeline, time)  # measured and computed before: the law sees it a tick later
             self._call("observe", row)
             if tick % every == 0 or tick == timeline.ticks:
                 self.instructions.append(Instruction(RECORD, -(-tick // every)))

@@ -33,7 +33,13 @@ class Layout:
         self._fields: dict[str, tuple[int, tuple[int, ...]]] = {}
 
     def add(self, name: str, *shape: int) -> None:
-        """Add a field."""
+        """Add a field.
+
+        Raises:
+            ArgumentError: there is one of this name.
+        """
+        if name in self._fields:
+            raise ArgumentError(f"the block has a field {name!r} already; give this one another name")
         self._fields[name] = self.size, shape
         self.size += math.prod(shape)
 
