@@ -131,7 +131,7 @@ def test_a_bias_loads_every_arm_by_its_own_part(name):
 def test_a_lost_sensor_loads_every_arm_by_its_own_part(name):
     """Three and unequal arms: f_i = c_i k_I K gamma (b_i - bbar) (1 / beta + 1 / leak)."""
     errors, scenario, by_rate = held_with_a_bias(name, 8.0, {"sensors.wrist": {"lost": [[5.0, 8.0]]}})
-    leak = scenario.controller.leak_of(next(iter(scenario.cell.arms)))
+    leak = scenario.controller.active_gains["leak"]
     expected = by_rate * (1.0 / rates(scenario)[2] + 1.0 / leak)
     assert_allclose(errors, expected, atol=0.1 * np.linalg.norm(expected[0]))
 
@@ -269,7 +269,7 @@ def test_a_lost_sensor_adds_what_the_leak_leaves():
     gamma, stiffness, beta = rates(scenario)
     error, time = np.linalg.norm(force_error(result), axis=1), result.data.time.values
     anchored = 0.25 * stiffness * gamma * 1e-3 / beta
-    added = 0.25 * stiffness * gamma * 1e-3 / scenario.controller.leak_of("left")
+    added = 0.25 * stiffness * gamma * 1e-3 / scenario.controller.active_gains["leak"]
     before, lost, after = (error[time < end][-1] for end in (8.0, 12.0, 12.0 + 5.0 / beta))
     assert_allclose(before, anchored, rtol=0.02)
     assert_allclose(lost, anchored + added, rtol=0.1)
@@ -302,7 +302,7 @@ def test_two_pandas_carry_on_without_their_sensor(start, end):
     assert_allclose(after, anchored, atol=0.1 * anchored + np.exp(-5.0) * (lost - anchored))
     assert_allclose(later, anchored, rtol=0.02)
     if start > 7.0:
-        leaked = 0.25 * stiffness * gamma * 1e-3 / scenario.controller.leak_of("left")
+        leaked = 0.25 * stiffness * gamma * 1e-3 / scenario.controller.active_gains["leak"]
         assert_allclose(lost, anchored + leaked, rtol=0.1)
         assert_allclose(after, before, rtol=0.1)
 

@@ -92,7 +92,7 @@ def task_inertias(scenario, X_WP):
     cell, rows = scenario.cell, scenario.cell.task_rows
     inertias = []
     for name, arm in cell.arms.items():
-        model = cp.ArmModel.from_cell(cell, name)
+        model = cp.CellArm(cell, name)
         q = cp.solve_ik(model, X_WP, posture=arm.posture)
         J = rows.select(model.payload_jacobian(q))
         inertias.append(np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q), J.T)))

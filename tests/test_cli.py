@@ -296,7 +296,8 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
     assert main(["fields", "adept-paper"]) == 0
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert said["--controller.kind"].endswith(
-        "one of sliding-mode, sliding-mode-redundant, payload-space, user."
+        "one of sliding-mode, sliding-mode-redundant, payload-space, prescribed-performance, leader-follower,"
+        " computed-torque, adaptive, object-impedance, torque-qp, user."
     )
     assert said["--events.1.kind"].endswith("one of payload-change, wrench-pulse.")
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
