@@ -46,6 +46,7 @@ _PUBLIC = {
     "LateForcePath": "coop_pin.control",
     "LineMotion": "coop_pin.reference",
     "LowPassForcePath": "coop_pin.control",
+    "MeanPose": "coop_pin.control",
     "Miscalibration": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",

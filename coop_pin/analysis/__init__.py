@@ -10,6 +10,7 @@ from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
     StepStability,
+    motion_stability,
     sampled_stability,
     start_stability,
     step_stability,
@@ -54,6 +55,7 @@ __all__ = [
     "gain_proposal",
     "loop_stability",
     "maximum_reach",
+    "motion_stability",
     "motion_wrenches",
     "reachability",
     "sampled_stability",

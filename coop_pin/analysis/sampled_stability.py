@@ -8,10 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.reachability import Reachability
 from coop_pin.arrays import Array, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Sensing
 
@@ -36,11 +38,13 @@ class SampledStability(NamedTuple):
             decays if it is below 2.
         rate_hz: the control rate, Hz.
         joints: the joints that move most in that mode, as arm/joint.
+        time: time of the pose at which it is so, s.
     """
 
     value: float
     rate_hz: float
     joints: tuple[str, ...]
+    time: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -50,7 +54,8 @@ class SampledStability(NamedTuple):
     def summary(self) -> str:
         """Return the finding as text, in one line."""
         limit, joints = f"the stability limit {STABILITY_LIMIT:g}", ", ".join(self.joints)
-        hold = f"with zero-order hold at {self.rate_hz:g} Hz"
+        at = f", t = {self.time:.3g} s" if self.time else ""
+        hold = f"with zero-order hold at {self.rate_hz:g} Hz{at}"
         if self.ok:
             return f"T*lambda = {self.value:.3g} is below {limit} {hold}; largest in {joints}"
         rate = (
@@ -115,14 +120,36 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
 
 def start_stability(simulation: Simulation) -> SampledStability:
     """Return the sampled stability of a simulation that has not begun; raises as sampled_stability."""
-    # Laws are linear in the speeds but for bounded signs, which cancel between opposite unit speeds.
-    eigenvalues, modes = _decay(simulation, _torque_of(simulation))
+    return _stability_at(simulation, simulation.plant.q, 0.0)
+
+
+def motion_stability(simulation: Simulation, cell_reach: Reachability) -> SampledStability:
+    """Return the sampled stability where it is least along the motion of a simulation that has not begun.
+
+    At each pose as ``sampled_stability`` at the start, with the law's state of the start: gains that change
+    with time, such as those of a funnel, are those of the pose's time.
+
+    Args:
+        simulation: Simulation of a law.
+        cell_reach: Reachability of its scenario, in which every arm holds the start.
+    """
+    model, reaches = simulation.plant.chain.model, cell_reach.arms
+    lead = CellArm(simulation.scenario.cell, reaches[0].arm)
+    poses = dict[float, Array]()  # of those at t = 0, which lead to the reference, the last
+    for time, *angles in zip(reaches[0].times.tolist(), *(reach.q for reach in reaches), strict=True):
+        poses[time] = model.configuration(angles, lead.payload_pose(angles[0]))
+    along = [_stability_at(simulation, q, time) for time, q in poses.items()]
+    return max(along, key=lambda stability: stability.value)
+
+
+def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
+    """Return the sampled stability at a configuration and a time."""
+    eigenvalues, modes = _decay(simulation, q, _torque_of(simulation, q, time))
     clock = simulation.scenario.clock
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    return SampledStability(
-        float(values[worst]), clock.rate_hz, _fastest_joints(simulation, np.abs(modes[:, worst]))
-    )
+    joints = _fastest_joints(simulation, np.abs(modes[:, worst]))
+    return SampledStability(float(values[worst]), clock.rate_hz, joints, time)
 
 
 def step_stability(simulation: Simulation) -> StepStability:
@@ -132,7 +159,7 @@ def step_stability(simulation: Simulation) -> StepStability:
     coulomb / coulomb_velocity.
     """
     friction, scenario = simulation.plant.transmission.friction, simulation.scenario
-    eigenvalues, modes = _decay(simulation, lambda v: friction(_SLOW * v) / _SLOW)
+    eigenvalues, modes = _decay(simulation, simulation.plant.q, lambda v: friction(_SLOW * v) / _SLOW)
     worst = int(np.argmax(np.abs(eigenvalues)))
     steps = scenario.clock.steps_per_tick
     value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
@@ -140,15 +167,14 @@ def step_stability(simulation: Simulation) -> StepStability:
     return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints)
 
 
-def _decay(simulation: Simulation, torque: Callable[[Array], Array]) -> tuple[Array, Array]:
+def _decay(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> tuple[Array, Array]:
     """Return eigenvalues and modes of D = -d(acceleration)/dv through a torque, with the closures closed."""
-    plant, chain = simulation.plant, simulation.plant.chain.mechanism
-    rest = np.zeros(len(plant.v))
+    chain, rest = simulation.plant.chain.mechanism, np.zeros(len(simulation.plant.v))
 
     def acceleration(v: Array) -> Array:
-        return chain.forward_dynamics(plant.q, rest, torque(v)).acceleration
+        return chain.forward_dynamics(q, rest, torque(v)).acceleration
 
-    speeds = [chain.project_velocity(plant.q, row) for row in np.eye(len(rest))]
+    speeds = [chain.project_velocity(q, row) for row in np.eye(len(rest))]
     return np.linalg.eig(np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds]))
 
 
@@ -159,22 +185,22 @@ def _stability_value(entry: complex) -> float:
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")
 
 
-def _torque_of(simulation: Simulation) -> Callable[[Array], Array]:
-    """Return the controller's generalised force at the start as a function of the velocity.
+def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array], Array]:
+    """Return the controller's generalised force at a pose and time as a function of the velocity.
 
     Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
     """
-    plant, references = simulation.plant, simulation.references(0.0)
-    ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={})
-    holding = simulation.actuation.holding_commands
-    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=holding)
-    at_rest = sensing.start(plant.q, np.zeros(len(plant.v)), references)
-    state = simulation.controller.init(at_rest, references)
+    plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
+    ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
+    state = simulation.controller.init(sensing.start(plant.q, np.zeros(len(plant.v)), start), start)
+    # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
+    speed = simulation.scenario.controller.linear_speed
 
     def torque(v: Array) -> Array:
-        measurements = sensing.start(plant.q, v, references)
+        measurements = [seen._replace(time=time) for seen in sensing.start(q, speed * v, references)]
         command = simulation.controller.step(measurements, references, state)
-        return plant.transmission.torque(simulation.actuation.commanded(command))
+        return plant.transmission.torque(simulation.actuation.commanded(command)) / speed
 
     return torque
 

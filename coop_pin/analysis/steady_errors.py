@@ -23,6 +23,7 @@ _NEEDED = {
     "internal wrench": "the internal wrench",
     "own wrench": "each arm's own wrist wrench",
     "wrenches of all arms": "the wrist wrenches of all arms",
+    "poses of all arms": "the poses and twists that all arms see",
     "states of all arms": "the states of all arms",
     "model": "a model of arms and payload",
     "regressor": "the regressors of arms and payload",
@@ -62,7 +63,8 @@ class SteadyErrors(NamedTuple):
 
     def summary(self) -> str:
         """Return the errors as text."""
-        crossing = f"{self.wrenches} wrenches cross" if self.wrenches else "nothing crosses"
+        none = "poses and twists cross" if "poses" in self.needs else "nothing crosses"
+        crossing = f"{self.wrenches} wrenches cross" if self.wrenches else none
         further = f"with {self.delay:g} more ticks of" if math.isfinite(self.delay) else "at any"
         stable = f"; stable {further} delay" if "wrench" in self.needs else ""
         model = "" if "model" in self.needs or "regressors" in self.needs else ", no model"
@@ -128,7 +130,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         force=force,
         sag=sag,
         product=0.0
-        if law.force_path.measures or "role" in law.needs
+        if law.force_path.measures or {"role", "poses of all arms"} & {*law.needs}
         else max(c * (1.0 - c) for c in shares) * bias * load,
         balanced=balanced,
     )

@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.analysis import suggest
-from coop_pin.arrays import Array
+from coop_pin.analysis import motion_stability, reachability, suggest
+from coop_pin.build_controller import build_controller
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.schema.base import Description
+from coop_pin.simulation import Simulation
 from coop_pin.spatial import weight_wrench
 from coop_pin.user_files import read_toml, read_user_file
 
@@ -25,6 +27,10 @@ _FOLDER = Path(__file__).parent
 GAINS = _FOLDER / "gains.csv"
 """Tuned gains: scenario, controller, field, value, range, budget (runs, duration, seed) and cost."""
 _GAINS_BYTES = 10_000_000
+_T_LAMBDA = 0.85
+"""Largest T lambda of a joint damping along the motion; laws that use it add their pose gain, T gamma."""
+_POSES = 9
+"""Poses along the motion at which T lambda is looked at."""
 
 Controllers = Mapping[str, Any] | Sequence[str]
 """Names of controllers of the table, or descriptions ("module:Class", a table of fields) by name."""
@@ -143,25 +149,52 @@ def _cell_values(scenario: Scenario) -> dict[str, Any]:
     if law.kind != "payload-space":
         law = suggest(scenario).scenario.controller  # proposes no other law
     K = gain_vector(law.gains.sliding_gain, rows.size)
-    damping = _damping(scenario, K)
-    redundant = any(part.size > rows.size for part in damping)
-    # Arms with different numbers of joints share one number.
-    same = len({part.size for part in damping}) == 1
+    redundant = any(len(CellArm(scenario.cell, name).drive) > rows.size for name in scenario.cell.arms)
+    printed = "sliding-mode-redundant" if redundant else "sliding-mode"
+    # Spare joints that turn with the motion have no spring that could follow it: the cell's own law has none.
+    spring = float(np.min(law.posture.stiffness) > 0.0)
     return {
         "sliding": K.tolist(),
         "half": (K / 2.0).tolist(),
         "quarter": (K / 4.0).tolist(),
         "tenth": (K / 10.0).tolist(),
         "fivefold": (5.0 * K).tolist(),
-        "damping": np.max(damping, axis=0).tolist() if same else float(min(part.min() for part in damping)),
+        "damping": _damping(scenario.model_dump_json(), printed, tuple(K)),
         "weight": rows.select(weight_wrench(scenario.cell.payload.mass, scenario.cell.gravity)).tolist(),
-        "printed": "sliding-mode-redundant" if redundant else "sliding-mode",
+        "printed": printed,
+        "posture": law.posture.model_dump(),
+        "spare torque": (40.0 * spring, 8.0),
+        "spare acceleration": (25.0 * spring, 10.0),
+        "spare rate": 4.0 * spring,
     }
 
 
-def _damping(scenario: Scenario, K: Array) -> list[Array]:
-    """Return the diagonal of J^T (K / 2m) J of each arm at the start, N m s/rad, shape (k,)."""
+@functools.lru_cache(maxsize=16)
+def _damping(text: str, printed: str, K: tuple[float, ...]) -> list[float] | float:
+    """Return K_d of the printed law for all arms, with T lambda along the motion at most 0.85.
+
+    The diagonal of J^T (K / 2m) J at the start, the largest of all arms, times one factor; one number where
+    arms have different numbers of joints.
+
+    Args:
+        text: The scenario, as JSON.
+        printed: Kind of law (23) for its arms.
+        K: Gain of the payload-space law on the task rows.
+    """
+    scenario = benchmark_scenario(Scenario.model_validate_json(text))
     cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q = chain.configuration(scenario.start.matrix)
     jacobians = (CellArm(cell, arm.name).task_jacobian(q[arm.q_slice]) for arm in chain.model.arms)
-    return [np.diagonal(J.T @ (K[:, None] * J)) / (2.0 * len(cell.arms)) for J in jacobians]
+    diagonals = [np.diagonal(J.T @ (np.array(K)[:, None] * J)) / (2.0 * len(cell.arms)) for J in jacobians]
+    alike = len({part.size for part in diagonals}) == 1
+    K_d = np.max(diagonals, axis=0) if alike else np.array(min(part.min() for part in diagonals))
+    gains = {"pose_gain": 1.0, "sign_gain": 0.0, "transient_rate": 1.0, "damping_gain": K_d.tolist()}
+    trial = scenario.override({"controller": {"kind": printed, "gains": gains}})
+    damping: list[float] | float = (K_d * min(1.0, _T_LAMBDA / t_lambda(trial))).tolist()
+    return damping
+
+
+def t_lambda(scenario: Scenario) -> float:
+    """Return T lambda of a scenario's law, the largest along the motion."""
+    reach = reachability(scenario, poses=_POSES)
+    return motion_stability(Simulation(scenario, build_controller(scenario)), reach).value

@@ -14,6 +14,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
+from coop_pin.control.mean_pose import MeanPose, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
     PayloadSpaceController,
@@ -53,6 +54,8 @@ __all__ = [
     "LeaderFollowerController",
     "LeaderFollowerGains",
     "LowPassForcePath",
+    "MeanPose",
+    "MeanPoseController",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",

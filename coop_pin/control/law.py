@@ -129,6 +129,11 @@ class Law(Description):
         return False
 
     @property
+    def linear_speed(self) -> float:
+        """Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond which."""
+        return 1.0
+
+    @property
     def user_code(self) -> tuple[str, ...]:
         """Names of the user's classes that the law runs, "module:name"."""
         return ()

@@ -18,6 +18,8 @@ from coop_pin.schema.base import Interval, NotNegative
 from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
 
+_SMALL_PART = 1e-3
+"""Part of a funnel in which its gain counts as constant."""
 _EDGE = 0.99
 """Normalised errors beyond it count as it: a sampled error can jump over the pole of the logarithm at 1."""
 
@@ -111,6 +113,11 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
 
     kind: Literal["prescribed-performance"] = "prescribed-performance"
     gains: PrescribedPerformanceGains = PrescribedPerformanceGains()
+
+    @property
+    def linear_speed(self) -> float:
+        """A small part of the narrowest velocity funnel."""
+        return _SMALL_PART * float(np.min(self.gains.velocity_floor))
 
     def controller_of(
         self, arm: ControlledArm, gains: PrescribedPerformanceGains, scenario: Any

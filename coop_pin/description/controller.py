@@ -12,6 +12,7 @@ from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.interface import ArmController, CellController, DecentralisedController
 from coop_pin.control.law import ControlledArm, DecentralisedLaw, Law, ParametricLaw
 from coop_pin.control.leader_follower import LeaderFollower
+from coop_pin.control.mean_pose import MeanPose
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.prescribed_performance import PrescribedPerformance
 from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
@@ -258,6 +259,7 @@ PackageLaw = (
     SlidingMode
     | RedundantSlidingMode
     | PayloadSpace
+    | MeanPose
     | PrescribedPerformance
     | LeaderFollower
     | ComputedTorque

@@ -28,6 +28,7 @@ al. (2007), eqs. (7)-(12)).
 
 from coop_pin.spatial.internal_wrench import internal_wrenches, load_wrenches
 from coop_pin.spatial.pose import (
+    exp3,
     inverse_pose,
     log3,
     make_pose,
@@ -46,6 +47,7 @@ __all__ = [
     "PlanarRows",
     "PositionalRows",
     "TaskRows",
+    "exp3",
     "internal_wrenches",
     "inverse_pose",
     "load_wrenches",

@@ -133,6 +133,28 @@ def log3(R: Array) -> Array:
     return vector if vector.ndim == 1 else np.moveaxis(vector, 0, -1)
 
 
+def exp3(vector: Array) -> Array:
+    """Return the rotation matrix of a rotation vector, shape (3, 3): the inverse of ``log3``.
+
+    ``R = cos(a) I + sinc(a) [r]x + (1 - cos a) / a^2 r r^T`` with a = |r|, where (1 - cos a) / a^2 is
+    sinc(a / 2)^2 / 2.
+
+    Args:
+        vector: r, rad, shape (3,).
+    """
+    x, y, z = vector.tolist()
+    angle = sqrt(x * x + y * y + z * z)
+    cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    along = np.array(((x * x, x * y, x * z), (x * y, y * y, y * z), (x * z, y * z, z * z)))
+    return np.cos(angle) * np.eye(3) + _sinc(angle) * cross + 0.5 * _sinc(angle / 2.0) ** 2 * along
+
+
+def _sinc(angle: float) -> float:
+    """Return sin(a) / a, 1 at a = 0."""
+    is_small = angle < _SMALL
+    return where(is_small, 1.0, np.sin(angle) / where(is_small, 1.0, angle))
+
+
 def shift_wrench(F_EA: Array, p_BA: Array) -> Array:
     """Return the same wrench with its moment taken about another point.
 
