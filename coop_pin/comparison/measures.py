@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from coop_pin.arrays import Array, rms
+from coop_pin.comparison.controllers import t_lambda
 from coop_pin.results import RunResult
 
 _FROM = 0.4
@@ -40,9 +41,10 @@ def measures(result: RunResult) -> dict[str, float]:
 
 
 def tuning_cost(result: RunResult) -> dict[str, float]:
-    """Return the cost of a run: its tracking error in mm and internal-force error in N, added."""
+    """Return T lambda of a run and its cost: its tracking error, mm, and internal-force error, N, added."""
     found = measures(result)
-    return {"cost": found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])}
+    cost = found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])
+    return {"cost": cost, "t_lambda": t_lambda(result.scenario)}
 
 
 def _rms(values: Array) -> float:

@@ -39,7 +39,8 @@ def tune_controllers(
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
     of its gains, each run in the nominal trial and in that with noise, with a seed that the comparison does
-    not use. A controller of which no run finishes has no rows.
+    not use; gains whose T lambda exceeds 1 along the motion are not taken. A controller of which no run
+    finishes has no rows.
 
     Args:
         scenarios: scenarios, or their names or paths.
@@ -71,6 +72,7 @@ def tune_controllers(
                     law,
                     ranges[name],
                     minimize="cost",
+                    subject_to="t_lambda<1",
                     metrics=[tuning_cost],
                     cases=trials,
                     out=Path(out) / folder,

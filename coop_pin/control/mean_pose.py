@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,7 +16,6 @@ from coop_pin.control.interface import (
     ArmReference,
     CellCommand,
     CellController,
-    DecentralisedController,
 )
 from coop_pin.control.law import ControlledArm
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
@@ -46,7 +47,7 @@ class MeanPoseController(CellController):
 
     needs: ClassVar[tuple[str, ...]] = ("poses of all arms",)
 
-    laws: DecentralisedController
+    laws: CellController
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
@@ -63,12 +64,16 @@ class MeanPoseController(CellController):
 
 def _agreed(measurements: Sequence[ArmMeasurement], X_d: Array) -> list[ArmMeasurement]:
     """Return the measurements with the means of all pose errors, put to the desired pose, and twists."""
-    count = float(len(measurements))
-    e = sum(pose_error(seen.payload_pose, X_d) for seen in measurements) / count
-    V = sum(seen.payload_twist for seen in measurements) / count
+    e = _mean([pose_error(seen.payload_pose, X_d) for seen in measurements])
+    V = _mean([seen.payload_twist for seen in measurements])
     X = np.zeros_like(X_d)
     X[:3, :3], X[:3, 3], X[3, 3] = exp3(e[3:]).dot(X_d[:3, :3]), X_d[:3, 3] + e[:3], 1.0
     return [seen._replace(payload_pose=X, payload_twist=V) for seen in measurements]
+
+
+def _mean(vectors: Sequence[Array]) -> Array:
+    """Return the mean of vectors."""
+    return reduce(add, vectors) / float(len(vectors))
 
 
 class AgreedDirection(SteadyDirection):
@@ -85,7 +90,7 @@ class MeanPose(PayloadSpace):
     Its integral does not leak where no wrench is measured, unless ``gains.leak`` says so.
     """
 
-    kind: Literal["mean-pose"] = "mean-pose"
+    kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
 
     @property
     def needs(self) -> tuple[str, ...]:
