@@ -20,7 +20,7 @@ from coop_pin.batch.law_code import require_agreement as agree
 from coop_pin.batch.law_code import trace_law
 from coop_pin.batch.support import random_ticks
 from coop_pin.build_controller import build_controller
-from coop_pin.control import CellCommand, CellController
+from coop_pin.control import CellCommand, CellController, MeanPose
 from coop_pin.description.controller import PackageLaw
 from coop_pin.errors import TracingError
 from coop_pin.sweeps import SweepPlan
@@ -53,6 +53,10 @@ LAWS = {
             {"controller": ANCHORED["spatial"].replace(payload_mass=2.0, force_path=NO_PATH), **WRIST},
         ),
         ("two-pandas-box", {}),
+    ],
+    "mean-pose": [
+        (cell, {"controller": MeanPose(**ANCHORED[cell].model_dump(exclude={"kind"}))})
+        for cell in ("planar", "spatial")
     ],
     "zeroed at grasp": [
         ("spatial", {"controller.zero_at_grasp": True}),

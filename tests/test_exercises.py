@@ -10,6 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.comparison import controllers_for
+from coop_pin.comparison.trials import benchmark_scenario
 
 FOLDER = Path(__file__).parent.parent / "examples" / "exercises"
 PAGE = (FOLDER.parents[1] / "docs" / "exercises.md").read_text(encoding="utf-8")
@@ -52,74 +54,16 @@ def test_the_force_gain_cancels_in_a_relative_band(solution):
     assert_allclose(fast, [0.83, 0.10, 1.45], rtol=0.02)
 
 
-STORED = {"pose_gain": 7.19894, "sign_gain": 115.522}
-"""Gains of payload-pi on adept-anchored at 4824ca2."""
-
-
-def law(**changes):
-    gains = {"sliding_gain": [800.0, 800.0, 40.0], "anchor_gain": 0.0, "leak": 0.0, "transient_rate": 5.0}
-    saturation = {"kind": "saturation", "width": 10.0}
-    return {"kind": "payload-space", "switching": saturation, "gains": gains | STORED | changes}
-
-
-def run_of(cell, controller, changes, duration):
-    """Position, mm, and internal-force error, N, rms from 0.4 of the run on."""
-    from coop_pin.comparison.trials import benchmark_scenario
-
-    scenario = benchmark_scenario(cp.Scenario.load(cell), duration)
-    result = cp.run(scenario, {"controller": controller} | changes)
-    window = (0.4 * duration, duration)
-    return 1e3 * result.position_rms(window=window), result.internal_force(window=window).force_rms_error
-
-
-def tip_of(cell, bias=1e-3):
-    first = next(iter(cp.Scenario.load(cell).cell.arms))
-    return {f"cell.arms.{first}.calibration_error.tip.xyz": [bias, 0.0, 0.0]}
-
-
-def test_exchanged_poses_cure_a_bias_and_not_friction(solution):
-    """Under 1 mm of bias 0.1 N are left; friction leaves more than the anchored law by a factor of five."""
-    study = solution("mean_pose")
-    mean = study.mean_pose(law())
-    biased = run_of("adept-anchored", mean, tip_of("adept-anchored"), 5.0)
-    assert_allclose(biased, [0.504, 0.105], rtol=0.01)
-    rough = solution("friction").TRIALS["2 N m Coulomb, 3 N m stiction"]
-    _, by_pose = run_of("adept-anchored", mean, rough, 5.0)
-    anchored = law(pose_gain=6.38034, sign_gain=0.53399, anchor_gain=0.0500622, leak=None)
-    anchored |= {"force_path": {"kind": "late"}, "switching": {"kind": "saturation", "width": 0.05}}
-    _, by_wrench = run_of("adept-anchored", anchored, rough, 5.0)
-    assert_allclose([by_pose, by_wrench], [4.03, 0.369], rtol=0.01)
-    assert by_pose > 5.0 * by_wrench
-
-
-@pytest.mark.slow
-def test_exchanged_poses_do_not_drift_in_a_minute(solution):
-    mean = solution("mean_pose").mean_pose(law())
-    _, early = run_of("adept-anchored", mean, tip_of("adept-anchored"), 20.0)
-    position, late = run_of("adept-anchored", mean, tip_of("adept-anchored"), 60.0)
-    assert_allclose([early, position], [0.0787, 0.5], rtol=0.01)
-    assert late < 0.01
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cell", "gains", "expected"),
-    [
-        ("two-pandas-box", (1.01932, 173.616), (0.473, 0.0485)),
-        ("panda-ur5-bar", (1.12452, 163.272), (0.480, 0.0385)),
-        ("three-ur5-plate", (1.00439, 189.11), (0.312, 0.0502)),
-        ("kinova-pair", (1.24677, 198.318), (0.488, 0.0079)),
-        ("five-joint-pair", (7.89657, 197.473), (0.506, 1.14)),
-    ],
-)
-def test_exchanged_poses_in_the_cells_in_space(solution, cell, gains, expected):
-    """With the gains of payload-pi at 4824ca2; the five-joint cell without the spring of its spare joints."""
-    K = cp.Scenario.load(cell).controller.gains.sliding_gain
-    stored = law(pose_gain=gains[0], sign_gain=gains[1], sliding_gain=list(K))
-    if cell == "five-joint-pair":
-        stored["posture"] = {"stiffness": 0.0}
-    mean = solution("mean_pose").mean_pose(stored)
-    assert_allclose(run_of(cell, mean, tip_of(cell), 5.0), expected, rtol=0.02)
+@pytest.mark.parametrize("cell", ["adept-anchored", "kinova-pair"])
+def test_the_mean_pose_law_of_thirty_lines_is_that_of_the_package(solution, cell):
+    scenario = benchmark_scenario(cp.Scenario.load(cell), 0.2)
+    biased = {f"cell.arms.{next(iter(scenario.cell.arms))}.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
+    law = controllers_for(scenario, ["mean-pose"], tuned=False)["mean-pose"]
+    own = solution("mean_pose").mean_pose(
+        law | {"kind": "payload-space", "gains": law["gains"] | {"leak": 0.0}}
+    )
+    torques = [cp.run(scenario, {"controller": each} | biased).data.torque for each in (law, own)]
+    assert_allclose(*torques, rtol=0, atol=1e-9 * float(abs(torques[0]).max()))
 
 
 @pytest.mark.slow

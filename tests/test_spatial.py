@@ -22,7 +22,7 @@ from coop_pin.spatial import (
     task_rows,
 )
 from coop_pin.spatial.generic_numbers import atan2, exp, inverse, require_less, sqrt, where
-from coop_pin.spatial.pose import log3, quaternions, weight_wrench
+from coop_pin.spatial.pose import exp3, log3, quaternions, weight_wrench
 from coop_pin.spatial.task_rows import joint_shortage
 
 law = settings(max_examples=60, deadline=None, derandomize=True)
@@ -272,15 +272,15 @@ def test_an_arm_with_too_few_joints_is_told_of_fewer_rows_if_three_would_do(join
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-12])
-def test_log3_is_the_rotation_vector_at_all_angles(angle):
+def test_log3_and_exp3_are_rotation_vector_and_matrix_at_all_angles(angle):
     """Against scipy's, which goes through a normalised quaternion."""
     rng = np.random.default_rng(5)
     diagonals = 1.0 - np.eye(3)
     for direction in [*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3), *diagonals, *-diagonals]:
         vector = angle * direction / np.linalg.norm(direction)
-        assert_allclose(
-            log3(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=0, atol=1e-15 * (1 + angle)
-        )
+        R = Rotation.from_rotvec(vector).as_matrix()
+        assert_allclose(log3(R), vector, rtol=0, atol=1e-15 * (1 + angle))
+        assert_allclose(exp3(vector), R, rtol=0, atol=1e-15)
 
 
 def test_rotations_have_the_bits_of_scipys_and_many_logs_those_of_each():
