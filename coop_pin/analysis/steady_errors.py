@@ -20,6 +20,8 @@ from coop_pin.model.cell_arm import CellArm
 _LARGEST_DELAY = 200
 """A loop that is stable at this delay, ticks, counts as stable at any."""
 _NEEDED = {
+    "holding torque": "at the start the torque that each drive holds with",
+    "start pose": "the payload's pose at the start",
     "internal wrench": "the internal wrench",
     "own wrench": "each arm's own wrist wrench",
     "wrenches of all arms": "the wrist wrenches of all arms",

@@ -18,7 +18,7 @@ from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_inter
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engines
-from coop_pin.errors import FieldError, FileReadError, NameNotFoundError, ScenarioError
+from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.execution import HERE, SweepEngine
 
@@ -32,14 +32,14 @@ class _Part(NamedTuple):
         folder: folder of the sweep, within that of the comparison.
         scenario: name of the scenario.
         cells: controller and trial of each case.
-        gains: origin of the gains of each controller.
+        labels: class of information and origin of the gains of each controller.
         plan: plan of the sweep.
     """
 
     folder: Path
     scenario: str
     cells: list[tuple[str, str]]
-    gains: Mapping[str, str]
+    labels: Mapping[str, dict[str, str]]
     plan: SweepPlan
 
 
@@ -88,9 +88,12 @@ def compare(
         laws = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
         used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
         base = benchmark_scenario(scenario, duration)
+        labels = {
+            name: {"information": _information(base, law), "gains": used[name]} for name, law in laws.items()
+        }
         tried = _trials(base, trials)
         cells += [(base.name, name, label) for name in laws for label in tried]
-        parts += _parts(base, laws, tried, seeds, used)
+        parts += _parts(base, laws, tried, seeds, labels)
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
     parts = _by_engine(parts, execution)
@@ -134,7 +137,7 @@ def _parts(
     laws: Mapping[str, dict[str, Any]],
     trials: Mapping[str, Trial],
     seeds: int,
-    gains: Mapping[str, str],
+    labels: Mapping[str, dict[str, str]],
 ) -> Iterator[_Part]:
     """Yield the sweeps of a scenario: its cases by whether they are random."""
     for is_random, name in ((False, "fixed"), (True, "random")):
@@ -151,7 +154,15 @@ def _parts(
                 metrics=(measures,),
                 repeats=seeds if is_random else 1,
             )
-            yield _Part(Path(scenario.name, name), scenario.name, list(cases), gains, plan)
+            yield _Part(Path(scenario.name, name), scenario.name, list(cases), labels, plan)
+
+
+def _information(scenario: Scenario, law: dict[str, Any]) -> str:
+    """Return the class of information of a law; "" where the scenario refuses it, and its runs fail."""
+    try:
+        return scenario.override({"controller": law}).controller.information
+    except CoopPinError:
+        return ""
 
 
 def _by_engine(parts: Sequence[_Part], execution: Execution) -> list[_Part]:
@@ -206,7 +217,7 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
     none = pd.Series(np.nan, table.index)  # where every run failed
     trusted = table.get("trustworthy", none).to_numpy(dtype=float).reshape(shape) == 1.0
     values: dict[str, Any] = {
-        "gains": [part.gains[controller] for controller, _ in part.cells],
+        **pd.DataFrame([part.labels[controller] for controller, _ in part.cells]).to_dict("list"),
         "runs": finished.shape[1],
         "finished": finished.sum(axis=1),
         "trustworthy": (finished & trusted).sum(axis=1),

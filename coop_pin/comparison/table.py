@@ -22,8 +22,9 @@ _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Controlle
 <style>body{font:14px sans-serif}table{border-collapse:collapse}
 td,th{padding:2px 8px;text-align:right;white-space:nowrap}td:last-child{text-align:left}
 th{cursor:pointer;position:sticky;top:0;background:#eee}tr:nth-child(even){background:#f7f7f7}</style>
-<p>One row for each scenario, controller and trial: which gains, numbers of runs, finished and trustworthy;
-medians and 95 % intervals of the measures. Click a heading to sort by it; inf is a failed run.</p>
+<p>One row for each scenario, controller and trial: what the law has besides its own arm's joints, which
+gains, numbers of runs, finished and trustworthy; medians and 95 % intervals of the measures.
+Click a heading to sort by it; inf is a failed run.</p>
 TABLE
 <script>
 document.querySelectorAll("th").forEach((head, column) => head.onclick = () => {
@@ -44,9 +45,9 @@ class Comparison:
     Attributes:
         data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count; ``gains`` is "tuned", "untuned" or "given", ``failure`` the
-            first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
-            inf, a cell that was not run nan.
+            ``trustworthy`` count; ``information`` is what the law has besides its own arm's joints,
+            ``gains`` is "tuned", "untuned" or "given", ``failure`` the first failed run's error; dimensions
+            scenario, controller, trial. A failed run has the measure inf, a cell that was not run nan.
     """
 
     def __init__(self, data: xr.Dataset) -> None:
@@ -115,7 +116,21 @@ class Comparison:
             }
             frame = pd.DataFrame(texts, index=self.labels(scenario))
             lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
+            lines += [f"{seen}: {', '.join(names)}" for seen, names in self._classes(scenario).items()]
+            lines.append("")
         return "\n".join(lines + self._failures())
+
+    def information(self, scenario: str) -> list[str]:
+        """Return what each controller has in a scenario besides its own arm's joints."""
+        seen = self.data["information"].sel(scenario=scenario).transpose("controller", "trial").values
+        return [next((name for name in row if isinstance(name, str)), "") for row in seen]
+
+    def _classes(self, scenario: str) -> dict[str, list[str]]:
+        """Return the controllers of each class of information."""
+        classes = dict[str, list[str]]()
+        for name, seen in zip(self.data["controller"].values, self.information(scenario), strict=True):
+            classes.setdefault(seen, []).append(str(name))
+        return classes
 
     def _failures(self) -> list[str]:
         """Return a line for each error of a controller in a scenario, with the trials in which it occurs."""

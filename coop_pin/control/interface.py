@@ -121,7 +121,8 @@ class ArmController(ABC):
 
     Attributes:
         needs: what it uses besides kinematics: "model", "regressor", "own wrench", "internal wrench" (made of
-            every wrist's wrench), "wrenches of all arms", "states of all arms", "role".
+            every wrist's wrench), "wrenches of all arms", "poses of all arms", "states of all arms", "role",
+            "holding torque" and "start pose", both once.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()

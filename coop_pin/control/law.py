@@ -99,6 +99,15 @@ class PostureGains(Description):
         return Posture(arm.posture, stiffness, damping)
 
 
+INFORMATION: Mapping[str, set[str]] = {
+    "internal wrench": {"internal wrench", "wrenches of all arms"},
+    "own wrench": {"own wrench"},
+    "exchanged poses": {"poses of all arms"},
+    "agreed start": {"holding torque", "start pose"},
+}
+"""Classes of what laws measure, the largest first, and the needs that make a law one of them."""
+
+
 class Law(Description):
     """A controller as a scenario states it, and what is asked of every one.
 
@@ -142,6 +151,14 @@ class Law(Description):
     def needs(self) -> tuple[str, ...]:
         """What the law uses besides kinematics in its scenario, in the words of ``ArmController.needs``."""
         return self.measured(self.uses)
+
+    @property
+    def information(self) -> str:
+        """Class of what the law has besides its own arm's joints: "model" with the first of INFORMATION."""
+        needs = {*self.needs}
+        model = ["model"] if needs & {"model", "regressor"} else []
+        seen = [name for name, of in INFORMATION.items() if needs & of][:1]
+        return ", ".join(model + seen) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
         """Return needs without an internal wrench that no force path measures."""
@@ -309,6 +326,10 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     def gains_of(self, arm: str) -> G:
         """Return the gains of one arm."""
         return self.arm_gains.get(arm, self.gains)
+
+    def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
+        """Return needs as of any law, and the start pose where the arms place themselves by it."""
+        return super().measured([*needs, "start pose"] if self.zero_at_grasp else needs)
 
     @abstractmethod
     def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:

@@ -216,9 +216,9 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the internal wrench, else with a payload mass its own."""
-        own = ("own wrench",) if self.payload_mass is not None else ()
-        return self.measured(["internal wrench"]) or own
+        """What the law uses besides kinematics: the holding torque, and the internal or its own wrench."""
+        is_own = self.payload_mass is not None and not self.force_path.measures
+        return self.measured(["holding torque", "own wrench" if is_own else "internal wrench"])
 
     @property
     def active_gains(self) -> dict[str, Any]:
