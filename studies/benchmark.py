@@ -9,36 +9,32 @@ Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NA
 from __future__ import annotations
 
 import argparse
+import csv
+import math
 from pathlib import Path
 from typing import Any
 
 from pages import IMAGES, markdown, save_image, write_block
 
 from coop_pin import Execution, Scenario
-from coop_pin.comparison import BENCHMARK, Comparison, compare, controller_names, standard_trials
-from coop_pin.comparison.controllers import stored_gains
+from coop_pin.comparison import (
+    BENCHMARK,
+    Comparison,
+    compare,
+    controller_names,
+    controllers_for,
+    standard_trials,
+)
+from coop_pin.comparison.controllers import GAINS, stored_gains, t_lambda
+from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.figures import comparison_figure
+from coop_pin.sweeps.dimensions import Span
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
-INFORMATION = {
-    "printed": "blind",
-    "sliding-pid": "blind",
-    "prescribed-performance": "blind",
-    "payload-pd": "agreed start",
-    "payload-pi": "agreed start",
-    "zeroed-leaky": "agreed start",
-    "leader-follower": "own wrench",
-    "anchored": "internal wrench",
-    "computed-torque": "model, internal wrench",
-    "computed-torque-wrong-model": "model, internal wrench",
-    "object-impedance": "model, internal wrench",
-    "torque-qp": "model, internal wrench",
-    "adaptive": "model (regressor), internal wrench",
-    "adaptive-verginis": "model (regressor)",
-}
-"""Class of information of each controller: what it has besides the joints of its own arm."""
+NEAR = 0.05
+"""Gains closer than this part of their range, linear or in logarithms as searched, to an end of it are counted."""
 
 
 def tuned_cells() -> list[str]:
@@ -58,8 +54,42 @@ def text(found: Comparison, duration: float | None) -> str:
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
         f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
-        f" 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n{ranks(found)}"
+        f" 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n{ranks(found)}\n\n"
+        f"{at_ends(list(map(str, found.data['scenario'].values)))}\n\n"
+        "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion; sampled"
+        f" damping holds below 2:\n\n{stability(found)}"
     )
+
+
+def at_ends(cells: list[str]) -> str:
+    """Return how many tuned gains lie near an end of the range that was searched."""
+    with GAINS.open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["scenario"] in cells]
+    places = [place(*(float(row[name]) for name in ("value", "low", "high"))) for row in rows]
+    near = sum(min(each, 1.0 - each) < NEAR for each in places)
+    return f"{near} of {len(rows)} tuned gains lie within {NEAR:.0%} of an end of their range."
+
+
+def place(value: float, low: float, high: float) -> float:
+    """Return where a gain lies in its range, 0 to 1, on the scale of the search."""
+    if Span(low=low, high=high).scale == "log":
+        value, low, high = math.log(value), math.log(low), math.log(high)
+    return (value - low) / (high - low)
+
+
+def stability(found: Comparison) -> str:
+    """Return T lambda along the motion of every controller in every cell, as a table."""
+    names, cells = (
+        list(map(str, found.data["controller"].values)),
+        list(map(str, found.data["scenario"].values)),
+    )
+    columns = []
+    for cell in cells:
+        scenario = benchmark_scenario(Scenario.load(cell))
+        laws = controllers_for(scenario, names)
+        columns.append([f"{t_lambda(scenario.override({'controller': laws[name]})):.2f}" for name in names])
+    rows = zip((f"`{name}`" for name in names), *columns, strict=True)
+    return markdown(("controller", *(f"`{cell}`" for cell in cells)), list(rows))
 
 
 def ranks(found: Comparison) -> str:
@@ -68,10 +98,11 @@ def ranks(found: Comparison) -> str:
     by_force = Comparison(found.data.assign(axial_rms_N=force)).ranks("axial_rms_N")
     by_tracking = found.ranks("tracking_rms_mm")
     runs = found.table.groupby("controller")[["runs", "trustworthy"]].sum()
+    classes = {row["controller"]: row["information"] for _, row in found.table.reset_index().iterrows()}
     rows = [
         (
             f"`{name}`",
-            INFORMATION[str(name)],
+            classes[str(name)],
             interval(row),
             interval(by_force.loc[name]),
             "{trustworthy} of {runs}".format(**runs.loc[name]),

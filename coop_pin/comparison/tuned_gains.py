@@ -17,6 +17,7 @@ from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NothingFeasibleError
 from coop_pin.sweeps import Execution, TuneResult, tune
+from coop_pin.sweeps.dimensions import Span
 from coop_pin.sweeps.execution import HERE
 
 TUNED_SEED = 1000
@@ -38,7 +39,7 @@ def tune_controllers(
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
-    of its gains, each run in the nominal trial and in that with noise, with a seed that the comparison does
+    of its gains, logarithmic in each, run in the nominal trial and in that with noise, with a seed that the comparison does
     not use; gains whose T lambda exceeds 1 along the motion are not taken. A controller of which no run
     finishes has no rows.
 
@@ -70,7 +71,10 @@ def tune_controllers(
             try:
                 result = tune(
                     law,
-                    ranges[name],
+                    {
+                        path: Span(low=low, high=high, scale="log")
+                        for path, (low, high) in ranges[name].items()
+                    },
                     minimize="cost",
                     subject_to="t_lambda<1",
                     metrics=[tuning_cost],
