@@ -28,13 +28,12 @@ from coop_pin.comparison import (
 from coop_pin.comparison.controllers import GAINS, stored_gains, t_lambda
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.figures import comparison_figure
-from coop_pin.sweeps.dimensions import Span
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
 NEAR = 0.05
-"""Gains closer than this part of their range, linear or in logarithms as searched, to an end of it are counted."""
+"""Gains closer to an end of their range than this part of it, in logarithms as searched, are counted."""
 
 
 def tuned_cells() -> list[str]:
@@ -50,14 +49,15 @@ def text(found: Comparison, duration: float | None) -> str:
     length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
     cells = ", ".join(f"`{name}`" for name in found.data["scenario"].values)
     others = ", ".join(f"`{name}`" for name in BENCHMARK if name not in found.data["scenario"].values)
+    tuned, names = (list(map(str, found.data[name].values)) for name in ("scenario", "controller"))
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
         f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
-        f" 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n{ranks(found)}\n\n"
-        f"{at_ends(list(map(str, found.data['scenario'].values)))}\n\n"
-        "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion; sampled"
-        f" damping holds below 2:\n\n{stability(found)}"
+        " 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n"
+        f"{ranks(found)}\n\n{at_ends(tuned)}\n\n"
+        "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion"
+        f" (sampled damping holds below 2):\n\n{stability(names, tuned)}"
     )
 
 
@@ -71,18 +71,12 @@ def at_ends(cells: list[str]) -> str:
 
 
 def place(value: float, low: float, high: float) -> float:
-    """Return where a gain lies in its range, 0 to 1, on the scale of the search."""
-    if Span(low=low, high=high).scale == "log":
-        value, low, high = math.log(value), math.log(low), math.log(high)
-    return (value - low) / (high - low)
+    """Return where a gain lies in its range, 0 to 1, in logarithms."""
+    return math.log(value / low) / math.log(high / low)
 
 
-def stability(found: Comparison) -> str:
-    """Return T lambda along the motion of every controller in every cell, as a table."""
-    names, cells = (
-        list(map(str, found.data["controller"].values)),
-        list(map(str, found.data["scenario"].values)),
-    )
+def stability(names: list[str], cells: list[str]) -> str:
+    """Return T lambda along the motion of controllers with their tuned gains in cells, as a table."""
     columns = []
     for cell in cells:
         scenario = benchmark_scenario(Scenario.load(cell))

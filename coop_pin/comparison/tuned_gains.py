@@ -39,9 +39,9 @@ def tune_controllers(
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
-    of its gains, logarithmic in each, run in the nominal trial and in that with noise, with a seed that the comparison does
-    not use; gains whose T lambda exceeds 1 along the motion are not taken. A controller of which no run
-    finishes has no rows.
+    of its gains, logarithmic in each, run in the nominal trial and in that with noise, with a seed that the
+    comparison does not use. Gains whose T lambda exceeds 1 along the motion are not taken. A controller of
+    which no run finishes has no rows.
 
     Args:
         scenarios: scenarios, or their names or paths.
