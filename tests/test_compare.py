@@ -23,7 +23,7 @@ from coop_pin.comparison import (
     tick_costs,
     tune_controllers,
 )
-from coop_pin.comparison.controllers import stored_gains, tuned_ranges
+from coop_pin.comparison.controllers import stored_gains, t_lambda, tuned_ranges
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
@@ -158,6 +158,8 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
     names = ["payload-pd", "printed"]
+    softer = scenarios[1].override({"controller.gains.sliding_gain": [300.0] * 3 + [8.0] * 3})
+    scenarios = [scenarios[0], softer]
     rows = tune_controllers(
         scenarios,
         names[:1],
@@ -180,6 +182,17 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scen
         controllers_for(scenarios[1], names, gains=gains)
 
 
+def test_gains_beyond_the_sampled_bound_are_not_taken(scenarios, tmp_path):
+    """K of the spatial cell has T lambda over 1 along the motion, whatever the pose gain."""
+    execution = cp.Execution(workers=0, quiet=True)
+    none = tune_controllers(
+        scenarios[1], ["payload-pd"], out=tmp_path, generations=0, duration=0.02, execution=execution
+    )
+    assert none == []
+    law = controllers_for(scenarios[1], ["payload-pd"], tuned=False)["payload-pd"]
+    assert t_lambda(scenarios[1].override({"controller": law})) > 1.0
+
+
 def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
     ranks = table.ranks("tracking_rms_mm")
     values = table.data.tracking_rms_mm.transpose("controller", "scenario", "trial").values.reshape(3, -1)
@@ -198,7 +211,9 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     figure = comparison_figure(table, "planar")
     front, ranks, tracking, force = figure.axes[:4]
     assert front.lines[0].get_xdata().size == len(CONTROLLERS)
-    assert {text.get_text() for text in front.texts} == set(table.labels("planar"))
+    classes = zip(table.labels("planar"), table.information("planar"), strict=True)
+    assert {text.get_text() for text in front.texts} == {f"{name}: {seen}" for name, seen in classes}
+    assert {"blind", "internal wrench", "model, internal wrench"} == set(table.information("planar"))
     order = table.ranks().index.tolist()
     assert [text.get_text() for text in ranks.get_yticklabels()] == order
     assert len(tracking.texts) == len(force.texts) == len(CONTROLLERS) * len(TRIALS)
@@ -328,7 +343,7 @@ def test_costs_are_ratios_and_say_what_a_controller_needs(scenarios):
     assert table.loc["computed-torque", "ratio"] > 1.0
     assert (table["operations"] > 100).tolist() == [True, False, True, False]  # blind laws can be exported
     assert (table["not_counted"] == "").tolist() == [True, False, True, False]
-    wanted = ["nothing", "model, internal wrench", "own wrench, role", "regressor"]
+    wanted = ["holding torque", "model, internal wrench", "own wrench, role", "regressor"]
     assert table["needs"].tolist() == wanted
 
 
