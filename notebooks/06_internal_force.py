@@ -159,47 +159,14 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)
 # all pose errors and twists: the plain PI, $\tau_i = -J_i^\top (c_i K s + Z_i + f_{r,i})$ with one $s$.
 # No wrench is measured.
 
-
 # %%
-class MeanPosePI(cp.CellController):
-    def __init__(self, scenario, gamma=2.0, k_I=5.0, K=(800.0, 800.0, 40.0), kappa=5.0):
-        self.rows, self.T = scenario.cell.task_rows, scenario.clock.period
-        self.c, self.gamma, self.k_I, self.K, self.kappa = (
-            scenario.cell.shares,
-            gamma,
-            k_I,
-            np.array(K),
-            kappa,
-        )
-
-    def surface(self, measurements, references):
-        """s = mean of xtildedot + gamma xtilde over all arms' views."""
-        views = [
-            seen.payload_twist - ref.twist + self.gamma * self.rows.pose_error(seen.payload_pose, ref.pose)
-            for seen, ref in zip(measurements, references, strict=True)
-        ]
-        return np.mean(views, axis=0)
-
-    def init(self, measurements, references):
-        return self.surface(measurements, references), np.zeros((len(measurements), self.rows.size))
-
-    def step(self, measurements, references, state):
-        s_0, Z = state
-        s = self.surface(measurements, references) - s_0 * np.exp(-self.kappa * measurements[0].time)
-        torques = [
-            -seen.payload_jacobian.T
-            @ (c * self.K * s + z + self.rows.turn(seen.payload_pose, ref.internal_wrench))
-            for seen, ref, c, z in zip(measurements, references, self.c, Z, strict=True)
-        ]
-        return cp.CellCommand(torques, (s_0, Z + self.T * self.k_I * np.outer(self.c, self.K * s)))
-
-
+mean_pose = cp.MeanPose(gains=cp.Scenario.load("adept-anchored").controller.gains)
 rough = {"viscous": [1.35, 1.26, 1.215], "coulomb": 2.0, "stiction": 3.0}
 friction = {f"cell.arms.{arm}.friction": rough for arm in ("left", "right")}
 own_views = none | {"controller.gains.leak": 0.0}
 laws = {
     "plain PI, own views": own_views,
-    "plain PI, mean of all views": {"controller": cp.UserController(target="__main__:MeanPosePI")},
+    "mean pose: all views, no wrench": {"controller": mean_pose},
     "anchored": {},
 }
 rows = {}
