@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from coop_pin.control import CellController
@@ -12,26 +10,21 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 
 
-def build_controller(scenario: Scenario, models: Mapping[str, ArmModel] | None = None) -> CellController:
+def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
-
-    Args:
-        scenario: Scenario with the controller.
-        models: Models of its arms, by name, when they are there already.
 
     Raises:
         FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
         NameNotFoundError: a user's module or class does not exist.
     """
-    known = models or {}
-    arms = (controlled_arm(scenario, name, known.get(name)) for name in scenario.cell.arms)
+    arms = (controlled_arm(scenario, name) for name in scenario.cell.arms)
     return scenario.controller.build(scenario, arms)
 
 
-def controlled_arm(scenario: Scenario, name: str, model: ArmModel | None = None) -> ControlledArm:
+def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
     """Return what a law may know of an arm besides measurements."""
     cell, path = scenario.cell, scenario.controller.force_path
-    model = model or ArmModel(cell.arms[name])
+    model = ArmModel(cell.arms[name])
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(
         name=name,

@@ -405,6 +405,29 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert metrics["position_rms_m"] is None  # it did not reach the window
 
 
+COUNTING = """
+from pathlib import Path
+import interrupting
+
+class Law(interrupting.Law):
+    def __init__(self, scenario, arm):
+        with Path("built.txt").open("a") as file:
+            file.write(arm + " ")
+    def step(self, measurement, reference, state):
+        return interrupting.ArmCommand(0.0 * measurement.v, state)
+"""
+
+
+def test_a_controller_is_built_once(tmp_path, monkeypatch):
+    (tmp_path / "interrupting.py").write_text(INTERRUPTING)
+    (tmp_path / "counting_builds.py").write_text(COUNTING)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    words = ["--controller.kind", "user", "--controller.target", "counting_builds:Law", "--duration", "0.1"]
+    assert main(["run", "adept-paper", "--quiet", "--events", "[]", *NUMBERS, *words]) in (0, 3)
+    assert (tmp_path / "built.txt").read_text() == "left right "
+
+
 # ---------------------------------------------------------------- the other commands
 
 

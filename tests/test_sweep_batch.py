@@ -93,6 +93,24 @@ def test_a_law_that_cannot_be_traced_is_not_traced_again_for_the_next_batch(monk
     assert batch_job.run_batch(jobs) == [None]
 
 
+@pytest.mark.parametrize("function", ["prepare", "run_prepared"])
+def test_why_a_batch_breaks_is_told_once_for_all_its_runs(function, monkeypatch, caplog):
+    monkeypatch.setattr(batch_job._simulator, function, lambda *_: 1 / 0)
+    batch_job._warn_once.cache_clear()
+    jobs = [Job("key", scenario, engine="batch") for scenario in map(plan().scenario, range(3))]
+    with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
+        assert batch_job.run_batch(jobs) == [None, None, None]
+    assert len(caplog.records) == 1
+    assert "ZeroDivisionError: division by zero" in caplog.text
+
+
+def test_a_run_that_cannot_start_tells_it_in_its_own_record_only(caplog):
+    far = plan(changes={"start.xyz": [5.0, 0.0, 0.0]}, axes={}).scenario(0)
+    with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
+        assert batch_job.run_batch([Job("key", far, engine="batch")]) == [None]
+    assert not caplog.records
+
+
 # ---------------------------------------------------------------- the choice
 
 

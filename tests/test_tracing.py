@@ -216,6 +216,7 @@ def test_trees_are_read_rebuilt_and_compared_leaf_by_leaf():
         deque([1.0]),
         {1.0},
         1j,
+        np.complex128(1j),
         threading.Lock(),
         np.random.default_rng(0),
     ],

@@ -11,14 +11,13 @@ from coop_pin.arrays import Array
 from coop_pin.batch.constants import run_constants, start
 from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
-from coop_pin.build_controller import build_controller
+from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.model.cell_arm import CellArm
 from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
-from coop_pin.tracing.tree import leaves, structure
+from coop_pin.tracing.tree import flattened, leaves
 
 _PLANT = set(Scenario.model_fields) - {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
 """Fields of a scenario that make the plant; of the controller, its class and force path do."""
@@ -29,10 +28,11 @@ class PreparedPlant:
 
     Attributes:
         run: simulation of the first run, at its start.
-        models: models of the arms, for controllers.
+        arms: numbers of the arms that controllers know.
         constants: numbers of the first run, the controller's last.
         values: leaves of the constants, the controller's apart.
         start: initial state of the runs.
+        begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks.
         example: signals of a tick.
         table: quantities of the runs.
@@ -52,11 +52,13 @@ class PreparedPlant:
         if reason := plant_reason(scenario.plant):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
-        self.models = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
+        self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
         others = self.constants._replace(controller=None)
-        self.values = leaves(others)
-        self.kind = structure(others), tuple(scenario.cell.arms), _times(scenario)
+        self.values, structure = flattened(others)
+        self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
+        self.begins["payload"] = leaves(self.constants.cell.payload)
         self.desired = desired_of(self.run)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         drawn = run_signals(scenario, self.desired, self._joints)
@@ -98,10 +100,10 @@ class Prepared(NamedTuple):
             TracingError: the run cannot be in a batch.
             CoopPinError: the run cannot start.
         """
-        controller = build_controller(scenario, plant.models)
-        values = np.array([[*plant.values, *leaves(controller)]], dtype=np.float64)
-        kind = plant.kind, structure(controller)
-        return cls([scenario], [plant], [plant.signals(scenario)], values, kind)
+        controller = scenario.controller.build(scenario, plant.arms)
+        numbers, structure = flattened(controller)
+        values = np.array([[*plant.values, *numbers]], dtype=np.float64)
+        return cls([scenario], [plant], [plant.signals(scenario)], values, (plant.kind, structure))
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:

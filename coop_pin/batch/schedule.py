@@ -9,13 +9,11 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.block import RunBlock, SignalSplit
-from coop_pin.batch.constants import Start
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.tick import TickCode
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
-from coop_pin.tracing.tree import leaves
 
 
 class RunProgram:
@@ -49,9 +47,8 @@ class RunProgram:
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, given in (
-            *((name, [leaves(getattr(plant.start, name)) for plant in plants]) for name in Start._fields),
+            *((name, [plant.begins[name] for plant in plants]) for name in plants[0].begins),
             ("constants", prepared.values[:, self._differs]),
-            ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
             ("is_valid", np.ones((count, 1))),
         ):
             block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T

@@ -178,9 +178,16 @@ class CellChain:
             external: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        return self.unchecked_wrenches(q, v, tau, as_array("external", external, 6))
+
+    def unchecked_wrenches(self, q: Array, v: Array, tau: Array, external: Array) -> Array:
+        """Return the interaction wrenches of arguments that are valid arrays, as those of a plant at a tick.
+
+        Raises:
+            OutOfRangeError: a wrench is not finite.
+        """
         frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
-        wrenches = self._wrenches(frames, as_array("external", external, 6))
-        return require_finite("the interaction wrenches", wrenches)
+        return require_finite("the interaction wrenches", self._wrenches(frames, external))
 
     def observe(self, q: Array, v: Array, tau: Array, external: Array) -> Observation:
         """Return poses, wrenches and energy at n states.

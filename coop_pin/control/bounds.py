@@ -12,6 +12,7 @@ from coop_pin.errors import OutOfRangeError
 _BISECTIONS = 50
 
 
+@cache
 def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
     """Return the force gain K_f at which sampled internal-force feedback goes unstable.
 

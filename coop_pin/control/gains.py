@@ -88,6 +88,6 @@ class Gains(Description):
             FieldError: a gain has a wrong number of entries.
         """
         sizes = dict.fromkeys(self.on_rows, rows) | dict.fromkeys(self.on_drives, drives)
-        array, fields = gain_matrix if self.are_matrices else gain_vector, dict(self)
-        arrays = {name: array(fields[name], size, f"{path}.{name}") for name, size in sizes.items()}
+        array = gain_matrix if self.are_matrices else gain_vector
+        arrays = {name: array(getattr(self, name), size, f"{path}.{name}") for name, size in sizes.items()}
         return self.model_copy(update=arrays)

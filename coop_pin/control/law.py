@@ -247,8 +247,8 @@ class ParametricLaw(Law, Generic[G]):
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
-        gains = [dict(self.gains_of(name)) for name in cell.arms]
-        largest = {name: max(g.get(name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")}
+        gains = [self.gains_of(name) for name in cell.arms]
+        largest = {name: max(getattr(g, name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")}
         return sampled_loop(self.force_path, cell.wrists, cell.lag)._replace(**largest)
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
@@ -375,8 +375,8 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
         """Return the gains that differ between arms although the theory needs one value for all."""
         problems: list[FieldError] = []
         for field, reason in self.equal_gains.items():
-            values = {name: dict(self.gains_of(name))[field] for name in arms}
-            if not all(np.array_equal(value, values[arms[0]]) for value in values.values()):
+            values = {name: getattr(self.gains_of(name), field) for name in arms}
+            if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"
                 problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
         return problems

@@ -99,7 +99,7 @@ class Plant:
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
-        return self.chain.interaction_wrenches(self.q, self.v, self.generalised_force(), self.external)
+        return self.chain.unchecked_wrenches(self.q, self.v, self.generalised_force(), self.external)
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""

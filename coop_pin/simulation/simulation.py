@@ -93,7 +93,7 @@ class Simulation:
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
         self._payload: Payload = scenario.cell.payload
-        self._grasps = scenario.cell.grasps
+        self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
         self._applied: Applied | None = None
         self._replaced: list[str] = []
 
@@ -216,7 +216,7 @@ class Simulation:
         return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
 
     def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
-        rows = self.scenario.cell.task_rows
+        rows = self._rows
         twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
         return [
             ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench)))

@@ -53,8 +53,10 @@ class Timeline:
 
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
-        edges: Iterable[float] = (self._edge(tick, i) for i in range(self._per_tick + 1))
-        if self._instants and (cuts := self._cuts(tick)):
+        start, end, step = self.time(tick), self.time(tick + 1), self._step
+        edges: Iterable[float] = (start + index * step for index in range(self._per_tick))
+        edges = itertools.chain(edges, (end,))
+        if self._instants and (cuts := self._cuts(start, end)):
             edges = heapq.merge(edges, cuts)
         for left, right in itertools.pairwise(edges):
             yield PlantStep(left, right - left)
@@ -87,18 +89,14 @@ class Timeline:
         active = [wrench for wrench in pushes if wrench is not None]
         return np.array(active).sum(axis=0) if active else np.zeros(6)
 
-    def _edge(self, tick: int, index: int) -> float:
-        """Return the end of the index-th whole plant step of a tick, s."""
-        last = index == self._per_tick
-        return self.time(tick + 1) if last else self.time(tick) + index * self._step
-
-    def _cuts(self, tick: int) -> list[float]:
+    def _cuts(self, start: float, end: float) -> list[float]:
         """Return the event times within a tick at which no plant step ends, in order, s."""
-        start, tolerance = self.time(tick), _SAME * self._step
+        tolerance = _SAME * self._step
         cuts: list[float] = []
         for time in self._instants:
-            if start + tolerance < time < self.time(tick + 1) - tolerance:
-                edge = self._edge(tick, min(round((time - start) / self._step), self._per_tick))
+            if start + tolerance < time < end - tolerance:
+                nearest = round((time - start) / self._step)
+                edge = start + nearest * self._step if nearest < self._per_tick else end
                 if min(abs(time - other) for other in (edge, *cuts[-1:])) > tolerance:
                     cuts.append(time)
         return cuts

@@ -12,7 +12,7 @@ from collections.abc import Hashable, Iterator, Sequence
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
 from coop_pin.batch.preparation import Prepared
-from coop_pin.errors import TracingError
+from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate, times
 from coop_pin.sweeps.run_key import require_unchanged
 
@@ -59,30 +59,32 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
 
 @contextlib.contextmanager
 def _left_to_single_runs(job: Job) -> Iterator[None]:
-    """Leave to single runs what fails here; why a law cannot be traced is told once.
-
-    Any other error, of a run that cannot start or of the user's motion, is told by its own run.
-    """
+    """Leave to single runs what fails here, and warn why; a run that cannot start records its own error."""
     try:
         with contextlib.redirect_stdout(sys.stderr):
             yield
     except CtrlC:
         raise
-    except (TracingError, SystemExit, KeyboardInterrupt) as error:  # the last two of a user's controller
-        _tell(f"runs of {job.scenario.name!r} are simulated one by one: {error}")
-    except Exception:
-        return
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # the last two of a user's controller
+        if isinstance(error, TracingError) or not isinstance(error, CoopPinError):
+            _tell(job, error)
+
+
+def _tell(job: Job, error: BaseException) -> None:
+    """Warn that runs like a job are simulated one by one, and why."""
+    reason = str(error) if isinstance(error, CoopPinError) else f"{type(error).__name__}: {error}"
+    _warn_once(f"runs of {job.scenario.name!r} are simulated one by one: {reason}")
 
 
 @functools.lru_cache(maxsize=64)
-def _tell(message: str) -> None:
+def _warn_once(message: str) -> None:
     _LOG.warning("%s", message)
 
 
 def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
 
-    When a batch cannot start, for example for lack of memory, its halves can.
+    When a batch cannot start, for example for lack of memory, its halves can; why a run alone cannot is told.
 
     Args:
         jobs: jobs of the runs.
@@ -99,10 +101,13 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
     except TracingError:
         _untraceable.add(runs[0].kind)
         raise
-    except Exception:
+    except Exception as error:
         half = len(jobs) // 2
-        parts = (slice(half), slice(half, None)) if half else ()
-        return [each for part in parts for each in _together(jobs[part], runs[part], preparation)] or [None]
+        if not half:
+            _tell(jobs[0], error)
+            return [None]
+        parts = slice(half), slice(half, None)
+        return [each for part in parts for each in _together(jobs[part], runs[part], preparation)]
     shared, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
     for index, job in enumerate(jobs):
         if not batch.is_valid[index]:

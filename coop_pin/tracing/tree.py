@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import PurePath
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from coop_pin.tracing.traced_array import inputs, scalar, traced
 
 Tree = TypeVar("Tree")
 
+_NUMBERS = (float, int, np.floating, np.integer, Traced)
+"""Classes of numbers; truth values are none."""
 _CONSTANTS = (bool, np.bool_, str, bytes, type(None), Enum, PurePath, slice)
 """Classes of values without numbers, which runs share."""
 _KINDS_OF_NUMBERS = "iufO"
@@ -42,47 +44,58 @@ class _Kind(NamedTuple):
     make: Callable[[Any, dict[Any, Any]], Any]
 
 
+_NUMBER, _ARRAY, _CONSTANT = (_Kind(lambda _: (), lambda tree, _: tree) for _ in range(3))
+"""Values without parts."""
+
+
 def leaves(tree: Any) -> list[Any]:
-    """Return the numbers of a tree, in order; truth values and texts are no numbers.
+    """Return the numbers of a tree, in order; raises as flattened."""
+    return flattened(tree)[0]
+
+
+def structure(tree: Any) -> Hashable:
+    """Return what two trees must share to differ in their numbers only; raises as flattened."""
+    return flattened(tree)[1]
+
+
+def flattened(tree: Any) -> tuple[list[Any], Hashable]:
+    """Return the numbers of a tree, in order, and its structure; truth values and texts are no numbers.
 
     Raises:
         TracingError: A part of it is no tree.
     """
-    if is_number(tree):
-        return [tree]
-    if isinstance(tree, np.ndarray):
-        return list(tree.ravel().tolist()) if _has_numbers(tree) else []
-    return [leaf for _, part in _read(tree)[1] for leaf in leaves(part)]
+    numbers = list[Any]()
+    return numbers, _flatten(tree, numbers)
+
+
+def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
+    """Append the numbers of a tree to others, and return its structure."""
+    kind = _kind(tree.__class__)
+    if kind is _NUMBER:
+        numbers.append(tree)
+        return float
+    if kind is _ARRAY:
+        if not _has_numbers(tree):
+            return tree.shape, tree.tobytes()
+        numbers += tree.ravel().tolist()
+        return cast(Hashable, tree.shape)
+    if kind is _CONSTANT:
+        return type(tree), repr(tree)
+    return (type(tree), *[(name, _flatten(part, numbers)) for name, part in _parts(tree)])
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
-    if is_number(tree):
+    kind = _kind(tree.__class__)
+    if kind is _NUMBER:
         return next(numbers)
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
         entries = np.empty(tree.size, dtype=object)
         for index in range(tree.size):
             entries[index] = next(numbers)
         return traced(entries.reshape(tree.shape))
-    kind, parts = _read(tree)
-    made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in parts})
+    made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
     return made
-
-
-def structure(tree: Any) -> Hashable:
-    """Return what two trees must share to differ in their numbers only; raises as leaves."""
-    if is_number(tree):
-        return float
-    if isinstance(tree, np.ndarray):
-        return tree.shape if _has_numbers(tree) else (tree.shape, tree.tobytes())
-    if isinstance(tree, _CONSTANTS):
-        return type(tree), repr(tree)
-    return (type(tree), *((name, structure(part)) for name, part in _read(tree)[1]))
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a number, traced or not, but no truth value."""
-    return isinstance(value, (float, Traced, int, np.floating, np.integer)) and not isinstance(value, bool)
 
 
 def require_state(tree: Any) -> None:
@@ -103,8 +116,8 @@ def _has_numbers(array: NDArray[Any]) -> bool:
     return array.dtype.kind in _KINDS_OF_NUMBERS
 
 
-def _read(tree: Any) -> tuple[_Kind, list[tuple[Any, Any]]]:
-    """Return the kind of a tree and its parts by name; none of a value without parts."""
+def _parts(tree: Any) -> list[tuple[Any, Any]]:
+    """Return the parts of a tree by name, which are trees; none of a value without parts."""
     kind = _kind(tree.__class__)
     parts = list(kind.read(tree)) if kind else [("itself", tree)]
     for name, part in parts:
@@ -113,14 +126,18 @@ def _read(tree: Any) -> tuple[_Kind, list[tuple[Any, Any]]]:
                 f"attribute {name!r} of {_name(tree)} is a {_name(part)}, which cannot be traced: it is no"
                 " number, array, text, tuple, list, mapping, dataclass, or object of such attributes"
             )
-    return kind, parts
+    return parts
 
 
 @functools.cache  # the checks of classes cost more than the rest
 def _kind(kind: Any) -> Any:
     """Return the _Kind of the values of a class; None if they are no trees."""
-    if issubclass(kind, (float, int, np.number, Traced, np.ndarray, *_CONSTANTS)):
-        return _Kind(lambda _: (), lambda tree, _: tree)
+    if issubclass(kind, _NUMBERS) and not issubclass(kind, bool):
+        return _NUMBER
+    if issubclass(kind, np.ndarray):
+        return _ARRAY
+    if issubclass(kind, _CONSTANTS):
+        return _CONSTANT
     if issubclass(kind, Description):
         return _Kind(_fields(kind.model_fields), lambda tree, parts: tree.model_copy(update=parts))
     if dataclasses.is_dataclass(kind):
@@ -173,11 +190,11 @@ class SharedFunctions:
             constants: Tree whose numbers fold into the code; those of them that are traced are arguments.
             arguments: Tree whose numbers are arguments.
         """
-        numbers = leaves(constants)
+        (numbers, kind), (given, kind_given) = flattened(constants), flattened(arguments)
         folded = [None if isinstance(number, Traced) else float(number) for number in numbers]
         # Equal robots in one Pinocchio tree differ by rounding.
         rounded = tuple(None if number is None else f"{number:.13e}" for number in folded)
-        key = (function, structure(constants), structure(arguments), rounded)
+        key = (function, kind, kind_given, rounded)
         if key not in self._traced:
             inner = Tape()
             constants = rebuilt(constants, (inputs(inner) if number is None else number for number in folded))
@@ -186,5 +203,5 @@ class SharedFunctions:
             self._traced[key] = Subroutine(name, inner, operands(inner, leaves(result))), result
         subroutine, result = self._traced[key]
         traced_ones = [number for number in numbers if isinstance(number, Traced)]
-        outputs = tape.call(subroutine, operands(tape, [*traced_ones, *leaves(arguments)]))
+        outputs = tape.call(subroutine, operands(tape, [*traced_ones, *given]))
         return rebuilt(result, (scalar(tape, output) for output in outputs))
