@@ -19,5 +19,5 @@ setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
-stage "tests" pytest -n auto -q
+stage "tests" pytest -n auto --dist worksteal -q
 echo "== gate passed"
