@@ -31,7 +31,6 @@ SHORT = {"duration": 0.1, "events": []}
 PLAN = SweepPlan(
     base="adept-paper",
     cases={"law": {"paper": {}, "dead": law("exit"), "wild": {"controller.gains.damping_gain": [3e4] * 3}}},
-    axes={"clock.rate_hz": [80.0, 100.0]},
     changes=SHORT,
 )
 LONG = PLAN.replace(cases={}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 400)})
@@ -158,7 +157,7 @@ def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsew
     assert said.startswith("finished")
     assert "TLS" not in said
     found = SweepResult.load(tmp_path / "there")
-    assert [failure.kind for failure in found.failures] == [*["WorkerDiedError"] * 2, *["DivergedError"] * 2]
+    assert [failure.kind for failure in found.failures] == ["WorkerDiedError", "DivergedError"]
     tame = PLAN.replace(cases={"law": {name: PLAN.cases["law"][name] for name in ("paper", "wild")}})
     quiet = cp.Execution(workers=0, quiet=True)
     here = sweep(tame, out=tmp_path / "here", execution=quiet)

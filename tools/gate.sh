@@ -5,6 +5,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source tools/setup.sh
 
 export MPLBACKEND=Agg
+unset PYTHONDONTWRITEBYTECODE # tests start hundreds of processes, and compiling is a quarter of an import
 export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" # one worker, one core
 
 stage() {
