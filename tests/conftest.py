@@ -18,3 +18,21 @@ def cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder))
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def thinned_once():
+    """Each mesh is thinned once in a process: half of the time of a page with spatial arms."""
+    from coop_pin.viz import cell_scene
+
+    known, thinned = {}, cell_scene.thinned
+
+    def once(mesh, faces):
+        key = mesh.vertices.tobytes(), mesh.faces.tobytes(), faces
+        if key not in known:
+            known[key] = thinned(mesh, faces)
+        return type(mesh)(*known[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cell_scene, "thinned", once)
+        yield
