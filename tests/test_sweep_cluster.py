@@ -265,7 +265,8 @@ def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
         cp.sweep("adept-paper", out=tmp_path, execution=cp.Execution(scheduler=address, quiet=True))
 
 
-def test_a_host_that_is_not_known_is_one_without_a_scheduler(tmp_path):
-    nowhere = Elsewhere("no-such-host.invalid:8786", None, environment(tmp_path, tmp_path))
-    said = nowhere.sweep(PLAN, tmp_path / "out")
-    assert said.startswith("WorkersLostError: there is no dask scheduler at 'no-such-host.invalid:8786'")
+@pytest.mark.parametrize("address", ["no-such-host.invalid:8786", "tcp://127.0.0.1:9"])
+def test_where_no_scheduler_answers_the_error_is_typed(tmp_path, address):
+    nowhere = Elsewhere(address, None, os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    said = nowhere.sweep(EDITED.replace(changes=SHORT), tmp_path / "out")
+    assert said.startswith(f"WorkersLostError: there is no dask scheduler at '{address}'")
