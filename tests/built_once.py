@@ -5,12 +5,15 @@ import os
 import shutil
 
 
+def top_folder(tmp_path_factory):
+    """The temporary folder of a test run, in which each of its workers has a folder of its own."""
+    top = tmp_path_factory.getbasetemp()
+    return top.parent if "PYTEST_XDIST_WORKER" in os.environ else top
+
+
 def built_once(tmp_path_factory, name, build):
     """The folder that ``build(folder)`` fills; a build that fails starts afresh for the next who asks."""
-    top = tmp_path_factory.getbasetemp()
-    top = (
-        top.parent if "PYTEST_XDIST_WORKER" in os.environ else top
-    )  # each worker has a folder of its own there
+    top = top_folder(tmp_path_factory)
     folder, done = top / name, top / f"{name}.done"
     with (top / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -132,8 +132,17 @@ def test_the_arms_benchmark_starts_both_engines_alike(benchmark_module, capsys):
     assert "2 arms: coop_pin" in capsys.readouterr().out
 
 
-def test_the_benchmark_of_the_command_prints_time_of_run_and_tick(benchmark_module, capsys):
-    benchmark_module("bench_run").main(["--rounds", "1", "--duration", "0.05", "--ticks", "4"])
+def test_the_benchmark_of_the_command_prints_time_of_run_and_tick(benchmark_module, capsys, monkeypatch):
+    bench, known = benchmark_module("bench_run"), {}
+
+    def child_once(tree, *words):
+        if words[:2] not in known:  # the first round, which writes bytecode, and the others are the same
+            known[words[:2]] = child(tree, *words)
+        return known[words[:2]]
+
+    child = bench.child
+    monkeypatch.setattr(bench, "child", child_once)
+    bench.main(["--rounds", "1", "--duration", "0.05", "--ticks", "4"])
     printed = capsys.readouterr().out
     assert re.search(r"coop-pin run adept-paper, all files\n .* best +\d+\.\d+ s", printed)
     assert re.search(r"a tick of two-pandas-box, best block\n .* best +\d+\.\d+ us", printed)

@@ -469,6 +469,7 @@ def live_frame(page):
     return frame
 
 
+@pytest.mark.slow
 def test_the_sliders_of_the_live_notebook_change_the_run(lab):
     with browser_page(width=1500, height=1300) as page:
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))

@@ -362,19 +362,21 @@ class Site(NamedTuple):
     pages: dict[Path, Page]
 
 
-def build_site(folder):
+def build_site(folder, tag):
     """As tools/docs.sh does, but for the notebooks, which are run by tests of their own."""
-    options = f"-b html -W --keep-going -n -q -D nb_execution_mode=off -d {folder / 'trees'}".split()
+    options = f"-b html -W --keep-going -n -q -t {tag} -D nb_execution_mode=off -d {folder / 'trees'}".split()
     command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     (folder / "warnings").write_text(done.stderr)
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
+@pytest.fixture(scope="module", params=["draft", pytest.param("full", marks=pytest.mark.slow)])
+def site(request, tmp_path_factory):
+    """All pages; a draft has no pages of source code, and only headings in its tables of contents."""
     pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
-    folder = built_once(tmp_path_factory, "site", build_site)
+    build = functools.partial(build_site, tag=request.param)
+    folder = built_once(tmp_path_factory, f"site-{request.param}", build)
     files = [path.resolve() for path in (folder / "html").rglob("*.html") if "_static" not in path.parts]
     return Site(
         folder / "html",

@@ -8,32 +8,50 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built_once import built_once
 
 FOLDER = Path(__file__).parent.parent / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 
 
-def run(name, folder):
-    """Run an example as a user does, in a folder; return what it prints."""
-    done = subprocess.run(
-        [sys.executable, str(FOLDER / name)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return done.stdout
+ALL = """
+import os, runpy, signal, sys
+from pathlib import Path
+import coop_pin as cp
+
+[getattr(cp, name) for name in cp.__all__]
+out, examples = Path(sys.argv[1]), sys.argv[2:]
+for example in examples:
+    folder = out / Path(example).stem
+    folder.mkdir()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(120)
+        os.chdir(folder)
+        for name, stream in (("stdout", 1), ("stderr", 2)):
+            os.dup2(os.open(out / f"{folder.name}.{name}", os.O_WRONLY | os.O_CREAT), stream)
+        sys.argv, sys.path[0] = [example], str(Path(example).parent)
+        runpy.run_path(example, run_name="__main__")
+        sys.exit()
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    (out / f"{folder.name}.code").write_text(str(code))
+"""
+"""Runs each example in a process and a folder of its own, all forked from one that has imported coop_pin."""
+
+
+def run_all(folder):
+    subprocess.run([sys.executable, "-c", ALL, str(folder), *map(str, EXAMPLES)], check=True)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_and_shows_what_it_promises(path, tmp_path):
-    out = run(path.name, tmp_path)
+def test_an_example_runs_and_shows_what_it_promises(path, tmp_path_factory):
+    folder = built_once(tmp_path_factory, "examples", run_all)
+    code, out, err = ((folder / f"{path.stem}.{kind}").read_text() for kind in ("code", "stdout", "stderr"))
+    assert code == "0", err
+    assert err == ""
     assert out
-    PROMISES[path.stem](out, tmp_path)
+    PROMISES[path.stem](out, folder / path.stem)
 
 
 def metrics_and_files(out, folder):

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import SCENARIOS, SPATIAL_START, planar_scenario, spatial_cell
+from cells import SCENARIOS, SPATIAL_START, planar_scenario, spatial_cell, spatial_scenario
 from numpy.testing import assert_allclose, assert_array_equal
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
@@ -35,6 +35,12 @@ PATIENCE_S = 20.0
 @pytest.fixture(params=SCENARIOS, scope="module")
 def scenario(request):
     return SCENARIOS[request.param]().replace(duration=0.5, events=())
+
+
+@pytest.fixture
+def planar():
+    """A cell without meshes, for what does not depend on the cell: a page with meshes takes a second."""
+    return planar_scenario().replace(duration=0.5, events=())
 
 
 @pytest.fixture
@@ -214,13 +220,12 @@ def test_a_cell_without_determined_moments_has_no_arrows_for_them(scenario):
     assert '"moments": null' in view.page()
 
 
-def test_a_view_opens_for_a_cell_a_scenario_and_a_result(scenario):
-    result = cp.run(scenario)
+def test_a_view_opens_for_a_cell_a_scenario_and_a_result(planar):
     for what in (
         spatial_cell().replace(payload_pose=SPATIAL_START),
-        planar_scenario().cell,
-        scenario,
-        result,
+        planar.cell,
+        planar,
+        cp.run(spatial_scenario().replace(duration=0.5, events=())),
         "adept-paper",
     ):
         view = open_view(what)
@@ -252,13 +257,13 @@ def test_the_secret_is_not_in_the_arguments_that_every_user_can_read(server):
         assert secret.encode() not in Path(f"/proc/{server.pid}/{file}").read_bytes()
 
 
-def test_a_chosen_port_is_served_and_given_back(scenario):
+def test_a_chosen_port_is_served_and_given_back(planar):
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
         with pytest.raises(PortTakenError, match=str(port)):
-            open_view(scenario, port=port)
+            open_view(planar, port=port)
     for _ in range(2):  # it is free again at once
-        view = open_view(scenario, port=port)
+        view = open_view(planar, port=port)
         assert view.url.startswith(f"http://127.0.0.1:{port}/")
         assert get(view.url)[0] == 200
         view.close()
@@ -266,9 +271,9 @@ def test_a_chosen_port_is_served_and_given_back(scenario):
 
 
 @pytest.mark.parametrize("port", [-1, 65536])
-def test_invalid_port_numbers_are_refused(scenario, port):
+def test_invalid_port_numbers_are_refused(planar, port):
     with pytest.raises(PortTakenError, match=f"port {port} "):
-        open_view(scenario, port=port)
+        open_view(planar, port=port)
 
 
 def test_the_server_accepts_its_own_names_and_no_others(server):
@@ -324,8 +329,8 @@ def test_a_new_browser_gets_the_run_so_far_at_once(server):
 # ---------------------------------------------------------------- failures of the viewer
 
 
-def test_a_viewer_killed_during_a_run_causes_one_warning(scenario):
-    view = open_view(scenario)
+def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
+    view = open_view(planar)
     killed = []
 
     def kill_in_the_middle(snapshot) -> None:
@@ -335,18 +340,18 @@ def test_a_viewer_killed_during_a_run_causes_one_warning(scenario):
         view(snapshot)
 
     with pytest.warns(ViewWarning, match="code -9") as caught:
-        result = cp.simulate(scenario, build_controller(scenario), view=kill_in_the_middle)
+        result = cp.simulate(planar, build_controller(planar), view=kill_in_the_middle)
     view.close()
     assert killed == [True]
     assert len(caught) == 1
     assert not view.is_alive
-    assert result.data.identical(cp.run(scenario).data)
+    assert result.data.identical(cp.run(planar).data)
 
 
-def test_a_viewer_that_hangs_drops_frames_and_nothing_else(scenario):
-    view = open_view(scenario)
+def test_a_viewer_that_hangs_drops_frames_and_nothing_else(planar):
+    view = open_view(planar)
     os.kill(view.pid, signal.SIGSTOP)
-    seen, _ = snapshots(scenario)
+    seen, _ = snapshots(planar)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         start = time.monotonic()
@@ -369,22 +374,22 @@ def test_frames_come_whole_after_a_hang(server):
     assert eventually(lambda: asyncio.run(listen(server.url, 1))[0].endswith(b"last"))
 
 
-def test_a_run_goes_on_with_a_warning_if_no_process_can_be_started(scenario, monkeypatch):
+def test_a_run_goes_on_with_a_warning_if_no_process_can_be_started(planar, monkeypatch):
     def refuse(*_, **__):
         raise OSError("no more processes")
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
     with pytest.warns(ViewWarning, match="no more processes"):
-        view = open_view(scenario)
-    assert cp.run(scenario, view=view, realtime_rate=math.inf).end == scenario.duration
+        view = open_view(planar)
+    assert cp.run(planar, view=view, realtime_rate=math.inf).end == planar.duration
     assert view.url == ""
 
 
-def test_a_closed_view_is_silent(scenario):
-    view = open_view(scenario)
+def test_a_closed_view_is_silent(planar):
+    view = open_view(planar)
     view.close()
     view.close()
-    snapshot = initial_scene(scenario).snapshot
+    snapshot = initial_scene(planar).snapshot
     view.show(snapshot)
     view(snapshot)
     assert view.sent == 0
@@ -392,11 +397,11 @@ def test_a_closed_view_is_silent(scenario):
     assert not accepts_connections(view.url)
 
 
-def test_rates_must_be_positive(scenario):
+def test_rates_must_be_positive(planar):
     with pytest.raises(OutOfRangeError, match="frames_per_second"):
-        open_view(scenario, frames_per_second=0.0)
+        open_view(planar, frames_per_second=0.0)
     with pytest.raises(OutOfRangeError, match="realtime_rate"):
-        cp.run(scenario, realtime_rate=-1.0)
+        cp.run(planar, realtime_rate=-1.0)
 
 
 # ---------------------------------------------------------------- end of the process
@@ -492,14 +497,13 @@ def test_1500_reconnections(server):
 # ---------------------------------------------------------------- realtime_rate
 
 
-def test_simulated_time_never_runs_ahead_of_wall_time():
-    scenario = planar_scenario().replace(duration=0.5, events=())
+def test_simulated_time_never_runs_ahead_of_wall_time(planar):
     start, ahead = [], []
 
     def watch(snapshot) -> None:
         start.append(time.monotonic())
         ahead.append(snapshot.time / 2.0 - (time.monotonic() - start[0]))
 
-    cp.run(scenario, view=watch, realtime_rate=2.0)
+    cp.run(planar, view=watch, realtime_rate=2.0)
     assert max(ahead) < 0.02
     assert time.monotonic() - start[0] > 0.24

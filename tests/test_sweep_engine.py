@@ -16,7 +16,6 @@ from coop_pin.errors import (
     FileReadError,
     StoreLockedError,
     SweepInterruptedError,
-    WorkersLostError,
 )
 from coop_pin.sweeps import SweepPlan, SweepResult, backend, sweep
 from coop_pin.sweeps.job import Job, run_job
@@ -229,16 +228,6 @@ def test_ctrl_c_in_user_code_ends_the_sweep_and_is_no_failure_of_its_run(tmp_pat
 def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(FieldError, match="workers cannot import"):
         sweep("adept-paper", out=tmp_path, execution=cp.Execution(workers=1), metrics=("__main__:mine",))
-
-
-def test_an_absent_scheduler_is_a_typed_error(tmp_path):
-    with pytest.raises(WorkersLostError, match="no dask scheduler"):
-        sweep(
-            "adept-paper",
-            out=tmp_path,
-            execution=cp.Execution(scheduler="tcp://127.0.0.1:9", quiet=True),
-            changes=SHORT,
-        )
 
 
 # ---------------------------------------------------------------- what is kept

@@ -68,7 +68,7 @@ def test_the_gate_installs_and_checks_everything_in_this_order(workshop):
     install, *stages = asked
     assert install.startswith("pip install ")
     assert "-e .[test,docs,bench] -c constraints.txt" in install
-    assert stages == ["ruff format --check .", "ruff check .", "mypy", "pytest -n auto -q"]
+    assert stages == ["ruff format --check .", "ruff check .", "mypy", "pytest -n auto --dist worksteal -q"]
     assert done.stdout.endswith("== gate passed\n")
 
 

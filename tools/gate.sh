@@ -5,6 +5,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source tools/setup.sh
 
 export MPLBACKEND=Agg
+unset PYTHONDONTWRITEBYTECODE # tests start hundreds of processes, and compiling is a quarter of an import
 export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" # one worker, one core
 
 stage() {
@@ -19,5 +20,5 @@ setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
-stage "tests" pytest -n auto -q
+stage "tests" pytest -n auto --dist worksteal -q
 echo "== gate passed"

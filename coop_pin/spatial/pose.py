@@ -136,7 +136,7 @@ def log3(R: Array) -> Array:
 def exp3(vector: Array) -> Array:
     """Return the rotation matrix of a rotation vector, shape (3, 3): the inverse of ``log3``.
 
-    ``R = cos(a) I + sinc(a) [r]x + (1 - cos a) / a^2 r r^T`` with a = |r|, where (1 - cos a) / a^2 is
+    ``R = cos(a) I + sinc(a) [r]x + (1 - cos a) / a^2 r r^T`` with ``a = |r|``, where (1 - cos a) / a^2 is
     sinc(a / 2)^2 / 2.
 
     Args:
