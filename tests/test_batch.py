@@ -46,7 +46,8 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
     )
     tape, sizes = Tape(), [len(arm.bodies) for arm in cell.arms]
     parts = [[inputs(tape, size) for size in sizes] for _ in range(3)]
-    motion = cell_motion(SharedFunctions(), tape, cell, CellState(*parts, inputs(tape, 6)))
+    surroundings = scenario.cell.surroundings._replace(push=inputs(tape, 6))
+    motion = cell_motion(SharedFunctions(), tape, cell, CellState(*parts, surroundings))
     outputs = [*np.concatenate(motion.accelerations), *motion.wrenches.flat, motion.kinetic, motion.potential]
     rows = cell.moving_rows(parts[0])
     for _ in range(3):
@@ -84,7 +85,7 @@ def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
     q, v, tau = (inputs(tape, n) for _ in range(3))
     state = ArmInput(q, v, tau, (first.R, first.p), last, (arm.R_JP, arm.p_JP))
     terms = arm_terms(ArmNumbers(arm, gravity, "012345"), state)
-    outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, terms.potential]
+    outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, -(terms.moment @ gravity)]
     for q, v, tau in rng.normal(size=(3, 3, n)):
         a = pin.aba(model, data, q, v, tau)
         pin.forwardKinematics(model, data, q, v, a)

@@ -261,8 +261,8 @@ def test_functions_of_equal_structure_and_numbers_are_traced_once():
 
 def small_program():
     lanes, uniforms = Layout(), Layout()
-    lanes.add("x", 2)
-    uniforms.add("h")
+    lanes.add(x=(2,))
+    uniforms.add(h=())
     kernel = Kernel("advance", lanes, uniforms)
     x = kernel.read("x")
     kernel.write("x", [x[0] + kernel.uniform("h") * x[1], np.exp(x[1])])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class ArmResponse(NamedTuple):
         G: Mobility of the last body in the kept rows, shape (k, k).
         b: Acceleration of the last body in the kept rows without F, shape (k,).
         kinetic: Kinetic energy, J.
-        potential: Potential energy, J.
+        moment: First moment about the world's origin, kg m, shape (3,).
     """
 
     R_WP: Numbers
@@ -78,7 +78,7 @@ class ArmResponse(NamedTuple):
     G: Numbers
     b: Numbers
     kinetic: Number
-    potential: Any
+    moment: Numbers
 
     def acceleration(self, F: Numbers) -> Numbers:
         """Return a = L^-T D^-1 (u + Y F) for a force F on the last body in the kept rows, shape (n,)."""
@@ -126,7 +126,7 @@ def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
         G=_symmetric_product(Y, Z),
         b=A[rows] + Z.T @ u,
         kinetic=0.5 * (state.v @ (M @ state.v)),
-        potential=-1.0 * (model.gravity @ whole.moved(*links(arm, state.q)[0]).moment),
+        moment=whole.moved(*links(arm, state.q)[0]).moment,
     )
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, Start
+from coop_pin.batch.plant_code import observed
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import Quantity, shape_of
-from coop_pin.simulation.plant import CHANNELS
+from coop_pin.description.events import Surroundings
+from coop_pin.results.quantities import WORK, Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.traced_array import parts, traced
 from coop_pin.tracing.tree import leaves, rebuilt
@@ -71,28 +72,15 @@ class RunBlock:
         self._sizes = [len(arm.drive) for arm in constants.arms]
         m, N, k_0 = len(self._sizes), sum(self._sizes), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        recorded: tuple[tuple[Any, ...], ...] = (
-            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("payload_energy",)),
-            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
-            *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
-            *(("external", 6), ("jacobians", k_0 * N), ("condition_bounds", m)),
-            *((each.name, *shape_of(each, m, N, k_0)) for each in table if each.read),
-        )
-        for field in recorded:
-            lanes.add(*field)
+        lanes.add(q=(N,), v=(N,), work=(len(WORK),), is_valid=(), **observed(m))
+        lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
+        lanes.add(**{each.name: shape_of(each, m, N, k_0) for each in table if each.read})
         self.recorded = lanes.size
-        lanes.add("signals", int(signals.is_loaded.sum()))
+        lanes.add(signals=(int(signals.is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        others: tuple[tuple[Any, ...], ...] = (
-            *(("force", N), ("holding", N), ("drives", len(leaves(start.drives)))),
-            *(("rates", N + len(CHANNELS)), ("constants", int(differs.sum())), ("payload", 13)),
-        )
-        for field in others:
-            lanes.add(*field)
-        uniforms.add("h")
-        uniforms.add("s")
-        uniforms.add("gives", m)
-        uniforms.add("signals", int(signals.is_uniform.sum()))
+        lanes.add(force=(N,), rates=(N + len(WORK),), holding=(N,), drives=(len(leaves(start.drives)),))
+        lanes.add(constants=(int(differs.sum()),), surroundings=(len(leaves(constants.changes[0])),))
+        uniforms.add(h=(), s=(), gives=(m,), signals=(int(signals.is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""
@@ -103,11 +91,12 @@ class RunBlock:
             next(inputs) if differs else number
             for number, differs in zip(numbers, self._differs.tolist(), strict=True)
         )
-        constants = rebuilt(self.constants, known)
-        if constants.changes_payload:
-            payload = rebuilt(constants.cell.payload, iter(kernel.read("payload")))
-            constants = constants._replace(cell=constants.cell._replace(payload=payload))
-        return kernel, constants
+        return kernel, rebuilt(self.constants, known)
+
+    def surroundings(self, kernel: Kernel, constants: RunConstants) -> Surroundings:
+        """Return the present surroundings of the payload."""
+        changed = rebuilt(constants.changes[0], iter(kernel.read("surroundings")))
+        return constants.surroundings._replace(**changed)
 
     def split(self, values: Numbers) -> list[Numbers]:
         """Return the part of each arm."""

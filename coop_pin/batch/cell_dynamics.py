@@ -32,7 +32,9 @@ from coop_pin.batch.serial_arm import (
     motion_cross,
 )
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.description.events import Surroundings
 from coop_pin.tracing.tape import Number, Tape, Traced
+from coop_pin.tracing.traced_array import plain
 from coop_pin.tracing.tree import SharedFunctions
 
 _ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
@@ -45,17 +47,13 @@ class CellNumbers(NamedTuple):
 
     Attributes:
         arms: as the plant has them; the payload is not part of the first one's last body.
-        payload: inertia of the payload about P.
         tips: position of each tip in the payload frame, m, shape (m, 3).
-        gravity: m/s^2, shape (3,).
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
         velocity_gain: 2 zeta omega, 1/s.
     """
 
     arms: tuple[SerialArm, ...]
-    payload: RigidInertia
     tips: Numbers
-    gravity: Numbers
     position_gain: Number
     velocity_gain: Number
 
@@ -77,9 +75,7 @@ class CellNumbers(NamedTuple):
         gains = chain.mechanism.stabilisation
         return cls(
             arms=tuple(arms),
-            payload=RigidInertia.from_model(tree.payload_inertia),
             tips=np.array([cell.grasps[arm].matrix[:3, 3] for arm in cell.arms]),
-            gravity=np.array(model.gravity.linear),
             position_gain=gains.position_gain,
             velocity_gain=gains.velocity_gain,
         )
@@ -104,10 +100,12 @@ class CellMotion(NamedTuple):
         R_WP: orientation of the payload, shape (3, 3).
         p_WP: position of P, shape (3,).
         V_WP: twist of the payload about P, shape (6,).
+        payload_wrench: whole wrench on the payload about P in world axes, besides gravity, shape (6,).
         tips: positions of the tips, shape (m, 3).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
         kinetic: energy, J.
         potential: energy, J.
+        moment: first moment of arms and payload about the world's origin, kg m, shape (3,).
     """
 
     accelerations: list[Numbers]
@@ -115,10 +113,12 @@ class CellMotion(NamedTuple):
     R_WP: Numbers
     p_WP: Numbers
     V_WP: Numbers
+    payload_wrench: Numbers
     tips: Numbers
     closure_errors: Numbers
     kinetic: Number
     potential: Number
+    moment: Numbers
 
 
 class CellState(NamedTuple):
@@ -128,19 +128,20 @@ class CellState(NamedTuple):
         q: joint positions of each arm, shape (n,) each.
         v: joint rates of each arm, shape (n,) each.
         tau: joint torques of each arm, without those of the closures, shape (n,) each.
-        external: wrench on the payload about P in world axes, shape (6,).
+        surroundings: payload, and what acts on it from outside.
     """
 
     q: Sequence[Numbers]
     v: Sequence[Numbers]
     tau: Sequence[Numbers]
-    external: Numbers
+    surroundings: Surroundings
 
 
 def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state: CellState) -> CellMotion:
     """Return the constrained motion of a cell.
 
-    With G_i and b_i of ArmResponse, the external wrench W on the payload and f_i on arm i by the payload::
+    With G_i and b_i of ArmResponse, and about the world's origin the payload wrench W and f_i on arm i by the
+    payload::
 
         G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_j f_j),   i = 1, ..., m - 1
         d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
@@ -153,19 +154,20 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state
         cell: Constants of the cell.
         state: traced.
     """
-    rows = cell.moving_rows(state.q)
+    rows, (mass, inertia, gravity, push) = cell.moving_rows(state.q), state.surroundings
+    body = RigidInertia(mass, np.zeros(3), inertia)
     terms = [
-        _terms(functions, tape, ArmNumbers(arm, cell.gravity, "".join(map(str, rows))), own)
-        for arm, own in zip(cell.arms, _arm_inputs(cell, state), strict=True)
+        _terms(functions, tape, ArmNumbers(arm, gravity, "".join(map(str, rows))), given)
+        for arm, given in zip(cell.arms, _arm_inputs(cell, state, body), strict=True)
     ]
     first = terms[0]
     R, p = first.R_WP, first.p_WP
-    W = join(state.external[:3], state.external[3:] + cross(p, state.external[:3]))
+    W = join(push[:3], push[3:] + cross(p, push[:3]))
     errors = [closure_error(R, p, arm.R_WP, arm.p_WP) for arm in terms[1:]]
     forces = _closure_forces(cell, terms, W, errors, rows)
     total = W[rows] - sum(forces, np.zeros(len(rows)))
     accelerations = [arm.acceleration(force) for arm, force in zip(terms, [total, *forces], strict=True)]
-    payload = cell.payload.moved(R, p)
+    payload = body.moved(R, p)
     balance = payload.times(first.A + first.S @ accelerations[0]) + force_cross(
         first.V, payload.times(first.V)
     )
@@ -178,19 +180,33 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state
         R_WP=R,
         p_WP=p,
         V_WP=join(first.V[:3] + cross(first.V[3:], p), first.V[3:]),
+        payload_wrench=push,
         tips=tips,
         closure_errors=np.array([[0.0, 0.0], *sizes], dtype=object),
         kinetic=sum((arm.kinetic for arm in terms), 0.0),
-        potential=sum((arm.potential for arm in terms), 0.0),
+        potential=sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
+        moment=sum((arm.moment for arm in terms), np.zeros(3)),
     )
 
 
-def payload_energy(cell: CellNumbers, motion: CellMotion) -> Number:
-    """Return kinetic and potential energy of the payload, J: what a change of its mass changes."""
+def energy_gain(before: Surroundings, after: Surroundings, motion: CellMotion) -> Number:
+    """Return the energy that other surroundings add, J: of the payload, and of the arms in another gravity.
+
+    Args:
+        before: Surroundings until now.
+        after: Surroundings from now on.
+        motion: Motion in those until now.
+    """
+    arms = motion.moment - before.mass * motion.p_WP
+    gain = _payload_energy(after, motion) - _payload_energy(before, motion)
+    return gain - arms @ plain(after.gravity - before.gravity)
+
+
+def _payload_energy(surroundings: Surroundings, motion: CellMotion) -> Number:
+    """Return kinetic and potential energy of the payload, J."""
     v, w = motion.V_WP[:3], motion.V_WP[3:]
-    w_P = motion.R_WP.T @ w
-    mass, _, inertia = cell.payload
-    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (cell.gravity @ motion.p_WP)
+    w_P, (mass, inertia, gravity, _) = motion.R_WP.T @ w, surroundings
+    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (gravity @ motion.p_WP)
 
 
 def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:
@@ -210,12 +226,12 @@ def _series(x: Any, coefficients: Sequence[float]) -> Number:
     return value
 
 
-def _arm_inputs(cell: CellNumbers, state: CellState) -> list[ArmInput]:
-    """Return the input of each arm; the first one's last body carries the payload."""
+def _arm_inputs(cell: CellNumbers, state: CellState, payload: RigidInertia) -> list[ArmInput]:
+    """Return the input of each arm; the first one's last body carries the payload, an inertia about P."""
     made = []
     for index, (arm, q, v, tau) in enumerate(zip(cell.arms, state.q, state.v, state.tau, strict=True)):
         first, last, held = arm.bodies[0], arm.bodies[-1].inertia, (arm.R_JP, arm.p_JP)
-        carried = last if index else last.plus(cell.payload.moved(*held))
+        carried = last if index else last.plus(payload.moved(*held))
         made.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
     return made
 

@@ -9,20 +9,25 @@ import numpy as np
 from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
-from coop_pin.simulation.plant import CHANNELS
+from coop_pin.description.events import Surroundings
+from coop_pin.results.quantities import WORK
 from coop_pin.simulation.transmission import Friction
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.tracing.tape import Number
 from coop_pin.tracing.traced_array import parts, traced
-from coop_pin.tracing.tree import SharedFunctions, rebuilt
+from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
 _STAGES = tuple(zip(RK4.c, RK4.b.tolist(), strict=True))
 """Nodes and weights; a stage starts from the one before alone, whose coefficient is the node."""
 
 STEPS_AT_ONCE = 64
 """Plant steps of one call."""
-OBSERVED = ("R_WP", "p_WP", "V_WP", "tips", "wrenches", "closure_errors", "kinetic", "potential")
-"""Fields of CellMotion that an observation writes."""
+
+
+def observed(arms: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the fields of CellMotion that an observation writes, by name."""
+    tables = {"R_WP": (3, 3), "tips": (arms, 3), "wrenches": (arms, 6), "closure_errors": (arms, 2)}
+    return tables | {"p_WP": (3,), "V_WP": (6,), "payload_wrench": (6,), "kinetic": (), "potential": ()}
 
 
 class PlantNumbers(NamedTuple):
@@ -31,12 +36,12 @@ class PlantNumbers(NamedTuple):
     Attributes:
         cell: dynamics of the cell.
         friction: friction of each arm.
-        external: wrench on the payload about P in world axes, shape (6,).
+        surroundings: payload, and what acts on it from outside.
     """
 
     cell: CellNumbers
     friction: tuple[Friction, ...]
-    external: Numbers
+    surroundings: Surroundings
 
 
 class PlantState(NamedTuple):
@@ -63,15 +68,17 @@ def plant_motion(
 ) -> tuple[CellMotion, list[Number]]:
     """Return the motion under the held forces and friction, and its rates.
 
-    The rates are the accelerations of all joints, then the powers of CHANNELS in their order. A force on the
-    payload that depends on the state belongs into ``cell_motion``, where the pose and twist of P are known.
+    The rates are the accelerations of all joints, then the powers in the order of WORK, whose last is done at
+    instants only. A force on the payload that depends on the state belongs into ``cell_motion``, where the
+    pose and twist of P are known, and into ``Plant.payload_wrench``.
     """
     sizes = [len(arm.bodies) for arm in plant.cell.arms]
     q, v, forces = (parts(values, sizes) for values in state)
     friction = [own.force(rates) for own, rates in zip(plant.friction, v, strict=True)]
     tau = [force + own for force, own in zip(forces, friction, strict=True)]
-    motion = cell_motion(functions, state.v[0].tape, plant.cell, CellState(q, v, tau, plant.external))
-    powers = [state.force @ state.v, traced(np.concatenate(friction)) @ state.v, plant.external @ motion.V_WP]
+    motion = cell_motion(functions, state.v[0].tape, plant.cell, CellState(q, v, tau, plant.surroundings))
+    powers = [state.force @ state.v, traced(np.concatenate(friction)) @ state.v]
+    powers += [motion.payload_wrench @ motion.V_WP, 0.0]
     return motion, [*np.concatenate(motion.accelerations), *powers]
 
 
@@ -113,26 +120,21 @@ class PlantCode:
         self._numbers, functions = numbers, SharedFunctions()
         m, N = len(numbers.cell.arms), sum(len(arm.bodies) for arm in numbers.cell.arms)
         self.lanes, self._uniforms = Layout(), Layout()
-        for name, *sizes in (
-            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("force", N), ("external", 6), ("payload", 13)),
-            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3), ("wrenches", m, 6)),
-            *(("closure_errors", m, 2), ("kinetic",), ("potential",), ("rates", N + len(CHANNELS))),
-        ):
-            self.lanes.add(str(name), *sizes)
-        self._uniforms.add("h")
+        self.lanes.add(q=(N,), v=(N,), work=(len(WORK),), force=(N,), rates=(N + len(WORK),), **observed(m))
+        self.lanes.add(surroundings=(len(leaves(numbers.surroundings)),))
+        self._uniforms.add(h=())
         steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
         observe, rates, step = (
             Kernel(name, self.lanes, self._uniforms) for name in ("observe", "rates", "step")
         )
         motion, _ = plant_motion(functions, self._plant(observe), PlantState.of(observe))
-        for name in OBSERVED:
+        for name in observed(m):
             observe.write(name, getattr(motion, name))
         rates.write("rates", plant_motion(functions, self._plant(rates), PlantState.of(rates))[1])
         write_step(step, functions, self._plant(step))
         self.program = Program([observe, rates, step], self.lanes, 0, 0, [Instruction(0, 0), *steps])
 
     def _plant(self, kernel: Kernel) -> PlantNumbers:
-        """Return the numbers of the plant with its present payload and push."""
-        cell = self._numbers.cell
-        cell = cell._replace(payload=rebuilt(cell.payload, iter(kernel.read("payload"))))
-        return self._numbers._replace(cell=cell, external=kernel.read("external"))
+        """Return the numbers of the plant in its present surroundings."""
+        present = rebuilt(self._numbers.surroundings, iter(kernel.read("surroundings")))
+        return self._numbers._replace(surroundings=present)

@@ -53,7 +53,7 @@ class PreparedPlant:
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.models = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
-        self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
+        self.constants, self.start = run_constants(scenario, self.run), start(self.run)
         others = self.constants._replace(controller=None)
         self.values = leaves(others)
         self.kind = structure(others), tuple(scenario.cell.arms), _times(scenario)

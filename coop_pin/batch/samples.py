@@ -12,8 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.errors import InvalidStateError
-from coop_pin.results.quantities import Samples, condition_numbers, padded
-from coop_pin.simulation.plant import CHANNELS
+from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
 from coop_pin.spatial import internal_wrenches
 from coop_pin.tracing.kernel import Layout
 
@@ -152,14 +151,13 @@ class RunSamples(Mapping[str, Any]):
             "internal_wrench": lambda: np.stack(
                 list(map(internal_wrenches, self["interaction_wrench"], shares))
             ),
-            "external_wrench": lambda: field("external"),
+            "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
             **{
-                f"work_{name}": partial(lambda channel: field("work")[..., channel], channel)
-                for channel, name in enumerate(CHANNELS)
+                name: partial(lambda index: field("work")[..., index], index)
+                for index, name in enumerate(WORK)
             },
-            "work_payload_change": lambda: field("payload_energy"),
         }

@@ -51,10 +51,11 @@ class RunProgram:
         for name, given in (
             *((name, [leaves(getattr(plant.start, name)) for plant in plants]) for name in Start._fields),
             ("constants", prepared.values[:, self._differs]),
-            ("payload", [leaves(plant.constants.cell.payload) for plant in plants]),
+            ("surroundings", [leaves(plant.constants.changes[0]) for plant in plants]),
             ("is_valid", np.ones((count, 1))),
         ):
-            block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T
+            numbers = np.array(given, dtype=np.float64).reshape(count, -1).T
+            block[lanes.filled(name, len(numbers))] = numbers
         if not is_loaded.any():
             return block, np.zeros((1, 0, count))
         return block, np.stack([signals[:, is_loaded] for signals in prepared.signals], axis=2)

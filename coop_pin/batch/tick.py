@@ -13,10 +13,10 @@ import numpy as np
 
 from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.block import RunBlock
-from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
+from coop_pin.batch.cell_dynamics import CellMotion, energy_gain
 from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.law_code import only_tracing_errors
-from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
+from coop_pin.batch.plant_code import PlantNumbers, PlantState, observed, plant_motion, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
@@ -46,13 +46,13 @@ class TickCode:
         return [
             *(start, self._weigh(), self._tick(), self._observe(), self._rates(), self._step()),
             *(self._drive(), self._release()),
-            *(self._event(index) for index in range(len(self._block.constants.instants))),
+            *(self._event(index) for index in range(len(self._block.constants.changes) - 1)),
         ]
 
     def _plant(self, kernel: Kernel, constants: RunConstants) -> PlantNumbers:
-        """Return the numbers of the plant with the present push."""
-        external = kernel.read("external") if constants.pushes else np.zeros(6)
-        return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
+        """Return the numbers of the plant in its present surroundings."""
+        resistance = tuple(arm.friction for arm in constants.arms)
+        return PlantNumbers(constants.cell, resistance, self._block.surroundings(kernel, constants))
 
     def _motion(self, kernel: Kernel, constants: RunConstants) -> tuple[CellMotion, list[Number]]:
         """Return the motion under the held torques and its rates."""
@@ -63,11 +63,11 @@ class TickCode:
     def _start(self) -> Kernel:
         """Return the kernel before the first tick: states of sensors and law, and the wrenches at rest."""
         kernel, constants = self._block.kernel("start")
-        signals, weight = self._block.signals_at(kernel), constants.cell.payload.mass * constants.cell.gravity
+        signals, weight = self._block.signals_at(kernel), constants.surroundings
         references = self._block.references(signals.desired)
         truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
-            load = np.concatenate((weight, np.zeros(3)))
+            load = np.concatenate((weight.mass * weight.gravity, np.zeros(3)))
             loads = np.stack([share * load for share in constants.sensors.shares])
             R_WP = frames(constants.cell.arms[0], truth.angles[0]).R_WP
             truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
@@ -85,7 +85,7 @@ class TickCode:
                 references,
             )
         for name, state in (("sensors", self._sensors), ("law", self._law)):
-            self._block.lanes.add(name, len(leaves(state)))
+            self._block.lanes.add(**{name: (len(leaves(state)),)})
             kernel.write(name, state)
         self._guard(kernel, [])
         return kernel
@@ -160,7 +160,7 @@ class TickCode:
         """Return T^-T g(q) of an arm, N m, shape (k,)."""
         q, to_joints = self._block.split(kernel.read("q"))[index], constants.arms[index].to_joints
         rest = np.zeros(len(q))
-        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.gravity, q, rest, rest)
+        tau, *_ = newton_euler(constants.cell.arms[index], constants.surroundings.gravity, q, rest, rest)
         weight: Numbers = to_joints.T.dot(traced(tau))
         return weight
 
@@ -194,7 +194,7 @@ class TickCode:
         kernel, constants = self._block.kernel("observe")
         motion, rates = self._motion(kernel, constants)
         kernel.write("rates", rates)
-        for name in OBSERVED:
+        for name in observed(len(constants.arms)):
             kernel.write(name, getattr(motion, name))
         bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
@@ -214,17 +214,14 @@ class TickCode:
         return kernel
 
     def _event(self, index: int) -> Kernel:
-        """Return the kernel of an instant of events: the payload and the push from then on."""
+        """Return the kernel of an instant of events: the surroundings from then on, and their work."""
         kernel, constants = self._block.kernel(f"event_{index}")
-        instant = constants.instants[index]
-        if constants.pushes:
-            kernel.write("external", instant.push)
-        if constants.changes_payload:
-            motion, _ = self._motion(kernel, constants)
-            after = constants.cell._replace(payload=instant.payload)
-            gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)
-            kernel.write("payload_energy", kernel.read("payload_energy") + gained)
-            kernel.write("payload", leaves(instant.payload))
+        changed, before = constants.changes[index + 1], self._block.surroundings(kernel, constants)
+        kernel.write("surroundings", changed)
+        if {*changed} - {"push"}:  # a push does its work while it lasts
+            gain = energy_gain(before, before._replace(**changed), self._motion(kernel, constants)[0])
+            *works, done = kernel.read("work")
+            kernel.write("work", [*works, done + gain])
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:
