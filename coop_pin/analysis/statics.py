@@ -216,6 +216,7 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
         surroundings = scenario.surroundings_at(float(time))
+        model.model.gravity.linear = surroundings.gravity
         F_load = model.share * surroundings.mass * surroundings.gravity
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
     weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)

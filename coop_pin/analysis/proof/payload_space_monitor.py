@@ -177,6 +177,7 @@ class _MonitoredCell:
         """
         wrenches = []
         for model, arm, w_i in zip(self.models, now.arms, w, strict=True):
+            model.model.gravity.linear = now.surroundings.gravity
             J = self.rows.select(model.payload_jacobian(arm.q))
             load = model.inverse_dynamics(arm.q, arm.v, arm.a) - arm.forces - J.T @ w_i
             weighted = np.linalg.solve(model.mass_matrix(arm.q), J.T)

@@ -149,6 +149,7 @@ class ProofTerms(NamedTuple):
 def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
     """Return law, dynamics and rates of one arm at one tick."""
     sigma = arm.sigma
+    arm.model.model.gravity.linear = tick.surroundings.gravity
     law, gains, dynamics = (
         arm.law_at(tick.t, x.q, x.v, sigma),
         arm.law.gains,
