@@ -14,7 +14,7 @@ from pydantic import Field
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
+from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6
 
 
 class Surroundings(NamedTuple):
@@ -140,4 +140,24 @@ class WrenchPulse(PayloadEvent):
         return f"{self.title} {' and '.join(parts)} for {self.duration:g} s"
 
 
-Event = Annotated[PayloadChange | WrenchPulse, Field(discriminator="kind")]
+class GravityTurn(PayloadEvent):
+    """Sudden change of gravity in world axes, as for a cell on a base that tilts.
+
+    Laws and the robots' own gravity compensation go on with the gravity of the cell.
+
+    Attributes:
+        time: time of the change, s.
+        gravity: the new gravitational acceleration in world axes, m/s^2.
+    """
+
+    kind: Literal["gravity-turn"] = "gravity-turn"
+    gravity: Vector3
+    title = "turn of gravity"
+    heading = "new gravity"
+
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings with the new gravity."""
+        return surroundings._replace(gravity=np.array(self.gravity))
+
+
+Event = Annotated[PayloadChange | WrenchPulse | GravityTurn, Field(discriminator="kind")]
