@@ -130,7 +130,8 @@ def test_a_last_tick_whose_wrenches_overflow_is_refused_and_the_rest_is_kept(cel
     run = Simulation(scenario, build_controller(scenario))
     while run.time < end - 1e-9:
         run.tick()
-    run.plant.push(np.full(6, 1.7e308))
+    run.recorder.observe()
+    run.plant.surround(run.plant.surroundings._replace(push=np.full(6, 1.7e308)))
     with pytest.raises(OutOfRangeError):
         run.tick()
     assert run.result().end == pytest.approx(end - scenario.clock.period)

@@ -269,6 +269,20 @@ def small_program():
     return Program([kernel], lanes, 2, 0, [Instruction(0, 0), Instruction(RECORD, 0)])
 
 
+def test_a_field_that_is_there_already_or_of_another_size_is_refused_by_name():
+    lanes = Layout()
+    lanes.add(x=(2, 3))
+    kernel = Kernel("advance", lanes, Layout())
+    for call in (
+        lambda: lanes.add(x=()),
+        lambda: kernel.write("x", np.zeros(5)),
+        lambda: lanes.filled("x", 1),
+    ):
+        with pytest.raises(ArgumentError, match="'x'"):
+            call()
+    assert lanes.filled("x", 6) == list(range(6))
+
+
 def run_small_program():
     block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
     record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))

@@ -8,15 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.constants import RunConstants, Start
 from coop_pin.batch.plant_code import observed
-from coop_pin.batch.serial_arm import Numbers
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
-from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK, Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
-from coop_pin.tracing.traced_array import parts, traced
+from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import leaves, rebuilt
 
 
@@ -69,8 +68,7 @@ class RunBlock:
         """
         self.constants, self.signals, self._differs = constants, signals, differs
         self.start, self.read = start, {each.name: each.read for each in table if each.read}
-        self._sizes = [len(arm.drive) for arm in constants.arms]
-        m, N, k_0 = len(self._sizes), sum(self._sizes), constants.sensors.rows.size
+        m, N, k_0 = len(constants.arms), len(start.q), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         lanes.add(q=(N,), v=(N,), work=(len(WORK),), is_valid=(), **observed(m))
         lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
@@ -93,14 +91,10 @@ class RunBlock:
         )
         return kernel, rebuilt(self.constants, known)
 
-    def surroundings(self, kernel: Kernel, constants: RunConstants) -> Surroundings:
-        """Return the present surroundings of the payload."""
-        changed = rebuilt(constants.changes[0], iter(kernel.read("surroundings")))
-        return constants.surroundings._replace(**changed)
-
-    def split(self, values: Numbers) -> list[Numbers]:
-        """Return the part of each arm."""
-        return parts(values, self._sizes)
+    def cell(self, kernel: Kernel, constants: RunConstants) -> CellNumbers:
+        """Return the constants of the cell in its present surroundings."""
+        cell, changed = constants.cell, rebuilt(constants.changes[0], iter(kernel.read("surroundings")))
+        return cell._replace(surroundings=cell.surroundings._replace(**changed))
 
     def signals_at(self, kernel: Kernel) -> RunSignals:
         """Return the signals at the kernel's tick."""

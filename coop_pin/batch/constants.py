@@ -11,7 +11,6 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobian
-from coop_pin.description.events import Surroundings
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
@@ -19,7 +18,6 @@ from coop_pin.simulation import Simulation
 from coop_pin.simulation.actuation import CellDrives, DriveState
 from coop_pin.simulation.sensing import CellSensors
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.simulation.transmission import Friction, friction
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
 
@@ -31,13 +29,11 @@ class ArmConstants(NamedTuple):
         seen: the arm as its own kinematics have it, calibration errors included.
         drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
-        friction: friction of its joints or drives.
     """
 
     seen: SerialArm
     drive: Numbers
     to_joints: Numbers
-    friction: Friction
 
     def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
         """Return payload pose and Jacobian by the arm's own kinematics.
@@ -58,11 +54,11 @@ class RunConstants(NamedTuple):
     The controller is last, since a plant's numbers are those before it.
 
     Attributes:
-        cell: Dynamics of the cell.
-        arms: Kinematics and friction of each arm.
+        cell: Dynamics of the cell, in the surroundings of the start: those that the robots' own gravity
+            compensation believes.
+        arms: Kinematics and transmission of each arm.
         sensors: Sensors of all arms.
         drives: Drives of all arms.
-        surroundings: Surroundings of the payload at the start, which the robots' own compensation believes.
         changes: Those fields of the surroundings that events change: at the start, and from each instant on.
         controller: Controller of all arms.
     """
@@ -71,7 +67,6 @@ class RunConstants(NamedTuple):
     arms: tuple[ArmConstants, ...]
     sensors: CellSensors
     drives: CellDrives
-    surroundings: Surroundings
     changes: tuple[Mapping[str, Any], ...]
     controller: Any
 
@@ -117,7 +112,6 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
         arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
-        surroundings=scenario.cell.surroundings,
         changes=changes(scenario, run.timeline),
         controller=run.controller,
     )
@@ -140,7 +134,6 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
         seen=SerialArm.from_model(seen, range(1, seen.njoints), X_JP, pin.Inertia.Zero()),
         drive=place.drive,
         to_joints=place.from_drive,
-        friction=friction(cell.arms[name], name),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellNumbers
-from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, PlantNumbers, observed
+from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, observed
 from coop_pin.batch.support import plant_reason
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
@@ -16,7 +16,6 @@ from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.transmission import friction
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tree import leaves, structure
 
@@ -164,27 +163,26 @@ class TracedPlant(Plant):
         return np.concatenate([place.angles.configuration(angles[place.v_slice]) for place in places])
 
 
-def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
-    """Return the numbers of a plant; raises ArgumentError as TracedPlant."""
+def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
+    """Return the constants of a cell; raises ArgumentError as TracedPlant."""
     if reason := plant_reason(options):
         raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
     try:
-        cell = CellNumbers.from_chain(chain)
+        return CellNumbers.from_chain(chain)
     except TracingError as error:
         raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
-    resistance = tuple(friction(arm, name) for name, arm in chain.cell.arms.items())
-    return PlantNumbers(cell, resistance, chain.cell.surroundings)
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
 
 
-def _compiled(numbers: PlantNumbers) -> tuple[PlantCode, LlvmMachine]:
-    """Return the code of a plant, which is traced once in a process."""
-    key = structure(numbers), tuple(leaves((numbers.cell, numbers.friction)))
+def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
+    """Return the code of a plant, which is traced once in a process for all surroundings."""
+    *folded, _ = cell
+    key = structure(cell), tuple(leaves(folded))
     if key not in _CODES:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]
-        code = PlantCode(numbers)
+        code = PlantCode(cell)
         _CODES[key] = code, LlvmMachine(code.program, width=1)
     return _CODES[key]

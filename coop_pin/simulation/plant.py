@@ -78,7 +78,8 @@ class Plant:
     def payload_wrench(self, q: Array, v: Array) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
 
-        A force that depends on the state belongs here, and into ``batch.cell_dynamics.cell_motion``.
+        It is read only if ``surround`` has found that there is one. A force that depends on the state belongs
+        here, and into ``batch.cell_dynamics.cell_motion``.
 
         Args:
             q: Configuration, shape (nq,).
