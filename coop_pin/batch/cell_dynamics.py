@@ -169,7 +169,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         cell: Constants of the cell.
         state: traced.
     """
-    mass, inertia, gravity, push = cell.surroundings
+    mass, inertia, gravity, F_P = cell.surroundings
     payload, (q, v, force) = RigidInertia(mass, np.zeros(3), inertia), map(cell.by_arm, state)
     resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
     tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
@@ -180,15 +180,15 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     ]
     first = terms[0]
     R, p = first.R_WP, first.p_WP
-    W = join(push[:3], push[3:] + cross(p, push[:3]))
+    V_WP = join(first.V[:3] + cross(first.V[3:], p), first.V[3:])
+    W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))  # a force that depends on R, p and V_WP adds to F_P before
     errors = [closure_error(R, p, arm.R_WP, arm.p_WP) for arm in terms[1:]]
     forces = _closure_forces(cell, terms, W, errors, rows)
     total = W[rows] - sum(forces, np.zeros(len(rows)))
     accelerations = [arm.acceleration(force) for arm, force in zip(terms, [total, *forces], strict=True)]
     moved, A = payload.moved(R, p), first.A + first.S @ accelerations[0]
     on_first = total - (moved.times(A) + force_cross(first.V, moved.times(first.V)))[rows]
-    V_WP = join(first.V[:3] + cross(first.V[3:], p), first.V[3:])
-    powers = [state.force @ state.v, traced(np.concatenate(resistance)) @ state.v, push @ V_WP, 0.0]
+    powers = [state.force @ state.v, traced(np.concatenate(resistance)) @ state.v, F_P @ V_WP, 0.0]
     tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
     sizes = [_size(error, tip) for error, tip in zip(errors, tips[1:], strict=True)]
     return CellMotion(
@@ -197,7 +197,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         R_WP=R,
         p_WP=p,
         V_WP=V_WP,
-        payload_wrench=push,
+        payload_wrench=F_P,
         tips=tips,
         closure_errors=np.array([[0.0, 0.0], *sizes], dtype=object),
         kinetic=sum((arm.kinetic for arm in terms), 0.0),

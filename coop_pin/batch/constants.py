@@ -26,12 +26,12 @@ class ArmConstants(NamedTuple):
     """Numbers of one arm besides its dynamics.
 
     Attributes:
-        seen: the arm as its own kinematics have it, calibration errors included.
+        model: the arm as its own kinematics have it, calibration errors included.
         drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
     """
 
-    seen: SerialArm
+    model: SerialArm
     drive: Numbers
     to_joints: Numbers
 
@@ -42,9 +42,9 @@ class ArmConstants(NamedTuple):
             rows: Task rows of the cell.
             angles: Angles of the joints as measured, shape (n,).
         """
-        seen, X_WP = frames(self.seen, angles), np.eye(4).astype(object)
-        X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
-        J = rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints)
+        placed, X_WP = frames(self.model, angles), np.eye(4).astype(object)
+        X_WP[:3, :3], X_WP[:3, 3] = placed.R_WP, placed.p_WP
+        J = rows.select(payload_jacobian(placed.S, placed.p_WP)).dot(self.to_joints)
         return PayloadKinematics(traced(X_WP), traced(J))
 
 
@@ -128,10 +128,10 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
         TracingError: the arm is no serial chain.
     """
     cell, name = scenario.cell, place.name
-    seen = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
-    X_JP = seen.frames[seen.getFrameId("payload")].placement
+    model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
-        seen=SerialArm.from_model(seen, range(1, seen.njoints), X_JP, pin.Inertia.Zero()),
+        model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
         drive=place.drive,
         to_joints=place.from_drive,
     )
@@ -154,9 +154,9 @@ def changes(scenario: Scenario, timeline: Timeline) -> tuple[dict[str, Any], ...
 def start(run: Simulation) -> Start:
     """Return the start of a run."""
     q, holding = [], []
-    measured = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    for place, seen in zip(run.plant.chain.model.arms, measured, strict=True):
-        q.append(place.angles.near(run.plant.q[place.q_slice], place.posture))
-        assert seen.holding_torque is not None
-        holding.append(seen.holding_torque)
+    measurements = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
+    for arm, measurement in zip(run.plant.chain.model.arms, measurements, strict=True):
+        q.append(arm.angles.near(run.plant.q[arm.q_slice], arm.posture))
+        assert measurement.holding_torque is not None
+        holding.append(measurement.holding_torque)
     return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)

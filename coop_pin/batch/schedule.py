@@ -48,13 +48,13 @@ class RunProgram:
         lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
-        for name, given in (
+        for name, values in (
             *((name, [leaves(getattr(plant.start, name)) for plant in plants]) for name in Start._fields),
             ("constants", prepared.values[:, self._differs]),
             ("surroundings", [leaves(plant.constants.changes[0]) for plant in plants]),
             ("is_valid", np.ones((count, 1))),
         ):
-            numbers = np.array(given, dtype=np.float64).reshape(count, -1).T
+            numbers = np.array(values, dtype=np.float64).reshape(count, -1).T
             block[lanes.filled(name, len(numbers))] = numbers
         if not is_loaded.any():
             return block, np.zeros((1, 0, count))

@@ -107,5 +107,5 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             torques, state = run.actuation.commanded(command), command.state
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([LawTick(*given) for given in zip(first, references, torques, strict=True)])
+        ticks.append([LawTick(*parts) for parts in zip(first, references, torques, strict=True)])
     return ticks

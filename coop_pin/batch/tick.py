@@ -74,8 +74,8 @@ class TickCode:
         with only_tracing_errors():
             self._law = constants.controller.init(
                 [
-                    seen._replace(holding_torque=torque)
-                    for seen, torque in zip(measurements, holding, strict=True)
+                    measurement._replace(holding_torque=torque)
+                    for measurement, torque in zip(measurements, holding, strict=True)
                 ],
                 references,
             )
@@ -140,7 +140,7 @@ class TickCode:
 
     def _record(self, kernel: Kernel, measurements: Sequence[ArmMeasurement], applied: Applied) -> None:
         """Write what is recorded of measurements and torques; NaN of what an arm does not measure."""
-        jacobians = [seen.payload_jacobian for seen in measurements]
+        jacobians = [measurement.payload_jacobian for measurement in measurements]
         kernel.write("jacobians", np.concatenate([J.ravel() for J in jacobians]))
         kernel.write("condition_bounds", [_condition_bound(J) for J in jacobians])
         for name, read in self._block.read.items():

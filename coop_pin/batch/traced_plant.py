@@ -49,7 +49,7 @@ class TracedPlant(Plant):
             for name in ("q", "v", "work", "force", "surroundings", *observed(len(chain.model.arms)))
             for slots in (self._slots(name),)
         }
-        self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
+        self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)
         self._at["surroundings"][:] = leaves(self.surroundings)
 
@@ -115,16 +115,16 @@ class TracedPlant(Plant):
         for name, values in (("q", self._angles(q)), ("v", v), ("force", force)):
             blocks[:, self._slots(name).ravel()] = values
         self._machine.bound(blocks, self._lengths)(0, 1)
-        seen = {name: blocks[:, self._slots(name)] for name in observed(len(self._places))}
+        fields = {name: blocks[:, self._slots(name)] for name in observed(len(self._arms))}
         X_WP = np.tile(np.eye(4), (len(q), 1, 1))
-        X_WP[:, :3, :3], X_WP[:, :3, 3] = seen["R_WP"], seen["p_WP"]
+        X_WP[:, :3, :3], X_WP[:, :3, 3] = fields["R_WP"], fields["p_WP"]
         return Observation(
             payload_pose=X_WP,
-            payload_twist=seen["V_WP"],
-            tip_position=seen["tips"],
-            interaction_wrench=require_finite("the interaction wrenches", seen["wrenches"]),
-            kinetic_energy=seen["kinetic"],
-            potential_energy=seen["potential"],
+            payload_twist=fields["V_WP"],
+            tip_position=fields["tips"],
+            interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
+            kinetic_energy=fields["kinetic"],
+            potential_energy=fields["potential"],
         )
 
     def interaction_wrenches(self) -> Array:
@@ -156,11 +156,10 @@ class TracedPlant(Plant):
     def _angles(self, q: Array) -> Array:
         if self._is_vector:
             return q
-        return np.concatenate([place.angles.of(q[..., place.q_slice]) for place in self._places], axis=-1)
+        return np.concatenate([arm.angles.of(q[..., arm.q_slice]) for arm in self._arms], axis=-1)
 
     def _configuration(self, angles: Array) -> Array:
-        places = self._places
-        return np.concatenate([place.angles.configuration(angles[place.v_slice]) for place in places])
+        return np.concatenate([arm.angles.configuration(angles[arm.v_slice]) for arm in self._arms])
 
 
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
@@ -178,8 +177,8 @@ _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
 
 def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
     """Return the code of a plant, which is traced once in a process for all surroundings."""
-    *folded, _ = cell
-    key = structure(cell), tuple(leaves(folded))
+    folded = cell._asdict() | {"surroundings": None}
+    key = structure(folded), tuple(leaves(folded))
     if key not in _CODES:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]

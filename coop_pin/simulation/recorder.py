@@ -82,7 +82,7 @@ class Recorder:
         squeeze: Array,
     ) -> None:
         """Record one tick; the plant already holds its torques."""
-        kept, plant, sample = self._samples, self._plant, self._sample(tick)
+        samples, plant, sample = self._samples, self._plant, self._sample(tick)
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
@@ -96,14 +96,14 @@ class Recorder:
             "closure_angle": angles,
             **dict(zip(WORK, plant.work, strict=True)),
         }.items():
-            kept[name][sample] = value
-        for samples, read, entries in self._read:
-            row = samples[sample, ...]
+            samples[name][sample] = value
+        for column, read, entries in self._read:
+            row = column[sample, ...]
             for entry, value in zip(entries, read(measurements, applied), strict=True):
                 if value is not None:
                     row[entry] = value
-        for jacobians, seen in zip(self._jacobians, measurements, strict=True):
-            jacobians[sample] = seen.payload_jacobian
+        for jacobians, measurement in zip(self._jacobians, measurements, strict=True):
+            jacobians[sample] = measurement.payload_jacobian
         for index, turned in self._turned.items():
             # Full turns are counted at every tick: between kept samples a joint may make several.
             arm = plant.chain.model.arms[index]
@@ -121,15 +121,15 @@ class Recorder:
             CoopPinError: there is no acceleration, or no finite wrench, at the last sample, which is dropped:
                 at one before, the run would have ended there.
         """
-        new, kept = slice(self._observed, self.count), self._samples
+        new, samples = slice(self._observed, self.count), self._samples
         if new.start == new.stop:
             return
         self.count -= 1
-        state = kept["configuration"][new], kept["velocity"][new], self._forces[new]
+        state = samples["configuration"][new], samples["velocity"][new], self._forces[new]
         with np.errstate(over="ignore", invalid="ignore"):
             observation = self._plant.observe(*state)
         for name, values in observation._asdict().items():
-            kept[name][new] = values
+            samples[name][new] = values
         self._observed = self.count = new.stop
 
     def _entries(self, dims: str) -> list[tuple[Any, ...]]:
@@ -180,10 +180,10 @@ class Recorder:
 
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
-        kept: Samples = {name: values[ticks] for name, values in self._samples.items()}
-        kept["interaction_wrench"][..., ~self._determined] = np.nan
-        arms, q, v = self._plant.chain.model.arms, kept["configuration"], kept["velocity"]
-        return kept | {
+        samples: Samples = {name: values[ticks] for name, values in self._samples.items()}
+        samples["interaction_wrench"][..., ~self._determined] = np.nan
+        arms, q, v = self._plant.chain.model.arms, samples["configuration"], samples["velocity"]
+        return samples | {
             "angles": [
                 self._turned[index][ticks] if index in self._turned else arm.angles.of(q[:, arm.q_slice])
                 for index, arm in enumerate(arms)
