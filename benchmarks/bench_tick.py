@@ -68,7 +68,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         view, T = sensing._view(q, 0, None), place.drive
         return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
 
-    seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force, plant.external)]
+    seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force)]
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),

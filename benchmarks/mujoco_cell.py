@@ -113,7 +113,7 @@ class MujocoRun:
             self.data.qpos,
             self.data.qvel,
         )  # live: the sensors see MuJoCo's state
-        self.payload, self.bar = scenario.cell.payload, self.model.body("payload").id
+        self.bar = self.model.body("payload").id
 
     def run(self) -> Recorded:
         """Run and record poses and forces at every tick."""
@@ -178,9 +178,8 @@ class MujocoRun:
         timeline = self.loop.timeline
         if not timeline.happens_at(t):
             return
-        for event in timeline.events_at(t):
-            self.payload = event.apply(self.payload)
-            self.model.body_mass[self.bar] = self.payload.mass
-            self.model.body_inertia[self.bar] = self.payload.inertia[:3]
-            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
-        self.data.xfrc_applied[self.bar] = timeline.push_at(t)
+        surroundings = self.loop.scenario.surroundings_at(timeline.just_after(t))
+        self.model.body_mass[self.bar] = surroundings.mass
+        self.model.body_inertia[self.bar] = np.diag(surroundings.inertia)
+        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+        self.data.xfrc_applied[self.bar] = surroundings.push

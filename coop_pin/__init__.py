@@ -40,6 +40,7 @@ _PUBLIC = {
     "FunctionMotion": "coop_pin.reference",
     "FunctionSqueeze": "coop_pin.reference",
     "GravityCompensation": "coop_pin.description",
+    "GravityTurn": "coop_pin.description",
     "HoldMotion": "coop_pin.reference",
     "IdealVelocity": "coop_pin.description",
     "JointFriction": "coop_pin.description",

@@ -262,7 +262,7 @@ class Calls:
         v = np.zeros(cell_chain.mechanism.model.nv)
         k = arm.nv
         angles = {name: np.zeros(k) for name in self.scenario.cell.arms}
-        state, at = {"q": start.q, "v": start.v}, {"q": q, "v": v, "tau": v, "external": np.zeros(6)}
+        state, at = {"q": start.q, "v": start.v}, {"q": q, "v": v, "tau": v, "push": np.zeros(6)}
         arm_state = {"q": np.full(k, 0.5), "v": np.zeros(k)}
         joint, metric = chain.model.names[1], "position_rms_m"
         controller = build_controller(self.scenario)
@@ -279,7 +279,7 @@ class Calls:
             "CellChain.configuration": {"X_WP": X},
             "CellChain.posed_configuration": {"angles": angles, "X_WP": X},
             "CellChain.require_held": {"q": q, "X_WP": X, "allowed": 1e-3},
-            "CellChain.set_payload": {"payload": self.scenario.cell.payload},
+            "CellChain.surround": {"surroundings": self.scenario.cell.surroundings},
             "CellChain.payload_twist": {"q": q, "v": v},
             "CellChain.interaction_wrenches": at,
             "CellChain.observe": at,

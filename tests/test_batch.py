@@ -17,6 +17,8 @@ from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.results.quantities import WORK
+from coop_pin.simulation.transmission import Transmission
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
@@ -44,11 +46,12 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
         CellNumbers.from_chain(chain),
         chain.configuration(scenario.start.matrix),
     )
-    tape, sizes = Tape(), [len(arm.bodies) for arm in cell.arms]
-    parts = [[inputs(tape, size) for size in sizes] for _ in range(3)]
-    motion = cell_motion(SharedFunctions(), tape, cell, CellState(*parts, inputs(tape, 6)))
-    outputs = [*np.concatenate(motion.accelerations), *motion.wrenches.flat, motion.kinetic, motion.potential]
-    rows = cell.moving_rows(parts[0])
+    tape, friction = Tape(), Transmission(chain.cell, chain.model.arms, model.nv).friction
+    state = CellState(*(inputs(tape, model.nv) for _ in range(3)))
+    cell = cell._replace(surroundings=cell.surroundings._replace(push=inputs(tape, 6)))
+    motion = cell_motion(SharedFunctions(), cell, state)
+    outputs = [*motion.rates, *motion.wrenches.flat, motion.kinetic, motion.potential]
+    rows = cell.moving_rows(cell.by_arm(state.q))
     for _ in range(3):
         near = pin.integrate(model, q_start, 0.03 * rng.normal(size=model.nv))
         q = pin.integrate(
@@ -57,13 +60,15 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
         v = chain.mechanism.project_velocity(q, rng.normal(size=model.nv)) + 1e-4 * rng.normal(size=model.nv)
         tau, external = 20.0 * rng.normal(size=model.nv), np.zeros(6)
         external[rows] = 10.0 * rng.normal(size=len(rows))
-        force = tau + chain.payload_jacobian(q).T @ external
+        force = tau + friction(v) + chain.payload_jacobian(q).T @ external
         angles = np.concatenate([arm.angles.of(q[arm.q_slice]) for arm in chain.model.arms])
         found = np.array(evaluate(tape, operands(tape, outputs), [*angles, *v, *tau, *external]))
         wanted = chain.mechanism.solver.acceleration(q, v, force)
         F, energy = chain.interaction_wrenches(q, v, force, external), chain.mechanism.energy(q, v)
         assert np.abs(found[: model.nv] - wanted).max() < 1e-10 * np.abs(wanted).max()
-        wrenches = found[model.nv : -2].reshape(-1, 6)[:, rows]
+        powers = tau @ v, friction(v) @ v, external @ chain.payload_twist(q, v), 0.0
+        assert_allclose(found[model.nv :][: len(WORK)], powers, rtol=1e-10, atol=1e-10)
+        wrenches = found[model.nv + len(WORK) : -2].reshape(-1, 6)[:, rows]
         assert np.abs(wrenches - F[:, rows]).max() < 1e-10 * np.abs(F).max()
         assert_allclose(found[-2:], energy, rtol=0, atol=1e-10)
 
@@ -84,7 +89,7 @@ def test_the_dynamics_of_arms_with_turning_and_sliding_joints_are_pinocchios():
     q, v, tau = (inputs(tape, n) for _ in range(3))
     state = ArmInput(q, v, tau, (first.R, first.p), last, (arm.R_JP, arm.p_JP))
     terms = arm_terms(ArmNumbers(arm, gravity, "012345"), state)
-    outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, terms.potential]
+    outputs = [*terms.acceleration(np.zeros(6)), *terms.b, *terms.V, terms.kinetic, -(terms.moment @ gravity)]
     for q, v, tau in rng.normal(size=(3, 3, n)):
         a = pin.aba(model, data, q, v, tau)
         pin.forwardKinematics(model, data, q, v, a)

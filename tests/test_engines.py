@@ -85,15 +85,15 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
         for plant in (oracle, traced):
             plant.q, plant.v = q, v
             plant.hold(force)
-            plant.push(push)
-            seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force, push))))
+            plant.surround(plant.surroundings._replace(push=push))
+            seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force))))
             found = plant.interaction_wrenches()
-            assert_allclose(seen[-1].interaction_wrenches, [found, found], rtol=1e-12, atol=1e-12)
+            assert_allclose(seen[-1].interaction_wrench, [found, found], rtol=1e-12, atol=1e-12)
             plant.advance(0.0, 1e-6)
         assert_allclose((traced.v - v) / 1e-6, (oracle.v - v) / 1e-6, rtol=1e-7)
-        for field in ("payload_pose", "payload_twist", "tip_positions"):
+        for field in ("payload_pose", "payload_twist", "tip_position"):
             assert_allclose(getattr(seen[1], field), getattr(seen[0], field), rtol=0.0, atol=1e-12)
-        F, F_wanted = (one.interaction_wrenches[..., list(rows.indices)] for one in seen[::-1])
+        F, F_wanted = (one.interaction_wrench[..., list(rows.indices)] for one in seen[::-1])
         assert_allclose(F, F_wanted, rtol=0.0, atol=1e-10 * np.abs(F_wanted).max())
         for field in ("kinetic_energy", "potential_energy"):
             assert_allclose(getattr(seen[1], field), getattr(seen[0], field), rtol=1e-12)

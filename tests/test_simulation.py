@@ -130,7 +130,8 @@ def test_a_last_tick_whose_wrenches_overflow_is_refused_and_the_rest_is_kept(cel
     run = Simulation(scenario, build_controller(scenario))
     while run.time < end - 1e-9:
         run.tick()
-    run.plant.push(np.full(6, 1.7e308))
+    run.recorder.observe()
+    run.plant.surround(run.plant.surroundings._replace(push=np.full(6, 1.7e308)))
     with pytest.raises(OutOfRangeError):
         run.tick()
     assert run.result().end == pytest.approx(end - scenario.clock.period)
@@ -183,8 +184,9 @@ def test_timeline_cuts_steps_at_events():
     assert_close(starts, [0.02, 0.0225, 0.0231, 0.025, 0.02525, 0.0275], atol=1e-15)
     for tick in range(timeline.ticks):
         assert sum(step.length for step in timeline.steps(tick)) == pytest.approx(0.01, abs=1e-15)
-    assert timeline.push_at(0.02)[0] == 1.0
-    assert timeline.push_at(0.02525)[0] == 0.0
+    assert all(map(timeline.happens_at, (0.02, 0.0231, 0.02525)))
+    assert not any(map(timeline.happens_at, (0.0, 0.0225, 0.025, 0.03)))
+    assert timeline.event_times() == [0.02, 0.0231, 0.02525]
 
 
 def test_push_between_ticks_has_its_exact_impulse():

@@ -262,12 +262,26 @@ def test_functions_of_equal_structure_and_numbers_are_traced_once():
 
 def small_program():
     lanes, uniforms = Layout(), Layout()
-    lanes.add("x", 2)
-    uniforms.add("h")
+    lanes.add(x=(2,))
+    uniforms.add(h=())
     kernel = Kernel("advance", lanes, uniforms)
     x = kernel.read("x")
     kernel.write("x", [x[0] + kernel.uniform("h") * x[1], np.exp(x[1])])
     return Program([kernel], lanes, 2, 0, [Instruction(0, 0), Instruction(RECORD, 0)])
+
+
+def test_a_field_that_is_there_already_or_of_another_size_is_refused_by_name():
+    lanes = Layout()
+    lanes.add(x=(2, 3))
+    kernel = Kernel("advance", lanes, Layout())
+    for call in (
+        lambda: lanes.add(x=()),
+        lambda: kernel.write("x", np.zeros(5)),
+        lambda: lanes.filled("x", 1),
+    ):
+        with pytest.raises(ArgumentError, match="'x'"):
+            call()
+    assert lanes.filled("x", 6) == list(range(6))
 
 
 def run_small_program():

@@ -215,7 +215,9 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
-        F_load = model.share * scenario.payload_at(float(time)).mass * np.array(cell.gravity)
+        surroundings = scenario.surroundings_at(float(time))
+        model.model.gravity.linear = surroundings.gravity
+        F_load = model.share * surroundings.mass * surroundings.gravity
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
     weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)
     joints = model.limits.joints

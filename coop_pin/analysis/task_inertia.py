@@ -15,7 +15,7 @@ from coop_pin.control.law import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.transmission import friction
-from coop_pin.spatial import weight_wrench
+from coop_pin.spatial import spatial_inertia, weight_wrench
 
 _RIGID = 1e-9
 """Mobility of a direction in which an arm cannot move the payload, as a part of its largest."""
@@ -109,7 +109,8 @@ def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
     """Return M_0 at every pose, shape (n, 6, 6)."""
     first = CellArm(scenario.cell, cell_reach.arms[0].arm)
     turns = [first.payload_pose(q)[:3, :3] for q in cell_reach.arms[0].q]
-    return np.array([scenario.cell.payload.spatial_inertia(R) for R in turns])
+    payload = scenario.cell.payload
+    return np.array([spatial_inertia(payload.mass, payload.inertia_matrix, R) for R in turns])
 
 
 class _HeldArm:

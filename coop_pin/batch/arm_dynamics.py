@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +47,8 @@ class ArmResponse(NamedTuple):
 
         Y = L^-1 S_k^T,  u = L^-1 (tau - h),  G = Y^T D^-1 Y = S_k M^-1 S_k^T,  b = A_k + Y^T D^-1 u
 
-    the acceleration of the last body is G F + b in the kept rows. Twists, accelerations and subspaces are
-    about the origin of the world, in world axes, linear before angular; k of their six rows are kept.
+    the acceleration of the last body is G F + b in the kept rows. Twists, accelerations, subspaces and forces
+    are about the origin of the world, in world axes, linear before angular; k of their six rows are kept.
 
     Attributes:
         R_WP: Orientation of P, shape (3, 3).
@@ -63,7 +63,7 @@ class ArmResponse(NamedTuple):
         G: Mobility of the last body in the kept rows, shape (k, k).
         b: Acceleration of the last body in the kept rows without F, shape (k,).
         kinetic: Kinetic energy, J.
-        potential: Potential energy, J.
+        moment: First moment about the world's origin, kg m, shape (3,).
     """
 
     R_WP: Numbers
@@ -78,7 +78,7 @@ class ArmResponse(NamedTuple):
     G: Numbers
     b: Numbers
     kinetic: Number
-    potential: Any
+    moment: Numbers
 
     def acceleration(self, F: Numbers) -> Numbers:
         """Return a = L^-T D^-1 (u + Y F) for a force F on the last body in the kept rows, shape (n,)."""
@@ -105,20 +105,20 @@ def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
     bodies = [first._replace(R=state.first[0], p=state.first[1]), *others]
     bodies[-1] = bodies[-1]._replace(inertia=state.last)
     arm = SerialArm(tuple(bodies), model.arm.is_revolute, *state.held)
-    seen, rows = frames(arm, state.q), [int(row) for row in model.rows]
+    kinematics, rows = frames(arm, state.q), [int(row) for row in model.rows]
     h, a, alpha = newton_euler(arm, model.gravity, state.q, state.v, np.zeros(len(state.q)))
     M, whole = mass_matrix(arm, state.q)
-    V = seen.S @ state.v
-    A = _spatial(V, seen.p, seen.R @ a, seen.R @ alpha)
+    V = kinematics.S @ state.v
+    A = _spatial(V, kinematics.p, kinematics.R @ a, kinematics.R @ alpha)
     L, D_inverse = factor(M)
-    Y = np.stack([solve_lower(L, row) for row in seen.S[rows]], axis=1)
+    Y = np.stack([solve_lower(L, row) for row in kinematics.S[rows]], axis=1)
     u, Z = solve_lower(L, state.tau - h), D_inverse[:, None] * Y
     return ArmResponse(
-        R_WP=seen.R_WP,
-        p_WP=seen.p_WP,
+        R_WP=kinematics.R_WP,
+        p_WP=kinematics.p_WP,
         V=V,
         A=A,
-        S=seen.S,
+        S=kinematics.S,
         L=L,
         D_inverse=D_inverse,
         Y=Y,
@@ -126,7 +126,7 @@ def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
         G=_symmetric_product(Y, Z),
         b=A[rows] + Z.T @ u,
         kinetic=0.5 * (state.v @ (M @ state.v)),
-        potential=-1.0 * (model.gravity @ whole.moved(*links(arm, state.q)[0]).moment),
+        moment=whole.moved(*links(arm, state.q)[0]).moment,
     )
 
 

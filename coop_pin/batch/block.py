@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.constants import RunConstants, Start
-from coop_pin.batch.serial_arm import Numbers
+from coop_pin.batch.plant_code import observed
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import Quantity, shape_of
-from coop_pin.simulation.plant import CHANNELS
+from coop_pin.results.quantities import WORK, Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
-from coop_pin.tracing.traced_array import parts, traced
+from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import leaves, rebuilt
 
 
@@ -68,31 +68,17 @@ class RunBlock:
         """
         self.constants, self.signals, self._differs = constants, signals, differs
         self.start, self.read = start, {each.name: each.read for each in table if each.read}
-        self._sizes = [len(arm.drive) for arm in constants.arms]
-        m, N, k_0 = len(self._sizes), sum(self._sizes), constants.sensors.rows.size
+        m, N, k_0 = len(constants.arms), len(start.q), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        recorded: tuple[tuple[Any, ...], ...] = (
-            *(("q", N), ("v", N), ("work", len(CHANNELS)), ("payload_energy",)),
-            *(("R_WP", 3, 3), ("p_WP", 3), ("V_WP", 6), ("tips", m, 3)),
-            *(("wrenches", m, 6), ("closure_errors", m, 2), ("kinetic",), ("potential",), ("is_valid",)),
-            *(("external", 6), ("jacobians", k_0 * N), ("condition_bounds", m)),
-            *((each.name, *shape_of(each, m, N, k_0)) for each in table if each.read),
-        )
-        for field in recorded:
-            lanes.add(*field)
+        lanes.add(q=(N,), v=(N,), work=(len(WORK),), is_valid=(), **observed(m))
+        lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
+        lanes.add(**{each.name: shape_of(each, m, N, k_0) for each in table if each.read})
         self.recorded = lanes.size
-        lanes.add("signals", int(signals.is_loaded.sum()))
+        lanes.add(signals=(int(signals.is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        others: tuple[tuple[Any, ...], ...] = (
-            *(("force", N), ("holding", N), ("drives", len(leaves(start.drives)))),
-            *(("rates", N + len(CHANNELS)), ("constants", int(differs.sum())), ("payload", 13)),
-        )
-        for field in others:
-            lanes.add(*field)
-        uniforms.add("h")
-        uniforms.add("s")
-        uniforms.add("gives", m)
-        uniforms.add("signals", int(signals.is_uniform.sum()))
+        lanes.add(force=(N,), rates=(N + len(WORK),), holding=(N,), drives=(len(leaves(start.drives)),))
+        lanes.add(constants=(int(differs.sum()),), surroundings=(len(leaves(constants.changes[0])),))
+        uniforms.add(h=(), s=(), gives=(m,), signals=(int(signals.is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""
@@ -103,15 +89,12 @@ class RunBlock:
             next(inputs) if differs else number
             for number, differs in zip(numbers, self._differs.tolist(), strict=True)
         )
-        constants = rebuilt(self.constants, known)
-        if constants.changes_payload:
-            payload = rebuilt(constants.cell.payload, iter(kernel.read("payload")))
-            constants = constants._replace(cell=constants.cell._replace(payload=payload))
-        return kernel, constants
+        return kernel, rebuilt(self.constants, known)
 
-    def split(self, values: Numbers) -> list[Numbers]:
-        """Return the part of each arm."""
-        return parts(values, self._sizes)
+    def cell(self, kernel: Kernel, constants: RunConstants) -> CellNumbers:
+        """Return the constants of the cell in its present surroundings."""
+        cell, changed = constants.cell, rebuilt(constants.changes[0], iter(kernel.read("surroundings")))
+        return cell._replace(surroundings=cell.surroundings._replace(**changed))
 
     def signals_at(self, kernel: Kernel) -> RunSignals:
         """Return the signals at the kernel's tick."""

@@ -32,7 +32,11 @@ from coop_pin.batch.serial_arm import (
     motion_cross,
 )
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.tracing.tape import Number, Tape, Traced
+from coop_pin.description.events import Surroundings
+from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.tape import Number, Traced
+from coop_pin.tracing.traced_array import parts, plain, traced
 from coop_pin.tracing.tree import SharedFunctions
 
 _ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
@@ -41,23 +45,23 @@ _TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
 
 
 class CellNumbers(NamedTuple):
-    """Constants of a cell's dynamics.
+    """Constants of a cell's dynamics, most of which fold into its code.
 
     Attributes:
         arms: as the plant has them; the payload is not part of the first one's last body.
-        payload: inertia of the payload about P.
         tips: position of each tip in the payload frame, m, shape (m, 3).
-        gravity: m/s^2, shape (3,).
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
         velocity_gain: 2 zeta omega, 1/s.
+        friction: friction of each arm.
+        surroundings: payload, and what acts on it from outside.
     """
 
     arms: tuple[SerialArm, ...]
-    payload: RigidInertia
     tips: Numbers
-    gravity: Numbers
     position_gain: Number
     velocity_gain: Number
+    friction: tuple[Friction, ...]
+    surroundings: Surroundings
 
     @classmethod
     def from_chain(cls, chain: CellChain) -> CellNumbers:
@@ -77,12 +81,16 @@ class CellNumbers(NamedTuple):
         gains = chain.mechanism.stabilisation
         return cls(
             arms=tuple(arms),
-            payload=RigidInertia.from_model(tree.payload_inertia),
             tips=np.array([cell.grasps[arm].matrix[:3, 3] for arm in cell.arms]),
-            gravity=np.array(model.gravity.linear),
             position_gain=gains.position_gain,
             velocity_gain=gains.velocity_gain,
+            friction=tuple(friction(arm, name) for name, arm in cell.arms.items()),
+            surroundings=cell.surroundings,
         )
+
+    def by_arm(self, values: Numbers) -> list[Numbers]:
+        """Return the part of each arm of values of all joints or drives."""
+        return parts(values, [len(arm.bodies) for arm in self.arms])
 
     def moving_rows(self, q: Sequence[Numbers]) -> list[int]:
         """Return the rows of world six-vectors that are not zero by structure for every motion of the cell.
@@ -90,57 +98,66 @@ class CellNumbers(NamedTuple):
         Args:
             q: Joint positions of each arm, traced, shape (n,) each.
         """
-        S = np.hstack([frames(arm, own).S for arm, own in zip(self.arms, q, strict=True)])
+        S = np.hstack([frames(arm, positions).S for arm, positions in zip(self.arms, q, strict=True)])
         return [row for row in range(6) if any(isinstance(x, Traced) or x != 0.0 for x in S[row])]
 
 
 class CellMotion(NamedTuple):
-    """Accelerations and forces of a cell at a state, and what is seen of it.
+    """Accelerations and forces of a cell at a state, and what is observed of it.
 
     Attributes:
-        accelerations: accelerations of each arm's joints, shape (n,) each.
+        rates: accelerations of all joints, then powers in the order of WORK, whose last is done at instants
+            only, shape (N + 4,).
         wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); only the moving rows
             are determined.
         R_WP: orientation of the payload, shape (3, 3).
         p_WP: position of P, shape (3,).
         V_WP: twist of the payload about P, shape (6,).
+        payload_wrench: whole wrench on the payload about P in world axes, besides gravity, shape (6,).
         tips: positions of the tips, shape (m, 3).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
         kinetic: energy, J.
         potential: energy, J.
+        moment: first moment of arms and payload about the world's origin, kg m, shape (3,).
     """
 
-    accelerations: list[Numbers]
+    rates: Numbers
     wrenches: Numbers
     R_WP: Numbers
     p_WP: Numbers
     V_WP: Numbers
+    payload_wrench: Numbers
     tips: Numbers
     closure_errors: Numbers
     kinetic: Number
     potential: Number
+    moment: Numbers
 
 
 class CellState(NamedTuple):
-    """State of a cell and the forces on it.
+    """State of a cell, and the forces that its drives hold.
 
     Attributes:
-        q: joint positions of each arm, shape (n,) each.
-        v: joint rates of each arm, shape (n,) each.
-        tau: joint torques of each arm, without those of the closures, shape (n,) each.
-        external: wrench on the payload about P in world axes, shape (6,).
+        q: joint positions of all arms, shape (N,).
+        v: joint rates of all arms, shape (N,).
+        force: generalised force of the drives, N m, shape (N,).
     """
 
-    q: Sequence[Numbers]
-    v: Sequence[Numbers]
-    tau: Sequence[Numbers]
-    external: Numbers
+    q: Numbers
+    v: Numbers
+    force: Numbers
+
+    @classmethod
+    def of(cls, kernel: Kernel) -> CellState:
+        """Return the state in a kernel's slots."""
+        return cls(*map(kernel.read, cls._fields))
 
 
-def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state: CellState) -> CellMotion:
-    """Return the constrained motion of a cell.
+def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState) -> CellMotion:
+    """Return the constrained motion of a cell under drives, friction and surroundings.
 
-    With G_i and b_i of ArmResponse, the external wrench W on the payload and f_i on arm i by the payload::
+    With G_i and b_i of ArmResponse, and about the world's origin the payload wrench W and f_i on arm i by the
+    payload::
 
         G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_j f_j),   i = 1, ..., m - 1
         d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
@@ -149,48 +166,64 @@ def cell_motion(functions: SharedFunctions, tape: Tape, cell: CellNumbers, state
 
     Args:
         functions: Shared functions of the arms.
-        tape: Tape to record on.
         cell: Constants of the cell.
         state: traced.
     """
-    rows = cell.moving_rows(state.q)
+    mass, inertia, gravity, F_P = cell.surroundings
+    payload, (q, v, force) = RigidInertia(mass, np.zeros(3), inertia), map(cell.by_arm, state)
+    resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
+    tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
+    rows = cell.moving_rows(q)
     terms = [
-        _terms(functions, tape, ArmNumbers(arm, cell.gravity, "".join(map(str, rows))), own)
-        for arm, own in zip(cell.arms, _arm_inputs(cell, state), strict=True)
+        _terms(functions, ArmNumbers(arm, gravity, "".join(map(str, rows))), arm_state)
+        for arm, arm_state in zip(cell.arms, _arm_inputs(cell, payload, q, v, tau), strict=True)
     ]
     first = terms[0]
     R, p = first.R_WP, first.p_WP
-    W = join(state.external[:3], state.external[3:] + cross(p, state.external[:3]))
+    V_WP = join(first.V[:3] + cross(first.V[3:], p), first.V[3:])
+    W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))  # a force that depends on R, p and V_WP adds to F_P before
     errors = [closure_error(R, p, arm.R_WP, arm.p_WP) for arm in terms[1:]]
     forces = _closure_forces(cell, terms, W, errors, rows)
     total = W[rows] - sum(forces, np.zeros(len(rows)))
     accelerations = [arm.acceleration(force) for arm, force in zip(terms, [total, *forces], strict=True)]
-    payload = cell.payload.moved(R, p)
-    balance = payload.times(first.A + first.S @ accelerations[0]) + force_cross(
-        first.V, payload.times(first.V)
-    )
-    on_first = total - balance[rows]
+    moved, A = payload.moved(R, p), first.A + first.S @ accelerations[0]
+    on_first = total - (moved.times(A) + force_cross(first.V, moved.times(first.V)))[rows]
+    powers = [state.force @ state.v, traced(np.concatenate(resistance)) @ state.v, F_P @ V_WP, 0.0]
     tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
     sizes = [_size(error, tip) for error, tip in zip(errors, tips[1:], strict=True)]
     return CellMotion(
-        accelerations=accelerations,
+        rates=np.concatenate((*accelerations, powers)),
         wrenches=np.stack([_about(p, force, rows) for force in (on_first, *forces)]),
         R_WP=R,
         p_WP=p,
-        V_WP=join(first.V[:3] + cross(first.V[3:], p), first.V[3:]),
+        V_WP=V_WP,
+        payload_wrench=F_P,
         tips=tips,
         closure_errors=np.array([[0.0, 0.0], *sizes], dtype=object),
         kinetic=sum((arm.kinetic for arm in terms), 0.0),
-        potential=sum((arm.potential for arm in terms), 0.0),
+        potential=sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
+        moment=sum((arm.moment for arm in terms), np.zeros(3)),
     )
 
 
-def payload_energy(cell: CellNumbers, motion: CellMotion) -> Number:
-    """Return kinetic and potential energy of the payload, J: what a change of its mass changes."""
+def energy_gain(before: Surroundings, after: Surroundings, motion: CellMotion) -> Number:
+    """Return the energy that other surroundings add, J: of the payload, and of the arms in another gravity.
+
+    Args:
+        before: Surroundings until now.
+        after: Surroundings from now on.
+        motion: Motion in those until now.
+    """
+    arms = motion.moment - before.mass * motion.p_WP
+    gain = _payload_energy(after, motion) - _payload_energy(before, motion)
+    return gain - arms @ plain(after.gravity - before.gravity)
+
+
+def _payload_energy(surroundings: Surroundings, motion: CellMotion) -> Number:
+    """Return kinetic and potential energy of the payload, J."""
     v, w = motion.V_WP[:3], motion.V_WP[3:]
-    w_P = motion.R_WP.T @ w
-    mass, _, inertia = cell.payload
-    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (cell.gravity @ motion.p_WP)
+    w_P, (mass, inertia, gravity, _) = motion.R_WP.T @ w, surroundings
+    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (gravity @ motion.p_WP)
 
 
 def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:
@@ -210,17 +243,17 @@ def _series(x: Any, coefficients: Sequence[float]) -> Number:
     return value
 
 
-def _arm_inputs(cell: CellNumbers, state: CellState) -> list[ArmInput]:
-    """Return the input of each arm; the first one's last body carries the payload."""
-    made = []
-    for index, (arm, q, v, tau) in enumerate(zip(cell.arms, state.q, state.v, state.tau, strict=True)):
+def _arm_inputs(cell: CellNumbers, payload: RigidInertia, *states: Sequence[Numbers]) -> list[ArmInput]:
+    """Return the input of each arm, given q, v and tau of each; the first one carries the payload."""
+    arm_inputs = []
+    for index, (arm, q, v, tau) in enumerate(zip(cell.arms, *states, strict=True)):
         first, last, held = arm.bodies[0], arm.bodies[-1].inertia, (arm.R_JP, arm.p_JP)
-        carried = last if index else last.plus(cell.payload.moved(*held))
-        made.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
-    return made
+        carried = last if index else last.plus(payload.moved(*held))
+        arm_inputs.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
+    return arm_inputs
 
 
-def _terms(functions: SharedFunctions, tape: Tape, model: ArmNumbers, state: ArmInput) -> ArmResponse:
+def _terms(functions: SharedFunctions, model: ArmNumbers, state: ArmInput) -> ArmResponse:
     """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
     if len(model.rows) < 6:
         return arm_terms(model, state)
@@ -228,8 +261,8 @@ def _terms(functions: SharedFunctions, tape: Tape, model: ArmNumbers, state: Arm
     bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
     bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
     shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
-    found: ArmResponse = functions.call(tape, arm_terms, model._replace(arm=shared), state)
-    return found
+    response: ArmResponse = functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
+    return response
 
 
 def _closure_forces(
@@ -247,8 +280,8 @@ def _closure_forces(
     right, G = [], np.empty((k * len(others), k * len(others)), dtype=object)
     for i, (arm, error) in enumerate(zip(others, errors, strict=True)):
         drift = arm.V - first.V
-        wanted = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
-        right += [*(known - arm.b - wanted[rows])]
+        closing = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
+        right += [*(known - arm.b - closing[rows])]
         for j in range(len(others)):
             G[k * i : k * (i + 1), k * j : k * (j + 1)] = first.G + arm.G if i == j else first.G
     L, D_inverse = factor(G)

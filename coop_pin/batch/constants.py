@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,45 +10,30 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellNumbers
-from coop_pin.batch.serial_arm import Numbers, RigidInertia, SerialArm, frames, payload_jacobian
-from coop_pin.description.payload import Payload
+from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobian
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.actuation import CellDrives, DriveState
 from coop_pin.simulation.sensing import CellSensors
-from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
-
-
-class Surroundings(NamedTuple):
-    """What acts on the payload from an instant of events on.
-
-    Attributes:
-        payload: the payload's inertia about P from then on.
-        push: wrench on the payload about P in world axes from then on, shape (6,).
-    """
-
-    payload: RigidInertia
-    push: Numbers
 
 
 class ArmConstants(NamedTuple):
     """Numbers of one arm besides its dynamics.
 
     Attributes:
-        seen: the arm as its own kinematics have it, calibration errors included.
+        model: the arm as its own kinematics have it, calibration errors included.
         drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
-        friction: friction of its joints or drives.
     """
 
-    seen: SerialArm
+    model: SerialArm
     drive: Numbers
     to_joints: Numbers
-    friction: Friction
 
     def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
         """Return payload pose and Jacobian by the arm's own kinematics.
@@ -57,9 +42,9 @@ class ArmConstants(NamedTuple):
             rows: Task rows of the cell.
             angles: Angles of the joints as measured, shape (n,).
         """
-        seen, X_WP = frames(self.seen, angles), np.eye(4).astype(object)
-        X_WP[:3, :3], X_WP[:3, 3] = seen.R_WP, seen.p_WP
-        J = rows.select(payload_jacobian(seen.S, seen.p_WP)).dot(self.to_joints)
+        placed, X_WP = frames(self.model, angles), np.eye(4).astype(object)
+        X_WP[:3, :3], X_WP[:3, 3] = placed.R_WP, placed.p_WP
+        J = rows.select(payload_jacobian(placed.S, placed.p_WP)).dot(self.to_joints)
         return PayloadKinematics(traced(X_WP), traced(J))
 
 
@@ -69,13 +54,12 @@ class RunConstants(NamedTuple):
     The controller is last, since a plant's numbers are those before it.
 
     Attributes:
-        cell: Dynamics of the cell.
-        arms: Kinematics and friction of each arm.
+        cell: Dynamics of the cell, in the surroundings of the start: those that the robots' own gravity
+            compensation believes.
+        arms: Kinematics and transmission of each arm.
         sensors: Sensors of all arms.
         drives: Drives of all arms.
-        instants: Surroundings of the payload from each instant of events on.
-        changes_payload: Whether events change the payload.
-        pushes: Whether events push the payload.
+        changes: Those fields of the surroundings that events change: at the start, and from each instant on.
         controller: Controller of all arms.
     """
 
@@ -83,9 +67,7 @@ class RunConstants(NamedTuple):
     arms: tuple[ArmConstants, ...]
     sensors: CellSensors
     drives: CellDrives
-    instants: tuple[Surroundings, ...]
-    changes_payload: bool
-    pushes: bool
+    changes: tuple[Mapping[str, Any], ...]
     controller: Any
 
     def view(
@@ -125,15 +107,12 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     Raises:
         TracingError: an arm is no serial chain.
     """
-    payload, events = scenario.cell.payload, scenario.events
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
         arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
-        instants=instants(scenario, run),
-        changes_payload=any(event.apply(payload) is not payload for event in events),
-        pushes=any(event.push_at(event.time) is not None for event in events),
+        changes=changes(scenario, run.timeline),
         controller=run.controller,
     )
 
@@ -149,38 +128,35 @@ def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
         TracingError: the arm is no serial chain.
     """
     cell, name = scenario.cell, place.name
-    seen = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
-    X_JP = seen.frames[seen.getFrameId("payload")].placement
+    model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
-        seen=SerialArm.from_model(seen, range(1, seen.njoints), X_JP, pin.Inertia.Zero()),
+        model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
         drive=place.drive,
-        to_joints=np.linalg.inv(place.drive),
-        friction=friction(cell.arms[name], name),
+        to_joints=place.from_drive,
     )
 
 
-def instants(scenario: Scenario, run: Simulation) -> tuple[Surroundings, ...]:
-    """Return what events make of the cell, at each of the timeline's event times."""
-    payload, found = scenario.cell.payload, []
-    for time in run.timeline.event_times():
-        for event in run.timeline.events_at(time):
-            payload = event.apply(payload)
-        found.append(Surroundings(_inertia(payload), run.timeline.push_at(time)))
-    return tuple(found)
+def changes(scenario: Scenario, timeline: Timeline) -> tuple[dict[str, Any], ...]:
+    """Return the fields of the surroundings that events change, at the start and from each event time on.
+
+    They depend on the kinds of the events, not on their numbers: a new mass may equal the old one.
+    """
+    start = scenario.cell.surroundings
+    after = [event.apply(start, event.time) for event in scenario.events]
+    names = [
+        name for name in start._fields if any(getattr(s, name) is not getattr(start, name) for s in after)
+    ]
+    later = [scenario.surroundings_at(timeline.just_after(time)) for time in timeline.event_times()]
+    return tuple({name: getattr(present, name) for name in names} for present in (start, *later))
 
 
-def start(scenario: Scenario, run: Simulation) -> Start:
+def start(run: Simulation) -> Start:
     """Return the start of a run."""
     q, holding = [], []
-    measured = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    for place, seen in zip(run.plant.chain.model.arms, measured, strict=True):
-        posture = scenario.cell.arms[place.name].posture
-        near = np.zeros(len(place.drive)) if posture is None else np.array(posture)
-        q.append(place.angles.near(run.plant.q[place.q_slice], near))
-        assert seen.holding_torque is not None
-        holding.append(seen.holding_torque)
+    measurements = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
+    for arm, measurement in zip(run.plant.chain.model.arms, measurements, strict=True):
+        q.append(arm.angles.near(run.plant.q[arm.q_slice], arm.posture))
+        assert measurement.holding_torque is not None
+        holding.append(measurement.holding_torque)
     return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)
-
-
-def _inertia(payload: Payload) -> RigidInertia:
-    return RigidInertia.from_model(pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix))

@@ -53,12 +53,12 @@ class PreparedPlant:
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
-        self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
+        self.constants, self.start = run_constants(scenario, self.run), start(self.run)
         others = self.constants._replace(controller=None)
         self.values, structure = flattened(others)
         self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
-        self.begins["payload"] = leaves(self.constants.cell.payload)
+        self.begins["surroundings"] = leaves(self.constants.changes[0])
         self.desired = desired_of(self.run)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         drawn = run_signals(scenario, self.desired, self._joints)

@@ -12,8 +12,7 @@ from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.errors import InvalidStateError
-from coop_pin.results.quantities import Samples, condition_numbers, padded
-from coop_pin.simulation.plant import CHANNELS
+from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
 from coop_pin.spatial import internal_wrenches
 from coop_pin.tracing.kernel import Layout
 
@@ -35,7 +34,7 @@ class RunSamples(Mapping[str, Any]):
         self._prepared, self._layout = prepared, layout
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
-        self._places, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
+        self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
         self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
         tables = {id(plant): plant.table for plant in prepared.plants}.values()
@@ -106,24 +105,24 @@ class RunSamples(Mapping[str, Any]):
         runs = [np.array(block, order="C").reshape(-1, len(self._kept), *slots.shape) for block in blocks]
         return runs[0] if len(runs) == 1 else np.concatenate(runs)
 
-    def _desired(self, index: int) -> Array:
-        """Return an entry of Desired."""
+    def _desired(self, field: str) -> Array:
+        """Return a field of Desired."""
         plants = self._prepared.plants
-        known = {id(plant): plant.desired[index][self._kept] for plant in plants}
+        known = {id(plant): getattr(plant.desired, field)[self._kept] for plant in plants}
         return np.stack([known[id(plant)] for plant in plants])
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
-        return np.split(values, np.cumsum([len(place.drive) for place in self._places])[:-1], axis=-1)
+        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms])[:-1], axis=-1)
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
-        ends = k_0 * np.cumsum([len(place.drive) for place in self._places])
+        ends = k_0 * np.cumsum([len(arm.drive) for arm in self._arms])
         return [J.reshape(*J.shape[:2], k_0, -1) for J in np.split(values, ends[:-1], axis=-1)]
 
     def _configuration(self) -> Array:
-        pairs = zip(self["angles"], self._places, strict=True)
-        return np.concatenate([place.angles.configuration(q) for q, place in pairs], axis=2)
+        pairs = zip(self["angles"], self._arms, strict=True)
+        return np.concatenate([arm.angles.configuration(q) for q, arm in pairs], axis=2)
 
     def _pose(self) -> Array:
         positions = self._field("p_WP")
@@ -136,12 +135,12 @@ class RunSamples(Mapping[str, Any]):
         field, plant = self._field, self._plant.run.plant
         determined = determinate_rows(plant.chain, plant.q)
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
-        desired = ("time", "desired_pose", "desired_twist", "", "desired_squeeze")
         return {
-            **{name: partial(self._desired, index) for index, name in enumerate(desired) if name},
+            "time": lambda: self._desired("time"),
+            **{f"desired_{each}": partial(self._desired, each) for each in ("pose", "twist", "squeeze")},
             "angles": lambda: self._by_arm(field("q")),
             "rates": lambda: self._by_arm(field("v")),
-            "drive": lambda: [place.drive for place in self._places],
+            "drive": lambda: [arm.drive for arm in self._arms],
             "jacobian": self._jacobians,
             "configuration": self._configuration,
             "velocity": lambda: field("v"),
@@ -152,14 +151,13 @@ class RunSamples(Mapping[str, Any]):
             "internal_wrench": lambda: np.stack(
                 list(map(internal_wrenches, self["interaction_wrench"], shares))
             ),
-            "external_wrench": lambda: field("external"),
+            "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
             **{
-                f"work_{name}": partial(lambda channel: field("work")[..., channel], channel)
-                for channel, name in enumerate(CHANNELS)
+                name: partial(lambda index: field("work")[..., index], index)
+                for index, name in enumerate(WORK)
             },
-            "work_payload_change": lambda: field("payload_energy"),
         }

@@ -46,12 +46,13 @@ class RunProgram:
         lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
-        for name, given in (
+        for name, values in (
             *((name, [plant.begins[name] for plant in plants]) for name in plants[0].begins),
             ("constants", prepared.values[:, self._differs]),
             ("is_valid", np.ones((count, 1))),
         ):
-            block[lanes.slots(name).ravel()] = np.array(given, dtype=np.float64).reshape(count, -1).T
+            numbers = np.array(values, dtype=np.float64).reshape(count, -1).T
+            block[lanes.filled(name, len(numbers))] = numbers
         if not is_loaded.any():
             return block, np.zeros((1, 0, count))
         return block, np.stack([signals[:, is_loaded] for signals in prepared.signals], axis=2)

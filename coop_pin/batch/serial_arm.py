@@ -94,8 +94,8 @@ class RigidInertia(NamedTuple):
         trace, second = p @ h + p @ r, np.empty((3, 3), dtype=object)
         for i in range(3):
             for j in range(i + 1):
-                own = R_second[i] @ R[j] - p[i] * h[j] - r[i] * p[j]
-                second[i, j] = second[j, i] = own + trace if i == j else own
+                entry = R_second[i] @ R[j] - p[i] * h[j] - r[i] * p[j]
+                second[i, j] = second[j, i] = entry + trace if i == j else entry
         return RigidInertia(self.mass, h, second)
 
     def plus(self, other: RigidInertia) -> RigidInertia:
@@ -205,14 +205,14 @@ class ArmFrames(NamedTuple):
 
 def links(arm: SerialArm, q: Numbers) -> list[tuple[Numbers, Numbers]]:
     """Return orientation and position of each body in the one before, at joint positions, shape (n,)."""
-    found, turns = [], zip(q, np.cos(traced(q)), np.sin(traced(q)), strict=True)
+    placements, turns = [], zip(q, np.cos(traced(q)), np.sin(traced(q)), strict=True)
     for body, is_revolute, (q_k, c, s) in zip(arm.bodies, arm.is_revolute, turns, strict=True):
         R, p = plain(body.R), plain(body.p)
         if is_revolute:
-            found.append((R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=object), p))
+            placements.append((R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=object), p))
         else:
-            found.append((R, p + q_k * R[:, 2]))
-    return found
+            placements.append((R, p + q_k * R[:, 2]))
+    return placements
 
 
 def frames(arm: SerialArm, q: Numbers) -> ArmFrames:

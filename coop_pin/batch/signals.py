@@ -61,9 +61,8 @@ def run_signals(scenario: Scenario, desired: Desired, joints: list[int]) -> RunS
         desired: Desired motion and squeeze.
         joints: Number of each arm's drives.
     """
-    count = len(desired.time)
-    sensors = SensorSignals(scenario, joints).draw(count)
-    return RunSignals(desired, sensors, MissedTicks(scenario).draw(count))
+    ticks = len(desired.time)
+    return RunSignals(desired, SensorSignals(scenario, joints).draw(ticks), MissedTicks(scenario).draw(ticks))
 
 
 def columns(signals: RunSignals) -> Array:

@@ -152,13 +152,13 @@ class BatchSimulator:
         require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-        taken, records = list[Array](), list[Array]()
+        memories, records = list[Array](), list[Array]()
         for part in parts:
             lanes = block[:, part]
-            taken.append(self._memory(machine.record_size(lanes.shape[1])))
-            records.append(machine.run(lanes, code.uniforms, loads[:, :, part], taken[-1]))
+            memories.append(self._memory(machine.record_size(lanes.shape[1])))
+            records.append(machine.run(lanes, code.uniforms, loads[:, :, part], memories[-1]))
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, taken))
+        return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, memories))
 
     def _memory(self, size: int) -> Array:
         """Return memory for ``size`` numbers or more.

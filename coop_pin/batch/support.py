@@ -76,7 +76,7 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
     """Return successive ticks of all arms under a controller, at random states near the start."""
     rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
-    begun, sensors = start(scenario, run), constants.sensors
+    begun, sensors = start(run), constants.sensors
     sizes = [len(arm.drive) for arm in constants.arms]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
     signals, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
@@ -107,5 +107,5 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             torques, state = run.actuation.commanded(command), command.state
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([LawTick(*given) for given in zip(first, references, torques, strict=True)])
+        ticks.append([LawTick(*parts) for parts in zip(first, references, torques, strict=True)])
     return ticks

@@ -13,10 +13,10 @@ import numpy as np
 
 from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.block import RunBlock
-from coop_pin.batch.cell_dynamics import CellMotion, payload_energy
+from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, energy_gain
 from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.law_code import only_tracing_errors
-from coop_pin.batch.plant_code import OBSERVED, PlantNumbers, PlantState, plant_motion, write_step
+from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
@@ -46,28 +46,23 @@ class TickCode:
         return [
             *(start, self._weigh(), self._tick(), self._observe(), self._rates(), self._step()),
             *(self._drive(), self._release()),
-            *(self._event(index) for index in range(len(self._block.constants.instants))),
+            *(self._event(index) for index in range(len(self._block.constants.changes) - 1)),
         ]
 
-    def _plant(self, kernel: Kernel, constants: RunConstants) -> PlantNumbers:
-        """Return the numbers of the plant with the present push."""
-        external = kernel.read("external") if constants.pushes else np.zeros(6)
-        return PlantNumbers(constants.cell, tuple(arm.friction for arm in constants.arms), external)
-
-    def _motion(self, kernel: Kernel, constants: RunConstants) -> tuple[CellMotion, list[Number]]:
-        """Return the motion under the held torques and its rates."""
-        return plant_motion(self._functions, self._plant(kernel, constants), PlantState.of(kernel))
+    def _motion(self, kernel: Kernel, constants: RunConstants) -> CellMotion:
+        """Return the motion under the held torques in the present surroundings."""
+        return cell_motion(self._functions, self._block.cell(kernel, constants), CellState.of(kernel))
 
     # ------------------------------------------------------------ kernels
 
     def _start(self) -> Kernel:
         """Return the kernel before the first tick: states of sensors and law, and the wrenches at rest."""
         kernel, constants = self._block.kernel("start")
-        signals, weight = self._block.signals_at(kernel), constants.cell.payload.mass * constants.cell.gravity
+        signals, weight = self._block.signals_at(kernel), constants.cell.surroundings
         references = self._block.references(signals.desired)
         truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
-            load = np.concatenate((weight, np.zeros(3)))
+            load = np.concatenate((weight.mass * weight.gravity, np.zeros(3)))
             loads = np.stack([share * load for share in constants.sensors.shares])
             R_WP = frames(constants.cell.arms[0], truth.angles[0]).R_WP
             truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
@@ -75,17 +70,17 @@ class TickCode:
             kernel.write("R_WP", R_WP)
         self._sensors = constants.sensors.start(truth, view, references)
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
-        holding = self._block.split(kernel.read("holding"))
+        holding = constants.cell.by_arm(kernel.read("holding"))
         with only_tracing_errors():
             self._law = constants.controller.init(
                 [
-                    seen._replace(holding_torque=torque)
-                    for seen, torque in zip(measurements, holding, strict=True)
+                    measurement._replace(holding_torque=torque)
+                    for measurement, torque in zip(measurements, holding, strict=True)
                 ],
                 references,
             )
         for name, state in (("sensors", self._sensors), ("law", self._law)):
-            self._block.lanes.add(name, len(leaves(state)))
+            self._block.lanes.add(**{name: (len(leaves(state)),)})
             kernel.write(name, state)
         self._guard(kernel, [])
         return kernel
@@ -93,7 +88,7 @@ class TickCode:
     def _truth(self, kernel: Kernel, constants: RunConstants, signals: RunSignals) -> tuple[Truth, View]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
         names = ("q", "v", "torque", "saturated")
-        q, v, torques, saturated = (self._block.split(kernel.read(name)) for name in names)
+        q, v, torques, saturated = (constants.cell.by_arm(kernel.read(name)) for name in names)
         truth = Truth(
             time=signals.desired.time,
             angles=q,
@@ -110,7 +105,7 @@ class TickCode:
         """Return the kernel before a later tick: what wrist sensors and force path sense."""
         kernel, constants = self._block.kernel("weigh")
         if constants.sensors.needs_wrenches:
-            motion, _ = self._motion(kernel, constants)
+            motion = self._motion(kernel, constants)
             kernel.write("wrenches", motion.wrenches)
             kernel.write("R_WP", motion.R_WP)
         return kernel
@@ -145,22 +140,22 @@ class TickCode:
 
     def _record(self, kernel: Kernel, measurements: Sequence[ArmMeasurement], applied: Applied) -> None:
         """Write what is recorded of measurements and torques; NaN of what an arm does not measure."""
-        jacobians = [seen.payload_jacobian for seen in measurements]
+        jacobians = [measurement.payload_jacobian for measurement in measurements]
         kernel.write("jacobians", np.concatenate([J.ravel() for J in jacobians]))
         kernel.write("condition_bounds", [_condition_bound(J) for J in jacobians])
         for name, read in self._block.read.items():
             values = read(measurements, applied)
             absent: Any = np.full(self._block.lanes.slots(name).shape or (1,), np.nan)
             if len(absent) != len(values):  # of the drives of all arms in one row
-                absent = self._block.split(absent)
+                absent = self._block.constants.cell.by_arm(absent)
             pairs = zip(absent, values, strict=True)
             kernel.write(name, [traced(none if value is None else value) for none, value in pairs])
 
     def _weight(self, kernel: Kernel, constants: RunConstants, index: int) -> Numbers:
         """Return T^-T g(q) of an arm, N m, shape (k,)."""
-        q, to_joints = self._block.split(kernel.read("q"))[index], constants.arms[index].to_joints
+        q, to_joints = constants.cell.by_arm(kernel.read("q"))[index], constants.arms[index].to_joints
         rest = np.zeros(len(q))
-        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.gravity, q, rest, rest)
+        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.surroundings.gravity, q, rest, rest)
         weight: Numbers = to_joints.T.dot(traced(tau))
         return weight
 
@@ -192,9 +187,9 @@ class TickCode:
     def _observe(self) -> Kernel:
         """Return the kernel of what is recorded of the state and the forces on it, and of the rates."""
         kernel, constants = self._block.kernel("observe")
-        motion, rates = self._motion(kernel, constants)
-        kernel.write("rates", rates)
-        for name in OBSERVED:
+        motion = self._motion(kernel, constants)
+        kernel.write("rates", motion.rates)
+        for name in observed(len(constants.arms)):
             kernel.write(name, getattr(motion, name))
         bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
@@ -204,27 +199,24 @@ class TickCode:
     def _rates(self) -> Kernel:
         """Return the kernel of the rates after another step of a tick."""
         kernel, constants = self._block.kernel("rates")
-        kernel.write("rates", self._motion(kernel, constants)[1])
+        kernel.write("rates", self._motion(kernel, constants).rates)
         return kernel
 
     def _step(self) -> Kernel:
         """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
-        write_step(kernel, self._functions, self._plant(kernel, constants))
+        write_step(kernel, self._functions, self._block.cell(kernel, constants))
         return kernel
 
     def _event(self, index: int) -> Kernel:
-        """Return the kernel of an instant of events: the payload and the push from then on."""
+        """Return the kernel of an instant of events: the surroundings from then on, and their work."""
         kernel, constants = self._block.kernel(f"event_{index}")
-        instant = constants.instants[index]
-        if constants.pushes:
-            kernel.write("external", instant.push)
-        if constants.changes_payload:
-            motion, _ = self._motion(kernel, constants)
-            after = constants.cell._replace(payload=instant.payload)
-            gained = payload_energy(after, motion) - payload_energy(constants.cell, motion)
-            kernel.write("payload_energy", kernel.read("payload_energy") + gained)
-            kernel.write("payload", leaves(instant.payload))
+        changed, before = constants.changes[index + 1], self._block.cell(kernel, constants).surroundings
+        kernel.write("surroundings", changed)
+        if {*changed} - {"push"}:  # a push does its work while it lasts
+            gain = energy_gain(before, before._replace(**changed), self._motion(kernel, constants))
+            *works, done = kernel.read("work")
+            kernel.write("work", [*works, done + gain])
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:

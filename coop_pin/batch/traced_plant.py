@@ -8,15 +8,14 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellNumbers
-from coop_pin.batch.plant_code import OBSERVED, STEPS_AT_ONCE, PlantCode, PlantNumbers
-from coop_pin.batch.serial_arm import RigidInertia
+from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, observed
 from coop_pin.batch.support import plant_reason
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.transmission import friction
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tree import leaves, structure
 
@@ -47,12 +46,12 @@ class TracedPlant(Plant):
         self._call = self._machine.bound(self._block, self._lengths)
         self._at = {
             name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
-            for name in ("q", "v", "work", "force", "external", "payload", *OBSERVED)
+            for name in ("q", "v", "work", "force", "surroundings", *observed(len(chain.model.arms)))
             for slots in (self._slots(name),)
         }
-        self._places, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
+        self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)
-        self._weigh()
+        self._at["surroundings"][:] = leaves(self.surroundings)
 
     @property
     def q(self) -> Array:
@@ -81,7 +80,7 @@ class TracedPlant(Plant):
 
     @property
     def work(self) -> Array:
-        """Work done so far by each of CHANNELS, J, shape (3,)."""
+        """Work done so far, in the order of WORK, J, shape (4,)."""
         self._settle()
         return self._at["work"].copy()
 
@@ -97,35 +96,36 @@ class TracedPlant(Plant):
         self._is_observed = False
         self._at["force"][:] = force
 
-    def push(self, external: Array) -> None:
-        """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
+    def surround(self, surroundings: Surroundings) -> None:
+        """Replace the surroundings from now on; the energy that this adds counts as work."""
         self._settle()
-        super().push(external)
+        super().surround(surroundings)
         self._is_observed = False
-        self._at["external"][:] = external
+        self._at["surroundings"][:] = leaves(surroundings)
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
-        if self.chain.model.payload_inertia is not self._payload:
-            self._settle()
-            self._weigh()
         self._waiting.append(h)
         if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
-    def observe(self, q: Array, v: Array, force: Array, external: Array) -> Observation:
-        """Return poses, wrenches and energy at n states, with the present payload."""
+    def observe(self, q: Array, v: Array, force: Array) -> Observation:
+        """Return poses, wrenches and energy at n states in the present surroundings."""
         blocks = np.tile(self._block, (len(q), 1))
-        for name, values in (("q", self._angles(q)), ("v", v), ("force", force), ("external", external)):
+        for name, values in (("q", self._angles(q)), ("v", v), ("force", force)):
             blocks[:, self._slots(name).ravel()] = values
         self._machine.bound(blocks, self._lengths)(0, 1)
-        R, p, twist, tips, wrenches, _, kinetic, potential = (
-            blocks[:, self._slots(name)] for name in OBSERVED
-        )
+        fields = {name: blocks[:, self._slots(name)] for name in observed(len(self._arms))}
         X_WP = np.tile(np.eye(4), (len(q), 1, 1))
-        X_WP[:, :3, :3], X_WP[:, :3, 3] = R, p
-        require_finite("the interaction wrenches", wrenches)
-        return Observation(X_WP, twist, tips, wrenches, kinetic, potential)
+        X_WP[:, :3, :3], X_WP[:, :3, 3] = fields["R_WP"], fields["p_WP"]
+        return Observation(
+            payload_pose=X_WP,
+            payload_twist=fields["V_WP"],
+            tip_position=fields["tips"],
+            interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
+            kinetic_energy=fields["kinetic"],
+            potential_energy=fields["potential"],
+        )
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
@@ -137,8 +137,6 @@ class TracedPlant(Plant):
     def _observed(self) -> dict[str, Array]:
         """Return the slots after an observation, which is made once for a state and its forces."""
         self._settle()
-        if self.chain.model.payload_inertia is not self._payload:
-            self._weigh()
         if not self._is_observed:
             self._call(0, 1)
             self._is_observed = True
@@ -158,40 +156,32 @@ class TracedPlant(Plant):
     def _angles(self, q: Array) -> Array:
         if self._is_vector:
             return q
-        return np.concatenate([place.angles.of(q[..., place.q_slice]) for place in self._places], axis=-1)
+        return np.concatenate([arm.angles.of(q[..., arm.q_slice]) for arm in self._arms], axis=-1)
 
     def _configuration(self, angles: Array) -> Array:
-        places = self._places
-        return np.concatenate([place.angles.configuration(angles[place.v_slice]) for place in places])
-
-    def _weigh(self) -> None:
-        """Take over the payload's inertia, which events change."""
-        self._payload, self._is_observed = self.chain.model.payload_inertia, False
-        self._at["payload"][:] = leaves(RigidInertia.from_model(self._payload))
+        return np.concatenate([arm.angles.configuration(angles[arm.v_slice]) for arm in self._arms])
 
 
-def _numbers(chain: CellChain, options: PlantOptions) -> PlantNumbers:
-    """Return the numbers of a plant; raises ArgumentError as TracedPlant."""
+def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
+    """Return the constants of a cell; raises ArgumentError as TracedPlant."""
     if reason := plant_reason(options):
         raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
     try:
-        cell = CellNumbers.from_chain(chain)
+        return CellNumbers.from_chain(chain)
     except TracingError as error:
         raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
-    resistance = tuple(friction(arm, name) for name, arm in chain.cell.arms.items())
-    return PlantNumbers(cell, resistance, np.zeros(6))
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
 
 
-def _compiled(numbers: PlantNumbers) -> tuple[PlantCode, LlvmMachine]:
-    """Return the code of a plant, which is traced once in a process."""
-    folded = [numbers.cell._replace(payload=()), numbers.friction]  # type: ignore[arg-type]
+def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
+    """Return the code of a plant, which is traced once in a process for all surroundings."""
+    folded = cell._asdict() | {"surroundings": None}
     key = structure(folded), tuple(leaves(folded))
     if key not in _CODES:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]
-        code = PlantCode(numbers)
+        code = PlantCode(cell)
         _CODES[key] = code, LlvmMachine(code.program, width=1)
     return _CODES[key]

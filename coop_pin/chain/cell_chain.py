@@ -17,7 +17,7 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
@@ -31,13 +31,13 @@ _INDETERMINATE = 1e-6
 
 
 class Observation(NamedTuple):
-    """Poses, wrenches and energy of a cell at states under given forces.
+    """Quantities of a cell at states under given forces, by their names in a run's records.
 
     Attributes:
         payload_pose: X_WP, shape (..., 4, 4).
         payload_twist: V_WP, shape (..., 6).
-        tip_positions: positions of the tips in the world, m, shape (..., m, 3).
-        interaction_wrenches: wrench on each arm by the payload, about P in world axes, N and N m, shape
+        tip_position: positions of the tips in the world, m, shape (..., m, 3).
+        interaction_wrench: wrench on each arm by the payload, about P in world axes, N and N m, shape
             (..., m, 6).
         kinetic_energy: kinetic energy of arms and payload, J, shape (...).
         potential_energy: potential energy of arms and payload, J, shape (...).
@@ -45,8 +45,8 @@ class Observation(NamedTuple):
 
     payload_pose: Array
     payload_twist: Array
-    tip_positions: Array
-    interaction_wrenches: Array
+    tip_position: Array
+    interaction_wrench: Array
     kinetic_energy: Array
     potential_energy: Array
 
@@ -59,7 +59,7 @@ class CellChain:
 
     Attributes:
         cell: the description.
-        model: the tree, with the positions of arms and payload in it; ``set_payload`` changes it in place.
+        model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
     """
 
@@ -90,10 +90,10 @@ class CellChain:
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
-    def set_payload(self, payload: Payload) -> None:
-        """Set mass and inertia of the payload, from the next call on."""
-        require_type("payload", payload, Payload)
-        self.model.set_payload(payload)
+    def surround(self, surroundings: Surroundings) -> None:
+        """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
+        require_type("surroundings", surroundings, Surroundings)
+        self.model.surround(surroundings)
 
     def configuration(self, X_WP: ArrayLike) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
@@ -167,45 +167,45 @@ class CellChain:
         return self._closure_errors(self._at(self._q(q)))
 
     def interaction_wrenches(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, external: ArrayLike = _NO_WRENCH
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
     ) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
 
         Args:
             q: configuration.
             v: velocity.
-            tau: generalised force of everything but the closures, including J_WP^T external, shape (nv,).
-            external: wrench on the payload about P in world axes, N and N m, shape (6,).
+            tau: generalised force of everything but the closures, including J_WP^T push, shape (nv,).
+            push: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
-        return self.unchecked_wrenches(q, v, tau, as_array("external", external, 6))
+        return self.unchecked_wrenches(q, v, tau, as_array("push", push, 6))
 
-    def unchecked_wrenches(self, q: Array, v: Array, tau: Array, external: Array) -> Array:
+    def unchecked_wrenches(self, q: Array, v: Array, tau: Array, push: Array) -> Array:
         """Return the interaction wrenches of arguments that are valid arrays, as those of a plant at a tick.
 
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
         frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
-        return require_finite("the interaction wrenches", self._wrenches(frames, external))
+        return require_finite("the interaction wrenches", self._wrenches(frames, push))
 
-    def observe(self, q: Array, v: Array, tau: Array, external: Array) -> Observation:
+    def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
         """Return poses, wrenches and energy at n states.
 
         Args:
             q: configurations, shape (n, nq).
             v: velocities, shape (n, nv).
             tau: generalised forces, as of interaction_wrenches, shape (n, nv).
-            external: wrenches on the payload, likewise, shape (n, 6).
+            push: wrenches on the payload, likewise, shape (n, 6).
         """
         n, nq, nv = len(q), self.mechanism.model.nq, self.mechanism.model.nv
-        wanted = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("external", external, 6))
-        states = (as_array(name, value, n, size) for name, value, size in wanted)
+        arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
+        states = (as_array(name, value, n, size) for name, value, size in arguments)
         seen = Observation(*(np.array(part) for part in zip(*map(self._observed, *states), strict=True)))
-        require_finite("the interaction wrenches", seen.interaction_wrenches)
+        require_finite("the interaction wrenches", seen.interaction_wrench)
         return seen
 
-    def _observed(self, q: Array, v: Array, tau: Array, external: Array) -> tuple[Any, ...]:
+    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
         frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
@@ -213,7 +213,7 @@ class CellChain:
             frames[payload].homogeneous,
             pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             self._tips(frames),
-            self._wrenches(frames, external),
+            self._wrenches(frames, push),
             pin.computeKineticEnergy(model, data),
             pin.computePotentialEnergy(model, data),
         )
@@ -242,7 +242,7 @@ class CellChain:
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
-    def _wrenches(self, frames: Any, external: Array) -> Array:
+    def _wrenches(self, frames: Any, push: Array) -> Array:
         """Return the interaction wrenches of the solver's last solution, about P in world axes."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
@@ -253,7 +253,7 @@ class CellChain:
             in_payload[0] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
         if self.model.closed_by_tree:
-            wrenches[0] += external
+            wrenches[0] += push
         return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:

@@ -5,7 +5,7 @@ from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
@@ -29,6 +29,7 @@ __all__ = [
     "DifferencedVelocity",
     "Encoder",
     "GravityCompensation",
+    "GravityTurn",
     "IdealVelocity",
     "JointFriction",
     "Miscalibration",

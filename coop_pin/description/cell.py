@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, as_array, as_pose, require_type
 from coop_pin.description.arm import Arm
+from coop_pin.description.events import Surroundings
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -127,6 +128,12 @@ class Cell(Description):
     def task_rows(self) -> TaskRows:
         """Task rows of the cell, k_0 of them."""
         return task_rows(self.rows)
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Payload and gravity before all events, without a push; every field is a new object."""
+        mass, inertia = np.float64(self.payload.mass), self.payload.inertia_matrix
+        return Surroundings(mass, inertia, np.array(self.gravity), np.zeros(6))
 
     @property
     def shares(self) -> Array:

@@ -1,20 +1,42 @@
-"""Events during a run: a change of the payload's mass, and a wrench pulse on the payload."""
+"""Events during a run: what acts on the payload from outside, and what changes it.
+
+``Surroundings`` is the one value that plants hold and that events make: a new event changes fields of it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
-from coop_pin.description.payload import Payload
+from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, Vector6
+from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6
+
+
+class Surroundings(NamedTuple):
+    """Payload and what acts on it from outside, from an instant on.
+
+    Plants read it; sensors, laws and the robots' own gravity compensation keep what they believe.
+
+    Attributes:
+        mass: Mass of the payload, kg.
+        inertia: Inertia of the payload about P in the axes of P, kg m^2, shape (3, 3).
+        gravity: Gravitational acceleration in world axes, m/s^2, shape (3,).
+        push: Wrench on the payload about P in world axes, N and N m, shape (6,).
+    """
+
+    mass: float
+    inertia: Array
+    gravity: Array
+    push: Array
 
 
 class PayloadEvent(Description):
-    """Event on the payload: it may change the payload at its time, and push it until its end.
+    """Event that changes the payload or what acts on it.
 
     Attributes:
         kind: name of the event's kind in scenario files.
@@ -34,11 +56,6 @@ class PayloadEvent(Description):
         """Time at which the event is over, s; its own time if it is over at once."""
         return self.time
 
-    @property
-    def instants(self) -> tuple[float, ...]:
-        """Times at which it changes what acts on the payload, s."""
-        return self.time, self.end
-
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with the event's time, given the fields of the run."""
         if self.end <= (duration := run.get("duration", math.inf)):
@@ -46,16 +63,21 @@ class PayloadEvent(Description):
         detail = f"the run ends at {duration:g} s: lengthen it or move the event"
         return [FieldError(f"ends at t = {self.end:g} s; {detail}", "time")]
 
-    def push_at(self, time: float) -> Vector6 | None:
-        """Return the wrench on the payload about P in world axes from a time on, N and N m; None if none."""
-        return None
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings at a time; fields that the event leaves alone stay the same objects.
 
-    def apply(self, payload: Payload) -> Payload:
-        """Return the payload after the event: the same object if it does not change."""
-        return payload
+        Args:
+            surroundings: Surroundings without this event.
+            time: Time, s, not before the event's own.
+        """
+        return surroundings
 
-    def text(self, payload: Payload) -> str:
-        """Return what happens to a payload, for people to read."""
+    def text(self, surroundings: Surroundings) -> str:
+        """Return what happens, for people to read.
+
+        Args:
+            surroundings: Surroundings before the event.
+        """
         return self.title
 
 
@@ -74,13 +96,14 @@ class PayloadChange(PayloadEvent):
     title = "change of mass"
     heading = "new mass"
 
-    def apply(self, payload: Payload) -> Payload:
-        """Return the payload after the event."""
-        return payload.with_mass(self.mass)
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings with the new mass."""
+        scale = self.mass / surroundings.mass
+        return surroundings._replace(mass=self.mass, inertia=scale * surroundings.inertia)
 
-    def text(self, payload: Payload) -> str:
+    def text(self, surroundings: Surroundings) -> str:
         """Return both masses."""
-        return f"mass {payload.mass:g} → {self.mass:g} kg"
+        return f"mass {surroundings.mass:g} → {self.mass:g} kg"
 
 
 class WrenchPulse(PayloadEvent):
@@ -102,11 +125,12 @@ class WrenchPulse(PayloadEvent):
         """End of the pulse, s."""
         return self.time + self.duration
 
-    def push_at(self, time: float) -> Vector6 | None:
-        """Return the wrench during the pulse."""
-        return self.wrench if self.time <= time < self.end else None
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings, with the wrench during the pulse."""
+        push = surroundings.push
+        return surroundings._replace(push=push + np.array(self.wrench) if time < self.end else push)
 
-    def text(self, payload: Payload) -> str:
+    def text(self, surroundings: Surroundings) -> str:
         """Return force, moment and duration."""
         parts = [
             f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
@@ -116,4 +140,24 @@ class WrenchPulse(PayloadEvent):
         return f"{self.title} {' and '.join(parts)} for {self.duration:g} s"
 
 
-Event = Annotated[PayloadChange | WrenchPulse, Field(discriminator="kind")]
+class GravityTurn(PayloadEvent):
+    """Sudden change of gravity in world axes, as for a cell on a base that tilts.
+
+    Laws and the robots' own gravity compensation go on with the gravity of the cell.
+
+    Attributes:
+        time: time of the change, s.
+        gravity: the new gravitational acceleration in world axes, m/s^2.
+    """
+
+    kind: Literal["gravity-turn"] = "gravity-turn"
+    gravity: Vector3
+    title = "turn of gravity"
+    heading = "new gravity"
+
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings with the new gravity."""
+        return surroundings._replace(gravity=np.array(self.gravity))
+
+
+Event = Annotated[PayloadChange | WrenchPulse | GravityTurn, Field(discriminator="kind")]

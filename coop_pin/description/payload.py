@@ -117,16 +117,6 @@ class Payload(Description):
         """Inertia about P in the axes of P, kg m^2, shape (3, 3)."""
         return _matrix(self.inertia)
 
-    def spatial_inertia(self, R_WP: Array) -> Array:
-        """Return M_0 of eq. (5) about P in world axes, kg and kg m^2, shape (6, 6).
-
-        Args:
-            R_WP: orientation of the payload, shape (3, 3).
-        """
-        M_0 = np.zeros((6, 6))
-        M_0[:3, :3], M_0[3:, 3:] = self.mass * np.eye(3), R_WP @ self.inertia_matrix @ R_WP.T
-        return M_0
-
     @classmethod
     @_checked
     def box(cls, mass: Positive, size: Vector3) -> Self:

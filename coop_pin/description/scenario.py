@@ -16,8 +16,7 @@ from coop_pin.control.law import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Event
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Event, Surroundings
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.sensors import Sensors, late_delay
@@ -175,12 +174,13 @@ class Scenario(Description):
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
 
-    def payload_at(self, time: float) -> Payload:
-        """Return the payload after the changes up to a time, s."""
-        payload = self.cell.payload
+    def surroundings_at(self, time: float) -> Surroundings:
+        """Return the payload, and what acts on it from outside, from a time on, s."""
+        surroundings = self.cell.surroundings
         for event in sorted(self.events, key=lambda event: event.time):
-            payload = event.apply(payload) if event.time <= time else payload
-        return payload
+            if event.time <= time:
+                surroundings = event.apply(surroundings, time)
+        return surroundings
 
     @property
     def squeeze_wrenches(self) -> Array:

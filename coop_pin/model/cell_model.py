@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
     add_frame,
@@ -98,12 +98,13 @@ class CellModel:
             X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
             add_frame(model, f"payload/{name}", self.payload_joint, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
-        self.set_payload(cell.payload)
+        self.surround(cell.surroundings)
 
-    def set_payload(self, payload: Payload) -> None:
-        """Set mass and inertia of the payload in the model, which is changed in place."""
-        self.payload_inertia = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
+    def surround(self, surroundings: Surroundings) -> None:
+        """Set the payload's inertia and gravity in the model, which is changed in place."""
+        self.payload_inertia = pin.Inertia(surroundings.mass, np.zeros(3), surroundings.inertia)
         self.model.inertias[self.payload_joint] = self.carrier_inertia + self._X_JP.act(self.payload_inertia)
+        self.model.gravity.linear = surroundings.gravity
 
     def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
         """Return q of the tree from each arm's configuration and the payload pose X_WP."""

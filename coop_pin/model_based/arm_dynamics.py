@@ -15,6 +15,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
 from coop_pin.simulation.transmission import friction
+from coop_pin.spatial import spatial_inertia
 
 
 class ArmTerms(NamedTuple):
@@ -99,7 +100,8 @@ class ArmDynamics:
     def payload_inertia(self, X_WP: Array) -> Array:
         """Return M_0 in world axes on the task rows, shape (k_0, k_0)."""
         rows = list(self._rows.indices)
-        return self._payload.spatial_inertia(X_WP[:3, :3])[np.ix_(rows, rows)]
+        M_0 = spatial_inertia(self._payload.mass, self._payload.inertia_matrix, X_WP[:3, :3])
+        return M_0[np.ix_(rows, rows)]
 
     def payload_bias(self, measurement: ArmMeasurement) -> Array:
         """Return Q_0 V + W_0 = [-m g, w x I w] in world axes on the task rows, eq. (5), shape (k_0,)."""

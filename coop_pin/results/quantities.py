@@ -190,7 +190,7 @@ QUANTITIES = (
     Quantity("work_actuation", "", "J", "done by the drives since the start"),
     Quantity("work_friction", "", "J", "done by joint friction since the start"),
     Quantity("work_external", "", "J", "done by external wrenches since the start"),
-    Quantity("work_payload_change", "", "J", "energy added by payload changes since the start"),
+    Quantity("work_payload_change", "", "J", "energy added by changes of payload and gravity"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -217,8 +217,8 @@ QUANTITIES = (
 )
 # fmt: on
 
-WORK = tuple(f"work_{channel}" for channel in ("actuation", "friction", "external", "payload_change"))
-"""Names of the work done since the start, by its source."""
+WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
+"""Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
 
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 

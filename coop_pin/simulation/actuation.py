@@ -203,11 +203,13 @@ class CellDrives(NamedTuple):
         requested, torques, saturated, last = [], [], [], []
         for index, arm in enumerate(self.arms):
             carried = None if arm.carried is None else arm.carried * weight(index)
-            (asked, torque, cut), kept = arm.step(state.last[index], commanded[index], missed[index], carried)
+            (asked, torque, cut), command = arm.step(
+                state.last[index], commanded[index], missed[index], carried
+            )
             requested.append(asked)
             torques.append(torque)
             saturated.append(cut)
-            last.append(kept)
+            last.append(command)
         if self.response is None or state.response is None:
             return Applied(commanded, requested, torques, saturated), DriveState(tuple(last), None)
         response = self.response.step(state.response, s, np.concatenate(torques))
@@ -267,8 +269,8 @@ class Actuation:
         """Return the response of all drives; None if each delivers and holds."""
         lags, rates = [], []
         for name, arm in zip(self._names, arms, strict=True):
-            options, own = scenario.actuators_of(name), name in scenario.arm_actuators
-            path = f"arm_actuators.{name}.rate_limit" if own else "actuators.rate_limit"
+            options, is_own = scenario.actuators_of(name), name in scenario.arm_actuators
+            path = f"arm_actuators.{name}.rate_limit" if is_own else "actuators.rate_limit"
             limit = np.inf if options.rate_limit is None else options.rate_limit
             rates.append(per_joint(np.array(limit), len(arm.limit), path))
             lags.append(np.full(len(arm.limit), options.lag))

@@ -1,9 +1,9 @@
-"""Plant between two ticks: held torques, friction and external wrench on the closed chain.
+"""Plant between two ticks: held torques, friction, and what acts on the payload of the closed chain.
 
-For speed, plant and chain hold state that changes in place: ``Plant.advance`` replaces q, v and work,
-``hold`` and ``push`` the forces, ``CellChain.set_payload`` the payload's inertia, and each call of the
-dynamics overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything else that a simulation
-hands out (measurements, references, controller states, snapshots, results) is a value.
+For speed, plant and chain hold state that changes in place: ``Plant.advance`` replaces q and v and adds to
+work, ``hold`` replaces the actuators' force and ``surround`` the surroundings, and each call of the dynamics
+overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything else that a simulation hands out
+(measurements, references, controller states, snapshots, results) is a value.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
+from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
+from coop_pin.results.quantities import WORK
 from coop_pin.simulation.transmission import Transmission
 
-CHANNELS = ("actuation", "friction", "external")
-"""The forces that do work on the chain besides gravity."""
-
-_ALL = np.ones(len(CHANNELS))
+_ALL = np.ones(len(WORK) - 1)
+"""Sums the forces that do work on the chain besides gravity, in the order of WORK."""
 
 
 class Plant:
@@ -34,8 +34,8 @@ class Plant:
         transmission: between its drives and joints, with friction.
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
-        external: wrench on the payload about P in world axes, N and N m, shape (6,).
-        work: done so far by each of CHANNELS, J, shape (3,).
+        surroundings: payload, and what acts on it from outside.
+        work: done so far, in the order of WORK, J, shape (4,).
     """
 
     engine = "pinocchio"
@@ -51,8 +51,8 @@ class Plant:
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
         self.q, self.v = q, np.zeros(model.nv)
-        self.external, self.work = np.zeros(6), np.zeros(len(CHANNELS))
-        self._forces, self._pushed = np.zeros((len(CHANNELS), model.nv)), False
+        self.surroundings, self.work = chain.cell.surroundings, np.zeros(len(WORK))
+        self._forces, self._pushed = np.zeros((len(_ALL), model.nv)), False
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
@@ -66,10 +66,26 @@ class Plant:
         """Hold drive torques of each arm from now on, N m, shape (k,) each."""
         self.hold(self.transmission.torque(torques))
 
-    def push(self, external: Array) -> None:
-        """Push the payload with a constant wrench about P in world axes from now on, shape (6,)."""
-        self.external, self._pushed = external, bool(external.any())
+    def surround(self, surroundings: Surroundings) -> None:
+        """Replace the surroundings from now on; the energy that this adds counts as work."""
+        energy = self.chain.mechanism.energy
+        before = energy(self.q, self.v).total
+        self.surroundings, self._pushed = surroundings, bool(surroundings.push.any())
+        self.chain.surround(surroundings)
         self._forces[2] = 0.0
+        self.work = self.work + np.array([0.0, 0.0, 0.0, energy(self.q, self.v).total - before])
+
+    def payload_wrench(self, q: Array, v: Array) -> Array:
+        """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
+
+        It is read only if ``surround`` has found that there is one. A force that depends on the state belongs
+        here, and into ``batch.cell_dynamics.cell_motion``.
+
+        Args:
+            q: Configuration, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
+        return self.surroundings.push
 
     @property
     def force(self) -> Array:
@@ -80,26 +96,27 @@ class Plant:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
         return _ALL.dot(self._apply(self.q, self.v))
 
-    def observe(self, q: Array, v: Array, force: Array, external: Array) -> Observation:
-        """Return poses, wrenches and energy at n states, with the present payload.
+    def observe(self, q: Array, v: Array, force: Array) -> Observation:
+        """Return poses, wrenches and energy at n states in the present surroundings.
 
         Args:
             q: Configurations, shape (n, nq).
             v: Velocities, shape (n, nv).
             force: Generalised forces of the actuators, N m, shape (n, nv).
-            external: Wrenches on the payload about P in world axes, shape (n, 6).
 
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
         tau = force + np.array([self.transmission.friction(rates) for rates in v])
-        for index in np.flatnonzero(external.any(axis=1)):
-            tau[index] += self.chain.payload_jacobian(q[index]).T.dot(external[index])
-        return self.chain.observe(q, v, tau, external)
+        if self._pushed:
+            tau += np.array([self._payload_force(*state) for state in zip(q, v, strict=True)])
+        wrenches = np.array([self.payload_wrench(*state) for state in zip(q, v, strict=True)])
+        return self.chain.observe(q, v, tau, wrenches)
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
-        return self.chain.unchecked_wrenches(self.q, self.v, self.generalised_force(), self.external)
+        q, v = self.q, self.v
+        return self.chain.unchecked_wrenches(q, v, self.generalised_force(), self.payload_wrench(q, v))
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""
@@ -115,20 +132,24 @@ class Plant:
         """Integrate from time t over h seconds."""
         step = self._integrator.step(self._rate, t, self.q, self.v, h)
         self.q, self.v = step.q, step.v
-        self.work = self.work + step.work
+        self.work[: len(step.work)] += step.work
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
 
     def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the acceleration, shape (nv,), and the power of each channel, shape (3,)."""
+        """Return the acceleration, shape (nv,), and the power of each force, shape (3,)."""
         forces = self._apply(q, v)
         return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
 
     def _apply(self, q: Array, v: Array) -> Array:
-        """Return the generalised force of each channel, shape (3, nv)."""
+        """Return the generalised force of drives, friction and push, shape (3, nv)."""
         forces = self._forces
         forces[1] = self.transmission.friction(v)
         if self._pushed:
-            forces[2] = self.chain.payload_jacobian(q).T.dot(self.external)
+            forces[2] = self._payload_force(q, v)
         return forces
+
+    def _payload_force(self, q: Array, v: Array) -> Array:
+        """Return the generalised force of the payload wrench, shape (nv,)."""
+        return self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v))

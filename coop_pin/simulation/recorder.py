@@ -17,22 +17,16 @@ from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.dataset import dataset
-from coop_pin.results.quantities import Samples, allocate, bytes_per_sample, computed, quantities
+from coop_pin.results.quantities import WORK, Samples, allocate, bytes_per_sample, computed, quantities
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.actuation import Applied
-from coop_pin.simulation.plant import CHANNELS, Plant
+from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.timeline import Timeline
 
-_WORK = tuple(f"work_{channel}" for channel in CHANNELS)
 _BLOCK = 1024
 """Samples that are observed together, at most."""
 _WATCHED = ("joint_position", "jacobian_condition")
 """Computed quantities that a TrustMonitor reads."""
-_OBSERVED = (
-    *("payload_pose", "payload_twist", "tip_position", "interaction_wrench"),
-    *("kinetic_energy", "potential_energy"),
-)
-"""Quantities in the order of the fields of Observation."""
 
 
 class Recorder:
@@ -43,7 +37,6 @@ class Recorder:
 
     Attributes:
         count: samples kept so far, the newest tick's included.
-        payload_energy: energy that payload changes have added so far, J.
     """
 
     def __init__(
@@ -51,7 +44,6 @@ class Recorder:
     ) -> None:
         self._cell, self._plant, self._limits = scenario.cell, plant, limits
         self.count = 0
-        self.payload_energy = 0.0
         self._table = quantities(scenario)
         self._determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
@@ -77,11 +69,7 @@ class Recorder:
             if not arm.angles.is_vector
         }
         self._forces, self._observed = np.zeros((count, model.nv)), 0
-        postures = [scenario.cell.arms[arm.name].posture for arm in arms]
-        self._angles = [
-            np.zeros(len(arm.drive)) if posture is None else np.array(posture)
-            for arm, posture in zip(arms, postures, strict=True)
-        ]
+        self._angles = [arm.posture for arm in arms]
         self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
 
     def record(
@@ -94,7 +82,7 @@ class Recorder:
         squeeze: Array,
     ) -> None:
         """Record one tick; the plant already holds its torques."""
-        kept, plant, sample = self._samples, self._plant, self._sample(tick)
+        samples, plant, sample = self._samples, self._plant, self._sample(tick)
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
@@ -103,25 +91,23 @@ class Recorder:
             "desired_pose": target.X_WP_d,
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
-            "external_wrench": plant.external,
+            "external_wrench": plant.payload_wrench(plant.q, plant.v),
             "closure_distance": distances,
             "closure_angle": angles,
-            "work_payload_change": self.payload_energy,
+            **dict(zip(WORK, plant.work, strict=True)),
         }.items():
-            kept[name][sample] = value
-        for name, done in zip(_WORK, plant.work, strict=True):
-            kept[name][sample] = done
-        for samples, read, entries in self._read:
-            row = samples[sample, ...]
+            samples[name][sample] = value
+        for column, read, entries in self._read:
+            row = column[sample, ...]
             for entry, value in zip(entries, read(measurements, applied), strict=True):
                 if value is not None:
                     row[entry] = value
-        for jacobians, seen in zip(self._jacobians, measurements, strict=True):
-            jacobians[sample] = seen.payload_jacobian
+        for jacobians, measurement in zip(self._jacobians, measurements, strict=True):
+            jacobians[sample] = measurement.payload_jacobian
         for index, turned in self._turned.items():
             # Full turns are counted at every tick: between kept samples a joint may make several.
-            place = plant.chain.model.arms[index]
-            along = place.angles.along(plant.q[None, place.q_slice], self._angles[index])
+            arm = plant.chain.model.arms[index]
+            along = arm.angles.along(plant.q[None, arm.q_slice], self._angles[index])
             turned[sample] = self._angles[index] = along[0]
         self._forces[sample] = plant.force
         self._observed, self.count = min(self._observed, sample), sample + 1
@@ -129,21 +115,21 @@ class Recorder:
             self.observe()
 
     def observe(self) -> None:
-        """Work out poses, wrenches and energies of the samples that lack them, all under the present payload.
+        """Work out what an Observation has of the samples that lack it, all in the present surroundings.
 
         Raises:
             CoopPinError: there is no acceleration, or no finite wrench, at the last sample, which is dropped:
                 at one before, the run would have ended there.
         """
-        new, kept = slice(self._observed, self.count), self._samples
+        new, samples = slice(self._observed, self.count), self._samples
         if new.start == new.stop:
             return
         self.count -= 1
-        state = kept["configuration"][new], kept["velocity"][new], self._forces[new]
+        state = samples["configuration"][new], samples["velocity"][new], self._forces[new]
         with np.errstate(over="ignore", invalid="ignore"):
-            seen = self._plant.observe(*state, kept["external_wrench"][new])
-        for name, values in zip(_OBSERVED, seen, strict=True):
-            kept[name][new] = values
+            observation = self._plant.observe(*state)
+        for name, values in observation._asdict().items():
+            samples[name][new] = values
         self._observed = self.count = new.stop
 
     def _entries(self, dims: str) -> list[tuple[Any, ...]]:
@@ -194,10 +180,10 @@ class Recorder:
 
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
-        kept: Samples = {name: values[ticks] for name, values in self._samples.items()}
-        kept["interaction_wrench"][..., ~self._determined] = np.nan
-        arms, q, v = self._plant.chain.model.arms, kept["configuration"], kept["velocity"]
-        return kept | {
+        samples: Samples = {name: values[ticks] for name, values in self._samples.items()}
+        samples["interaction_wrench"][..., ~self._determined] = np.nan
+        arms, q, v = self._plant.chain.model.arms, samples["configuration"], samples["velocity"]
+        return samples | {
             "angles": [
                 self._turned[index][ticks] if index in self._turned else arm.angles.of(q[:, arm.q_slice])
                 for index, arm in enumerate(arms)

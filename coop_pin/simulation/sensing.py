@@ -223,14 +223,13 @@ def cell_sensors(scenario: Scenario, places: Sequence[ArmPlace]) -> CellSensors:
         FieldError: a row of values for each joint has another size.
     """
     sensors = [scenario.sensors_of(place.name) for place in places]
-    wrists, path, arms = [own.wrist for own in sensors], scenario.controller.force_path, []
-    for place, own in zip(places, sensors, strict=True):
+    wrists, path, arms = [options.wrist for options in sensors], scenario.controller.force_path, []
+    for place, options in zip(places, sensors, strict=True):
         encoders, k = None, len(place.drive)
-        if not own.joints_are_ideal:
-            where = _path(scenario, place.name)
-            encoders = Encoders.of_sensors(own, scenario.clock.period, k, where)
-        to_joints = np.asarray(np.linalg.inv(place.drive), dtype=np.float64)
-        arms.append(ArmSensors(place.drive, to_joints, encoders, own.wrist is not None))
+        if not options.joints_are_ideal:
+            name = _path(scenario, place.name)
+            encoders = Encoders.of_sensors(options, scenario.clock.period, k, name)
+        arms.append(ArmSensors(place.drive, place.from_drive, encoders, options.wrist is not None))
     at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
     if path.measures:
@@ -273,7 +272,7 @@ class Sensing:
         for place in places:
             arm, grasp, k = scenario.cell.arms[place.name], scenario.cell.grasps[place.name], len(place.drive)
             self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
-            self._angles.append(np.zeros(k) if arm.posture is None else np.array(arm.posture))
+            self._angles.append(place.posture)
             error = np.array(scenario.sensors_of(place.name).holding_torque_error)
             path = f"{_path(scenario, place.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))

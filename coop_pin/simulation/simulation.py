@@ -14,7 +14,6 @@ from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmReference, CellController
 from coop_pin.description.events import Event, PayloadEvent
-from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
@@ -92,7 +91,6 @@ class Simulation:
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
-        self._payload: Payload = scenario.cell.payload
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
         self._applied: Applied | None = None
         self._replaced: list[str] = []
@@ -141,7 +139,7 @@ class Simulation:
         return self.recorder.result(self.scenario.replace(summary=summary))
 
     def add_event(self, event: Event) -> None:
-        """Add an event on the payload, at the next tick or later.
+        """Add an event, at the next tick or later.
 
         Raises:
             FieldError: it starts before the next tick, or ends after the run.
@@ -224,19 +222,10 @@ class Simulation:
         ]
 
     def _apply_events(self, time: float) -> None:
-        """Change the payload and the external wrench as the events at this time say."""
-        if not self.timeline.happens_at(time):
-            return
-        plant, mechanism = self.plant, self.plant.chain.mechanism
-        for event in self.timeline.events_at(time):
-            payload = event.apply(self._payload)
-            if payload is not self._payload:
-                self.recorder.observe()  # what the payload was like until now
-                before = mechanism.energy(plant.q, plant.v).total
-                self._payload = payload
-                plant.chain.set_payload(payload)
-                self.recorder.payload_energy += mechanism.energy(plant.q, plant.v).total - before
-        plant.push(self.timeline.push_at(time))
+        """Put the plant into the surroundings that the events at this time make."""
+        if self.timeline.happens_at(time):
+            self.recorder.observe()  # in the surroundings until now
+            self.plant.surround(self.scenario.surroundings_at(self.timeline.just_after(time)))
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""

@@ -7,9 +7,6 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from coop_pin.arrays import Array
 from coop_pin.description.events import Event
 from coop_pin.description.plant import Clock
 
@@ -44,8 +41,8 @@ class Timeline:
         self.period = clock.period
         self._step = clock.period / clock.steps_per_tick
         self._per_tick = clock.steps_per_tick
-        self._events = events
-        self._instants = sorted({time for event in events for time in event.instants} | {*instants})
+        times = (time for event in events for time in (event.time, event.end))
+        self._instants = sorted({*times, *instants})
 
     def time(self, tick: int) -> float:
         """Return t_k, s."""
@@ -66,7 +63,7 @@ class Timeline:
         instants, tolerance = self._instants, _SAME * self._step
         if not instants or not instants[0] - tolerance <= time <= instants[-1] + tolerance:
             return False
-        return any(self._same(time, instant) for instant in instants)
+        return any(abs(time - instant) <= tolerance for instant in instants)
 
     def event_times(self) -> list[float]:
         """Return the times at which events act: at ticks before the controller, and between plant steps."""
@@ -78,16 +75,9 @@ class Timeline:
                 times.append(self.time(tick))
         return list(filter(self.happens_at, times))
 
-    def events_at(self, time: float) -> list[Event]:
-        """Return the events whose time this is, the earliest first."""
-        events = [event for event in self._events if self._same(time, event.time)]
-        return sorted(events, key=lambda event: event.time)
-
-    def push_at(self, time: float) -> Array:
-        """Return the sum of the wrenches that push from this time on, N and N m, shape (6,)."""
-        pushes = [event.push_at(time + _SAME * self._step) for event in self._events]
-        active = [wrench for wrench in pushes if wrench is not None]
-        return np.array(active).sum(axis=0) if active else np.zeros(6)
+    def just_after(self, time: float) -> float:
+        """Return the latest time that counts as the same instant, s."""
+        return time + _SAME * self._step
 
     def _cuts(self, start: float, end: float) -> list[float]:
         """Return the event times within a tick at which no plant step ends, in order, s."""
@@ -100,6 +90,3 @@ class Timeline:
                 if min(abs(time - other) for other in (edge, *cuts[-1:])) > tolerance:
                     cuts.append(time)
         return cuts
-
-    def _same(self, time: float, instant: float) -> bool:
-        return abs(time - instant) <= _SAME * self._step

@@ -98,10 +98,14 @@ class Transmission:
         self._map, axes = np.zeros((drives, nv)), np.zeros((drives, nv))
         viscous, coulomb, excess, speeds, stribeck = np.zeros((5, drives))
         for arm, start, end in zip(arms, edges[:-1], edges[1:], strict=True):
-            rows, found = slice(start, end), friction(cell.arms[arm.name], arm.name)
-            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, found.axes
-            viscous[rows], coulomb[rows], speeds[rows] = found.viscous, found.coulomb, found.coulomb_velocity
-            excess[rows], stribeck[rows] = found.excess, found.stribeck_velocity
+            rows, resistance = slice(start, end), friction(cell.arms[arm.name], arm.name)
+            self._map[rows, arm.v_slice], axes[rows, arm.v_slice] = arm.drive, resistance.axes
+            viscous[rows], coulomb[rows], speeds[rows] = (
+                resistance.viscous,
+                resistance.coulomb,
+                resistance.coulomb_velocity,
+            )
+            excess[rows], stribeck[rows] = resistance.excess, resistance.stribeck_velocity
         self._viscous = -axes.T @ np.diag(viscous) @ axes
         self._to_scaled_speed = axes / speeds[:, None]
         self._to_stribeck_speed = axes / stribeck[:, None]

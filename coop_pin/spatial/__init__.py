@@ -38,6 +38,7 @@ from coop_pin.spatial.pose import (
     rotation_from_rpy,
     rpy_from_rotation,
     shift_wrench,
+    spatial_inertia,
     weight_wrench,
 )
 from coop_pin.spatial.task_rows import FullRows, PlanarRows, PositionalRows, TaskRows, task_rows
@@ -59,6 +60,7 @@ __all__ = [
     "rotation_from_rpy",
     "rpy_from_rotation",
     "shift_wrench",
+    "spatial_inertia",
     "task_rows",
     "weight_wrench",
 ]

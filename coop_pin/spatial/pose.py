@@ -179,6 +179,19 @@ def weight_wrench(mass: float, gravity: ArrayLike) -> Array:
     return np.concatenate((mass * np.asarray(gravity, dtype=np.float64), np.zeros(3)))
 
 
+def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:
+    """Return M_0 of eq. (5), the inertia of the payload about P in world axes, kg and kg m^2, shape (6, 6).
+
+    Args:
+        mass: Mass of the payload, kg.
+        inertia: Inertia about P in the axes of P, kg m^2, shape (3, 3).
+        R_WP: Orientation of the payload, shape (3, 3).
+    """
+    M_0 = np.zeros((6, 6))
+    M_0[:3, :3], M_0[3:, 3:] = mass * np.eye(3), R_WP @ inertia @ R_WP.T
+    return M_0
+
+
 def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
     """Return a twist or wrench given in axes B, expressed in axes A, about the same point.
 

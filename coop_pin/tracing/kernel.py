@@ -32,16 +32,31 @@ class Layout:
         self.size = 0
         self._fields: dict[str, tuple[int, tuple[int, ...]]] = {}
 
-    def add(self, name: str, *shape: int) -> None:
-        """Add a field.
+    def add(self, **shapes: tuple[int, ...]) -> None:
+        """Add fields of these names and shapes.
 
         Raises:
-            ArgumentError: there is one of this name.
+            ArgumentError: there is one of such a name.
         """
-        if name in self._fields:
-            raise ArgumentError(f"the block has a field {name!r} already; give this one another name")
-        self._fields[name] = self.size, shape
-        self.size += math.prod(shape)
+        for name, shape in shapes.items():
+            if name in self._fields:
+                raise ArgumentError(f"the block has a field {name!r} already; give this one another name")
+            self._fields[name] = self.size, shape
+            self.size += math.prod(shape)
+
+    def filled(self, name: str, numbers: int) -> list[int]:
+        """Return the slots of a field in a row, for so many numbers.
+
+        Raises:
+            ArgumentError: the field has another size.
+        """
+        slots: list[int] = self.slots(name).ravel().tolist()
+        if len(slots) != numbers:
+            raise ArgumentError(
+                f"field {name!r} of the block gets {numbers} numbers; it has the shape"
+                f" {self._fields[name][1]} and takes {len(slots)}"
+            )
+        return slots
 
     def slots(self, name: str) -> NDArray[np.int64]:
         """Return the slots of a field, in its shape."""
@@ -74,9 +89,9 @@ class Kernel:
         return self._read("uniform", name, self._uniforms)
 
     def write(self, name: str, values: Any) -> None:
-        """Write a field of the block, after all reads."""
-        slots = self._lanes.slots(name).ravel().tolist()
-        self.writes += zip(slots, operands(self.tape, leaves(values)), strict=True)
+        """Write a field of the block, after all reads; raises as Layout.filled."""
+        numbers = operands(self.tape, leaves(values))
+        self.writes += zip(self._lanes.filled(name, len(numbers)), numbers, strict=True)
 
     def _read(self, space: Literal["lane", "uniform"], name: str, layout: Layout) -> Any:
         key = space, name

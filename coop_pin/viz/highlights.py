@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,7 +101,12 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     """Return the events and the windows of the metrics, for the page: kind, start, end (s) and text."""
     scenario = result.scenario
     events = [
-        {"kind": "event", "start": event.time, "end": event.end, "text": event.text(scenario.cell.payload)}
+        {
+            "kind": "event",
+            "start": event.time,
+            "end": event.end,
+            "text": event.text(scenario.surroundings_at(math.nextafter(event.time, -math.inf))),
+        }
         for event in scenario.events
         if event.time <= result.end
     ]

@@ -18,11 +18,12 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
 from coop_pin.control import PayloadSpaceController
 from coop_pin.control.terms import is_new
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Surroundings
 from coop_pin.errors import ArgumentError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
+from coop_pin.spatial import spatial_inertia
 
 _STEP = 1e-5
 """Half the span of central differences along the motion, s."""
@@ -176,17 +177,19 @@ class _MonitoredCell:
         """
         wrenches = []
         for model, arm, w_i in zip(self.models, now.arms, w, strict=True):
+            model.model.gravity.linear = now.surroundings.gravity
             J = self.rows.select(model.payload_jacobian(arm.q))
             load = model.inverse_dynamics(arm.q, arm.v, arm.a) - arm.forces - J.T @ w_i
             weighted = np.linalg.solve(model.mass_matrix(arm.q), J.T)
             wrenches.append(np.linalg.solve(J @ weighted, weighted.T @ load))
         return np.array(wrenches)
 
-    def _motion(self, t: float, q: Array, v: Array, payload: Payload) -> tuple[Array, Array]:
+    def _motion(self, t: float, q: Array, v: Array, payload: Surroundings) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
         slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
         first = self.models[0].payload_pose(q[slots[0].q_slice])
-        A, sbar = payload.spatial_inertia(first[:3, :3])[np.ix_(rows, rows)], np.zeros(len(rows))
+        M_0 = spatial_inertia(payload.mass, payload.inertia, first[:3, :3])
+        A, sbar = M_0[np.ix_(rows, rows)], np.zeros(len(rows))
         for i, (model, slot) in enumerate(zip(self.models, slots, strict=True)):
             q_i, view = q[slot.q_slice], model.kinematics.view(q[slot.q_slice])
             twist = view.jacobian @ slot.drive @ v[slot.v_slice]
@@ -202,7 +205,7 @@ class _MonitoredCell:
 
         def ahead(dt: float) -> tuple[Array, Array]:
             q = pin.integrate(model, now.q, dt * now.v + dt**2 / 2 * now.a)
-            return self._motion(now.t + dt, q, now.v + dt * now.a, now.payload)
+            return self._motion(now.t + dt, q, now.v + dt * now.a, now.surroundings)
 
         (s_0, A_0), (sbar, A), (s_1, A_1) = ahead(-_STEP), ahead(0.0), ahead(_STEP)
         s_rate, A_rate = (s_1 - s_0) / (2.0 * _STEP), (A_1 - A_0) / (2.0 * _STEP)

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Surroundings
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
 
@@ -22,7 +22,6 @@ _RECORDED = (
     "interaction_wrench",
     "internal_wrench",
     "desired_internal_wrench",
-    "external_wrench",
 )
 _BESIDE = 1e-6
 """Part of a period by which the time just before or just after a tick differs from the tick's."""
@@ -70,8 +69,7 @@ class RecordedTick(NamedTuple):
         q: Configuration, shape (nq,).
         v: Velocity, shape (nv,).
         a: Acceleration of the closed chain under the torques of the tick, shape (nv,).
-        external: Wrench on the payload about P, shape (6,).
-        payload: Payload at the tick.
+        surroundings: Payload, and what acts on it, from the tick on.
         arms: Arms in the order of the cell.
     """
 
@@ -79,8 +77,7 @@ class RecordedTick(NamedTuple):
     q: Array
     v: Array
     a: Array
-    external: Array
-    payload: Payload
+    surroundings: Surroundings
     arms: tuple[ArmTick, ...]
 
 
@@ -103,14 +100,14 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         if k == 0:
             measured = sensing.start(plant.q, plant.v, references)
         else:
-            _set_events(simulation, t - beside)
+            plant.surround(simulation.scenario.surroundings_at(t - beside))
             measured = sensing.measure(t, plant, [arm.tau for arm in arms], [arm.saturated for arm in arms])
-        payload = _set_events(simulation, t + beside)
+        plant.surround(simulation.scenario.surroundings_at(t + beside))
         torques = [tau[: len(slot.drive)] for tau, slot in zip(recorded["torque"][k], slots, strict=True)]
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
-        forces = pushed - chain.payload_jacobian(plant.q).T @ plant.external
+        forces = pushed - chain.payload_jacobian(plant.q).T @ plant.surroundings.push
         arms = tuple(
             ArmTick(
                 q=plant.q[slot.q_slice],
@@ -129,12 +126,4 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             )
             for i, slot in enumerate(slots)
         )
-        yield RecordedTick(t, plant.q, plant.v, a, recorded["external_wrench"][k], payload, arms)
-
-
-def _set_events(simulation: Simulation, time: float) -> Payload:
-    """Let payload and push be those of a time; return the payload."""
-    plant, payload = simulation.plant, simulation.scenario.payload_at(time)
-    plant.chain.set_payload(payload)
-    plant.push(simulation.timeline.push_at(time))
-    return payload
+        yield RecordedTick(t, plant.q, plant.v, a, plant.surroundings, arms)

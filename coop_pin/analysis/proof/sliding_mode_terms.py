@@ -14,11 +14,11 @@ import pinocchio as pin
 from coop_pin.analysis.proof.recorded_run import ArmTick, RecordedTick
 from coop_pin.arrays import Array
 from coop_pin.control.sliding_mode import SlidingModeController
-from coop_pin.description.payload import Payload
+from coop_pin.description.events import Surroundings
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.transmission import friction
-from coop_pin.spatial import weight_wrench
+from coop_pin.spatial import spatial_inertia, weight_wrench
 
 _STEP = 1e-5
 _SPAN = 2.0 * _STEP
@@ -81,7 +81,6 @@ class ProofArm:
         self.motion = scenario.motion
         self.start_surface: Array | None = None
         self.sigma, self.held = np.zeros(self.model.nv), np.zeros(self.model.nv, dtype=bool)
-        self.gravity = cell.gravity
         resistance, back = friction(cell.arms[name], name), self.model.from_drive
         self.viscous = back.T @ resistance.axes.T @ np.diag(resistance.viscous) @ resistance.axes @ back
         K_d = law.gains.damping_gain
@@ -101,13 +100,13 @@ class ProofArm:
         qdot_r = J_inverse @ (v_d - gamma_xtilde) + s_d - gains.sign_gain @ sigma
         return LawTerms(view.pose[:3, 3], view.jacobian, surface, s, s_d, qdot_r, qdot - qdot_r)
 
-    def dynamics_at(self, q: Array, v: Array, payload: Payload) -> DynamicsTerms:
+    def dynamics_at(self, q: Array, v: Array, surroundings: Surroundings) -> DynamicsTerms:
         """Return the terms of eq. (13) at a state."""
         to_rates, rows = self.model.from_drive, list(self.rows.indices)
         J6 = self.model.payload_jacobian(q)
         J = J6[rows] @ to_rates
         R, omega = self.model.payload_pose(q)[:3, :3], (J6 @ v)[3:]
-        M_0, Q_0 = payload.spatial_inertia(R), np.zeros((6, 6))
+        M_0, Q_0 = spatial_inertia(surroundings.mass, surroundings.inertia, R), np.zeros((6, 6))
         Q_0[3:, 3:] = pin.skew(omega) @ M_0[3:, 3:]
         M_0, Q_0 = M_0[np.ix_(rows, rows)], Q_0[np.ix_(rows, rows)]
         M = to_rates.T @ self.model.mass_matrix(q) @ to_rates
@@ -150,17 +149,19 @@ class ProofTerms(NamedTuple):
 def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
     """Return law, dynamics and rates of one arm at one tick."""
     sigma = arm.sigma
+    arm.model.model.gravity.linear = tick.surroundings.gravity
     law, gains, dynamics = (
         arm.law_at(tick.t, x.q, x.v, sigma),
         arm.law.gains,
-        arm.dynamics_at(x.q, x.v, tick.payload),
+        arm.dynamics_at(x.q, x.v, tick.surroundings),
     )
     sigma_rate = arm.law.switching(law.s - law.s_d)
     a = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
 
     def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
         q, v = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * a), x.v + dt * a
-        return arm.law_at(tick.t + dt, q, v, sigma + dt * sigma_rate), arm.dynamics_at(q, v, tick.payload)
+        law = arm.law_at(tick.t + dt, q, v, sigma + dt * sigma_rate)
+        return law, arm.dynamics_at(q, v, tick.surroundings)
 
     (law_0, dynamics_0), (law_1, dynamics_1) = ahead(-_STEP), ahead(_STEP)
     V_0, V_1 = law_0.s_r @ dynamics_0.D @ law_0.s_r / 2, law_1.s_r @ dynamics_1.D @ law_1.s_r / 2
@@ -187,5 +188,6 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
 def _load(arm: ProofArm, tick: RecordedTick, x: ArmTick, J: Array) -> Array:
     """Return G_i of eq. (13): the arm's weight and friction, and its share of the payload's, shape (k,)."""
     at_rest = arm.model.nonlinear_effects(x.q, np.zeros_like(x.v)) - x.friction
-    weight = tick.external + weight_wrench(tick.payload.mass, arm.gravity)
-    return arm.model.from_drive.T @ at_rest - arm.model.share * J.T @ weight[list(arm.rows.indices)]
+    acting, rows = tick.surroundings, list(arm.rows.indices)
+    load = acting.push + weight_wrench(acting.mass, acting.gravity)
+    return arm.model.from_drive.T @ at_rest - arm.model.share * J.T @ load[rows]
