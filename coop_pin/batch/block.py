@@ -84,7 +84,7 @@ class RunBlock:
         lanes.add("signals", int(signals.is_loaded.sum()))
         self.loaded = lanes.size - self.recorded
         others: tuple[tuple[Any, ...], ...] = (
-            *(("force", N), ("holding", N), ("drives", len(leaves(start.drives)))),
+            *(("force", N), ("holding", N), ("reported", N), ("drives", len(leaves(start.drives)))),
             *(("rates", N + len(CHANNELS)), ("constants", int(differs.sum())), ("payload", 13)),
         )
         for field in others:

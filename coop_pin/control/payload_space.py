@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from coop_pin.arrays import Array
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.law import ControlledArm, LawController, PostureGains
@@ -21,9 +22,12 @@ from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Switching
 from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import NotNegative
+from coop_pin.schema.base import Interval, NotNegative
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
+
+
+Bias = Interval
 
 
 class PayloadSpaceState(NamedTuple):
@@ -38,6 +42,7 @@ class PayloadSpaceState(NamedTuple):
         start_squeeze: f_d(t_0) in payload axes, shape (k_0,).
         holding_torque: tau_hold, N m, shape (k,).
         start_pull: pull of the posture's spring at t_0, N m, shape (k,).
+        anchor: memory of the bounded anchor; None without a bound.
     """
 
     integral: Array
@@ -48,6 +53,7 @@ class PayloadSpaceState(NamedTuple):
     start_squeeze: Array
     holding_torque: Array
     start_pull: Array
+    anchor: AnchorState | None = None
 
 
 class PayloadSpaceGains(SurfaceGains):
@@ -116,6 +122,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     payload_weight: Array | None = None
     stale_after: float = 3.0
     posture: Posture | None = None
+    bound: BoundedAnchor | None = None
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -131,6 +138,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         if tau_hold is not None:
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
+        reported = measurement.reported_torque
+        none = np.zeros_like(Z), np.zeros_like(Z), nothing if reported is None else reported
         return PayloadSpaceState(
             integral=Z,
             anchored=Z,
@@ -140,6 +149,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             start_squeeze=reference.internal_wrench,
             holding_torque=nothing if tau_hold is None else tau_hold,
             start_pull=pull,
+            anchor=None if self.bound is None else AnchorState(*none),
         )
 
     def step(
@@ -153,9 +163,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        fresh = is_new(age, state.wrench_age)
-        Z = state.integral - fresh * gains.anchor_gain * (fhat - f_r)
-        Z_hold = np.where(fresh, Z, state.anchored)
+        fresh, free = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
+        Z, Z_hold = self._conditioned(measurement, state)
+        anchor, centre = -(fresh * gains.anchor_gain * (fhat - f_r)), None
+        if self.bound is not None and state.anchor is not None:
+            since = measurement.time - state.start_time
+            anchor, centre = self.bound.step(state.anchor, anchor, since, free)
+        Z = Z + anchor
+        Z_hold = np.where(fresh, Z, Z_hold)
 
         tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
         if self.posture is not None:
@@ -164,10 +179,21 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
-        integral = (1.0 - measurement.saturated.any()) * c * K.dot(gains.sign_gain.dot(self.switching(s)))
-        return ArmCommand(
-            tau, state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
-        )
+        if self.bound is not None and measurement.reported_torque is not None:
+            free = 1.0
+        integral = free * c * K.dot(gains.sign_gain.dot(self.switching(s)))
+        memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
+        if self.bound is not None and state.anchor is not None:
+            memory = memory._replace(anchor=self.bound.forgotten(state.anchor, anchor, centre, tau))
+        return ArmCommand(tau, memory)
+
+    def _conditioned(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> tuple[Array, Array]:
+        """Return Z and Z_hold as they are after what cut the last command, shape (k_0,) each."""
+        if state.anchor is None or measurement.reported_torque is None:
+            return state.integral, state.anchored
+        left_out = measurement.reported_torque - state.anchor.torque
+        change = right_inverse(measurement.payload_jacobian, measurement.time).T.dot(left_out)
+        return state.integral - change, state.anchored - change
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -208,6 +234,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
+    anchor_bias: Bias | Literal["none"] = (2e-3, 1e-2)
+    anchor_bias_answered: Bias = (2e-2, 1e-1)
 
     @property
     def measures(self) -> bool:
@@ -243,6 +271,25 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
+            bound=self._bound(arm, gains),
+        )
+
+    def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
+        """Return the bound of an arm's anchor; None where none is stated or none is derived."""
+        K, g, integral = gains.sliding_gain, gains.anchor_gain, gains.sign_gain.diagonal()
+        if self.anchor_bias == "none" or not self.force_path.measures or not self.switching.is_smooth:
+            return None
+        if g == 0.0 or not integral.all():
+            return None
+        k_I = gains.sign_gain / self.switching.width
+        return BoundedAnchor.of_rows(
+            arm.rows,
+            self.anchor_bias,
+            self.anchor_bias_answered,
+            gain=arm.load_share * K @ gains.pose_gain,
+            forget=K @ k_I @ np.linalg.inv(K),
+            rate=1.0 / (1.0 / gains.transient_rate + arm.period * (1.0 + arm.oldest_wrench) / g),
+            period=arm.period,
         )
 
     def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
