@@ -42,6 +42,7 @@ class PayloadSpaceState(NamedTuple):
         start_squeeze: f_d(t_0) in payload axes, shape (k_0,).
         holding_torque: tau_hold, N m, shape (k,).
         start_pull: pull of the posture's spring at t_0, N m, shape (k,).
+        command: torque of the last tick, N m, shape (k,).
         anchor: memory of the bounded anchor; None without a bound.
     """
 
@@ -53,7 +54,8 @@ class PayloadSpaceState(NamedTuple):
     start_squeeze: Array
     holding_torque: Array
     start_pull: Array
-    anchor: AnchorState | None = None
+    command: Array
+    anchor: AnchorState | None
 
 
 class PayloadSpaceGains(SurfaceGains):
@@ -139,7 +141,6 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
         reported = measurement.reported_torque
-        none = np.zeros_like(Z), np.zeros_like(Z), nothing if reported is None else reported
         return PayloadSpaceState(
             integral=Z,
             anchored=Z,
@@ -149,7 +150,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             start_squeeze=reference.internal_wrench,
             holding_torque=nothing if tau_hold is None else tau_hold,
             start_pull=pull,
-            anchor=None if self.bound is None else AnchorState(*none),
+            command=nothing if reported is None else reported,
+            anchor=None if self.bound is None else self.bound.start(),
         )
 
     def step(
@@ -163,14 +165,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        fresh, free = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
-        Z, Z_hold = self._conditioned(measurement, state)
-        anchor, centre = -(fresh * gains.anchor_gain * (fhat - f_r)), None
-        if self.bound is not None and state.anchor is not None:
+        fresh, uncut = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
+        anchored, anchor = -(fresh * gains.anchor_gain * (fhat - f_r)), state.anchor
+        if self.bound is not None and anchor is not None:
             since = measurement.time - state.start_time
-            anchor, centre = self.bound.step(state.anchor, anchor, since, free)
-        Z = Z + anchor
-        Z_hold = np.where(fresh, Z, Z_hold)
+            anchored, anchor = self.bound.step(anchor, anchored, since, uncut)
+        cut = self._cut(measurement, state)
+        Z = state.integral - cut + anchored
+        Z_hold = np.where(fresh, Z, state.anchored - cut)
 
         tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
         if self.posture is not None:
@@ -179,21 +181,21 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
-        if self.bound is not None and measurement.reported_torque is not None:
-            free = 1.0
-        integral = free * c * K.dot(gains.sign_gain.dot(self.switching(s)))
+        goes_on = 1.0 if self._is_conditioned(measurement) else uncut
+        integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
-        if self.bound is not None and state.anchor is not None:
-            memory = memory._replace(anchor=self.bound.forgotten(state.anchor, anchor, centre, tau))
-        return ArmCommand(tau, memory)
+        return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
 
-    def _conditioned(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> tuple[Array, Array]:
-        """Return Z and Z_hold as they are after what cut the last command, shape (k_0,) each."""
-        if state.anchor is None or measurement.reported_torque is None:
-            return state.integral, state.anchored
-        left_out = measurement.reported_torque - state.anchor.torque
-        change = right_inverse(measurement.payload_jacobian, measurement.time).T.dot(left_out)
-        return state.integral - change, state.anchored - change
+    def _is_conditioned(self, measurement: ArmMeasurement) -> bool:
+        """Return whether the integral takes over what the drives made of its torque, rather than waits."""
+        return self.bound is not None and measurement.reported_torque is not None
+
+    def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
+        """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
+        if not self._is_conditioned(measurement):
+            return 0.0
+        change = measurement.reported_torque - state.command
+        return right_inverse(measurement.payload_jacobian, measurement.time).T.dot(change)
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -281,14 +283,15 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             return None
         if g == 0.0 or not integral.all():
             return None
-        k_I = gains.sign_gain / self.switching.width
+        width = self.switching.width
+        ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
         return BoundedAnchor.of_rows(
             arm.rows,
-            self.anchor_bias,
-            self.anchor_bias_answered,
+            (self.anchor_bias, self.anchor_bias_answered),
             gain=arm.load_share * K @ gains.pose_gain,
-            forget=K @ k_I @ np.linalg.inv(K),
-            rate=1.0 / (1.0 / gains.transient_rate + arm.period * (1.0 + arm.oldest_wrench) / g),
+            forget=K @ gains.sign_gain @ np.linalg.inv(K) / width,
+            largest=width / gains.pose_gain.diagonal(),
+            rate=1.0 / (1.0 / gains.transient_rate + ticks * arm.period * (1.0 + gains.force_gain) / g),
             period=arm.period,
         )
 
