@@ -1,4 +1,4 @@
-"""Bounded anchor: how far measured wrenches may move an integral, as the bias of the kinematics that asks for it."""
+"""The bounded anchor: measured wrenches move an integral as far as a stated bias may ask for."""
 
 from __future__ import annotations
 

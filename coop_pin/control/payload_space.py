@@ -7,10 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
@@ -22,12 +28,24 @@ from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Switching
 from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Interval, NotNegative
+from coop_pin.schema.base import NotNegative, number_or_row
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
 
+_BOUND = ("anchor_bias", "anchor_bias_answered")
+"""Fields of the bound; a law without one is written without them, as before there was one."""
 
-Bias = Interval
+
+def _bias(value: Any) -> Any:
+    """Return a bias, m and rad, as a pair of positive numbers."""
+    bias = value if isinstance(value, str) else number_or_row(value)
+    if not isinstance(bias, tuple) or len(bias) != 2 or min(bias) <= 0.0:
+        raise FieldError(f"is {value!r}; it must be two positive numbers, m and rad")
+    return bias
+
+
+def _bias_or_none(value: Any) -> Any:
+    return value if isinstance(value, str) and value == "none" else _bias(value)
 
 
 class PayloadSpaceState(NamedTuple):
@@ -224,6 +242,10 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
         stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
             force path itself takes.
+        anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
+            integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
+        anchor_bias_answered: b_max, the bias for which they may while it shows after the start, m and rad; at
+            most the layer. Equal to b_0: a fixed bound.
     """
 
     equal_gains: ClassVar[Mapping[str, str]] = {
@@ -236,8 +258,30 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
-    anchor_bias: Bias | Literal["none"] = (2e-3, 1e-2)
-    anchor_bias_answered: Bias = (2e-2, 1e-1)
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
+    anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_bound(cls, fields: Any) -> Any:
+        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
+        omitted = {*_BOUND, "payload_mass"}
+        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
+        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
+
+    @model_validator(mode="after")
+    def _answers_for_more(self) -> Self:
+        if self.anchor_bias != "none" and np.less(self.anchor_bias_answered, self.anchor_bias).any():
+            least = list(self.anchor_bias)
+            detail = f"is {list(self.anchor_bias_answered)}; it must be at least anchor_bias, {least}"
+            raise FieldError(detail, "anchor_bias_answered")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = super()._written(fields_of)
+        without = _BOUND if self.anchor_bias == "none" else ()
+        return {name: value for name, value in fields.items() if name not in without}
 
     @property
     def measures(self) -> bool:
