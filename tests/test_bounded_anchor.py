@@ -1,4 +1,4 @@
-"""The bounded anchor: its promise, dead arms, cut drives, wrong wrenches; on a linear cell and on the plant."""
+"""The bounded anchor: its promise, dead arms, cut drives, wrong wrenches; linear cells and the plant."""
 
 import numpy as np
 import pytest

@@ -85,8 +85,8 @@ class BoundedAnchor(NamedTuple):
             rate: nu, 1/s.
             period: T, s.
         """
-        of_kind = [rows.select(np.repeat(pair, 3)) > 0.0 for pair in ((1.0, 0.0), (0.0, 1.0))]
-        same_kind = sum(np.outer(kind, kind) for kind in of_kind) * 1.0
+        positions, angles = (rows.select(np.repeat(pair, 3)) for pair in ((1.0, 0.0), (0.0, 1.0)))
+        same_kind = np.outer(positions, positions) + np.outer(angles, angles)
         edge = np.array([largest[row > 0.0].min() for row in same_kind])
         free, most = (rows.select(np.repeat(bias, 3)) for bias in biases)
         free, most = np.minimum(free, edge / 2.0), np.minimum(most, edge)

@@ -25,7 +25,7 @@ from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement
 from coop_pin.control.law import ControlledArm, LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.switching import Saturation, Switching
+from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, number_or_row
@@ -199,21 +199,19 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
-        goes_on = 1.0 if self._is_conditioned(measurement) else uncut
+        waits = self.bound is None or measurement.reported_torque is None
+        goes_on = uncut if waits else 1.0
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
         return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
 
-    def _is_conditioned(self, measurement: ArmMeasurement) -> bool:
-        """Return whether the integral takes over what the drives made of its torque, rather than waits."""
-        return self.bound is not None and measurement.reported_torque is not None
-
     def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
         """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
-        if not self._is_conditioned(measurement):
+        reported = measurement.reported_torque
+        if self.bound is None or reported is None:
             return 0.0
-        change = measurement.reported_torque - state.command
-        return right_inverse(measurement.payload_jacobian, measurement.time).T.dot(change)
+        J_plus = right_inverse(measurement.payload_jacobian, measurement.time)
+        return J_plus.T.dot(reported - state.command)
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -323,9 +321,9 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
         """Return the bound of an arm's anchor; None where none is stated or none is derived."""
         K, g, integral = gains.sliding_gain, gains.anchor_gain, gains.sign_gain.diagonal()
-        if self.anchor_bias == "none" or not self.force_path.measures or not self.switching.is_smooth:
+        if self.anchor_bias == "none" or not self.force_path.measures or g == 0.0:
             return None
-        if g == 0.0 or not integral.all():
+        if isinstance(self.switching, Sign) or not integral.all():
             return None
         width = self.switching.width
         ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
