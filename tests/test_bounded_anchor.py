@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
 from coop_pin.build_controller import build_controller
+from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
 from coop_pin.description import Scenario
 from coop_pin.errors import FieldError
@@ -49,7 +50,16 @@ class LinearCell:
             self.laws.append(self.law.controller_of(arm, self.law.gains.sized(k, k), None))
 
     def run(
-        self, ticks, *, dead_from=np.inf, stuck=None, load=None, is_held=True, limit=np.inf, reports=True
+        self,
+        ticks,
+        *,
+        dead_from=np.inf,
+        stuck=None,
+        attack=None,
+        load=None,
+        is_held=True,
+        limit=np.inf,
+        reports=True,
     ):
         """Return x, shape (ticks, k_0), and f, shape (ticks, m, k_0); the last arm may lose its torque."""
         m, k = len(self.laws), self.rows.size
@@ -63,9 +73,12 @@ class LinearCell:
             w, acting = np.zeros((m, k)), np.zeros((m, k))
             for i, law in enumerate(self.laws):
                 measured = seen_f[i] if stuck is None or i != stuck[0] else np.array(stuck[1])
+                age = float(tick % self.every)
+                if attack is not None:
+                    measured, age = attack(tick, i, measured)
                 measurement = ArmMeasurement(
                     *(tick * T, x, V, self._pose(x + self.biases[i]), V, self.J[i], measured, cut[i]),
-                    internal_wrench_age=float(tick % self.every),
+                    internal_wrench_age=age,
                     holding_torque=holding[i],
                     reported_torque=reported[i] if reports else None,
                 )
@@ -219,6 +232,62 @@ def test_a_stuck_wrench_moves_the_payload_within_the_bound(name):
     assert_allclose(np.linalg.norm(x[-1]), 1e-3, rtol=0.02)
 
 
+def l1_norm():
+    """L1 norm of -(z + k_I) lambda / (z^3 + lambda (z + gamma) (z + k_I)) at the linear cell's lambda."""
+    lam, numbers = 16.0, (GAMMA + K_I, GAMMA * K_I)
+    z = np.roots([1.0, lam, lam * numbers[0], lam * numbers[1]])
+    residues = lam * (z + K_I) / (3 * z**2 + 2 * lam * z + lam * numbers[0])
+    t = np.linspace(0.0, 10.0, 20001)
+    return np.trapezoid(np.abs((residues[:, None] * np.exp(np.outer(z, t))).sum(axis=0)), t)
+
+
+class Attack:
+    """Wrenches that are late, dropped, held or made up, each arm for itself."""
+
+    def __init__(self, seed, arms, size, *, is_made_up):
+        self.rng = np.random.default_rng(seed)
+        self.late = self.rng.integers(0, 4, size=arms)
+        self.drop = self.rng.uniform(0.0, 0.5)
+        self.stuck = self.rng.uniform(100, 600, size=arms), self.rng.integers(0, 2, size=arms)
+        self.made_up = [self.rng.normal(size=size) * 30.0 if is_made_up else None for _ in range(arms)]
+        self.past, self.held = [[] for _ in range(arms)], [(np.zeros(size), np.inf) for _ in range(arms)]
+
+    def __call__(self, tick, arm, measured):
+        past, (value, age) = self.past[arm], self.held[arm]
+        past.append(measured)
+        if self.made_up[arm] is not None and tick > self.stuck[0][arm]:
+            self.held[arm] = self.made_up[arm] * np.sin(0.05 * tick), 0.0
+        elif self.stuck[1][arm] and tick > self.stuck[0][arm]:
+            self.held[arm] = value, 0.0
+        elif self.rng.random() >= self.drop and len(past) > self.late[arm]:
+            self.held[arm] = past[-1 - self.late[arm]], float(self.late[arm])
+        else:
+            self.held[arm] = value, age + 1.0
+        return self.held[arm]
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 100))])
+@pytest.mark.parametrize("name", DAMPING)
+def test_no_measurement_moves_the_payload_further_than_the_bound(name, seed):
+    """Two or three arms, biases within b, any wrenches: at most the L1 norm times b from the run without."""
+    rng, k = np.random.default_rng([seed, 7]), task_rows(name).size
+    shares = list(SHARES.values())[seed % 3]
+    biases = rng.normal(size=(len(shares), k))
+    of_position = np.arange(k) < (2 if name == "planar" else 3)
+    b = np.where(of_position, 2e-3, 4e-3)
+    for part in (of_position, ~of_position):
+        biases[:, part] *= (
+            rng.uniform(size=(len(shares), 1)) / np.linalg.norm(biases[:, part], axis=1)[:, None]
+        )
+    cell = LinearCell(name, shares, b * biases, **fixed(2e-3, 4e-3))
+    attack = Attack(seed, len(shares), k, is_made_up=seed % 2 == 0)
+    (x, _), (calm, _) = cell.run(700, attack=attack), cell.run(700)
+    for part, bound in ((of_position, 2e-3), (~of_position, 4e-3)):
+        off = np.linalg.norm((x - calm)[:, part], axis=1).max()
+        assert off <= 1.02 * l1_norm() * GAMMA * bound
+    assert np.abs(x - calm).max() > 1e-5
+
+
 @pytest.mark.parametrize("name", DAMPING)
 def test_the_integral_takes_over_what_the_drives_made_of_its_torque(name):
     """Z after a cut is that with which the law would have asked for the torque that acted."""
@@ -294,6 +363,87 @@ def test_a_batch_is_the_single_run():
     changes = {"arm_actuators.right.torque_lost_at": 0.5, "clock.steps_per_tick": 1}
     scenario = anchored("planar", 1.0, changes)
     require_same_samples(BatchSimulator().run([scenario]).result(0).data, cp.run(scenario).data)
+
+
+# ------------------------------------------------------------ cells of the catalogue
+
+TUNED = {"pose_gain": 7.66324, "sign_gain": 0.235618, "anchor_gain": 0.0252397}
+"""Gains of two Pandas by the benchmark's search at 4824ca2."""
+
+
+def last_second(result):
+    """Mean errors of position and angle over the last second, and their peaks; the largest force error, N."""
+    data = result.data
+    late = data.time.values > data.time.values[-1] - 1.0
+    error = data.pose_error.values
+    parts = error[:, :3], error[:, 3:]
+    force = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values)[late, :, :3]
+    means = [np.linalg.norm(part[late].mean(axis=0)) for part in parts]
+    peaks = [np.linalg.norm(part, axis=1).max() for part in parts]
+    return means, peaks, np.linalg.norm(force, axis=-1).max()
+
+
+def laws_of(scenario, biases):
+    return [
+        scenario.override({f"controller.{field}": value for field, value in fields.items()})
+        for fields in biases
+    ]
+
+
+@pytest.mark.slow
+def test_two_pandas_keep_twice_and_three_times_the_mass():
+    """Squeezed with drives that are too weak for it; without a bound the payload is lost."""
+    base = benchmark_scenario(Scenario.load("two-pandas-box"), 5.0)
+    base = base.override({f"controller.gains.{name}": value for name, value in TUNED.items()})
+    mass = base.cell.payload.mass
+    for factor, most in ((2.0, 0.3), (3.0, 0.3)):
+        heavy = base.override({"events": [{"kind": "payload-change", "time": 0.0, "mass": factor * mass}]})
+        runs = BatchSimulator().run(laws_of(heavy, [fixed(1e-3, 2e-3), {}]))
+        (position, _), _, force = last_second(runs.result(0))
+        assert (position < most * 1e-3, force < 0.3) == (True, True)
+        (position, _), _, force = last_second(runs.result(1))
+        assert (position < 1.5e-3, force < 1.5) == (True, True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["three-ur5-plate", "kinova-pair", "five-joint-pair", "adept-anchored"])
+def test_survivors_hold_the_payload_within_the_bound(name):
+    """An arm lost at half time: the last second within 1.1 b_0, the peak as of a fixed bound."""
+    base = benchmark_scenario(Scenario.load(name), 20.0)
+    last = list(base.cell.arms)[-1]
+    lost = base.override({f"arm_actuators.{last}": base.actuators.replace(torque_lost_at=10.0).model_dump()})
+    sizes = [(k * 1e-3, k * 2e-3) for k in (1, 2, 3)]
+    runs = BatchSimulator().run(
+        laws_of(lost, [*({"anchor_bias": b} for b in sizes), *(fixed(*b) for b in sizes)])
+    )
+    for index, (b, b_rot) in enumerate(sizes):
+        (position, angle), peaks, _ = last_second(runs.result(index))
+        _, fixed_peaks, _ = last_second(runs.result(index + 3))
+        assert position <= 1.1 * b
+        assert angle <= 1.1 * b_rot or base.cell.rows == "positional"
+        assert peaks[0] <= 1.3 * fixed_peaks[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("adept-anchored", "five-joint-pair", "kinova-pair", "panda-ur5-bar"),
+        *("three-ur5-far", "three-ur5-plate", "two-pandas-box"),
+    ],
+)
+def test_everyday_biases_are_as_without_a_bound(name):
+    """A tip that is 5, 10 and 15 mm off, a base turned by 10 mrad: the same torques, bit by bit."""
+    scenario = Scenario.load(name)
+    error = f"cell.arms.{next(iter(scenario.cell.arms))}.calibration_error"
+    errors = [([metres, 0.0, 0.0], [0.0, 0.0, 0.0]) for metres in (0.0, 5e-3, 1e-2, 1.5e-2)]
+    errors.append(([0.0, 0.0, 0.0], [0.0, 0.0, 1e-2]))
+    cases = [scenario.override({f"{error}.tip.xyz": tip, f"{error}.base.rpy": base}) for tip, base in errors]
+    bounded = BatchSimulator().run(cases)
+    without = BatchSimulator().run([case.override(NONE) for case in cases])
+    for index in range(len(cases)):
+        torques = [runs.result(index).data.torque for runs in (bounded, without)]
+        assert_array_equal(*torques)
 
 
 # ------------------------------------------------------------ records
