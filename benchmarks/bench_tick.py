@@ -81,7 +81,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.arm.rows.pose_error(measured[0].payload_pose, references[0].pose),
         BOTH: lambda: controller.step(
-            run.sensing.measure(t, plant, command.torques, none_saturated), references, state
+            run.sensing.measure(t, plant, none_saturated, command.torques), references, state
         ),
         "Actuation.apply": lambda: run.actuation.apply(t, command, plant.q),
         "references": lambda: run.references(t),

@@ -123,7 +123,7 @@ class MujocoRun:
             t = loop.timeline.time(tick)
             references = loop.references(t)
             measurements = (
-                loop.sensing.measure(t, loop.plant, applied.torques, applied.saturated)
+                loop.sensing.measure(t, loop.plant, applied.saturated, applied.reported)
                 if applied
                 else loop.sensing.start(loop.plant.q, loop.plant.v, references)
             )

@@ -122,17 +122,30 @@ def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, tmp_path):
     )
     desired = np.concatenate([np.ravel(value) for value in reference])
     state, torque, scale, worst = np.zeros(1000), np.zeros(n), 0.0, 0.0
-    memory = None
+    memory, wanted = None, np.zeros(n)
     for tick in range(ticks):
         t = tick * scenario.clock.period
         angles, cut = posture + 0.1 * np.sin(3.0 * t + np.arange(n)), rng.random(n) < 0.02
         q, v = drive @ angles, drive @ (0.3 * np.cos(3.0 * t + np.arange(n)))
         wrench, hold = rng.normal(size=k), rng.normal(size=n)
+        reported = np.where(cut, 0.9, 1.0) * wanted
         view = kinematics.view(angles)
         seen = ArmMeasurement(
-            t, q, v, view.pose, view.jacobian @ v, view.jacobian, wrench, cut, 1.0, None, np.inf, hold
+            t,
+            q,
+            v,
+            view.pose,
+            view.jacobian @ v,
+            view.jacobian,
+            wrench,
+            cut,
+            1.0,
+            None,
+            np.inf,
+            hold,
+            reported,
         )
-        given = np.concatenate(([t], q, v, cut, wrench, [1.0], hold))
+        given = np.concatenate(([t], q, v, cut, wrench, [1.0], hold, reported))
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (given, desired, state, torque)]
         if tick == 0:
             assert library.left_start(*pointers[:3]) == 1

@@ -55,9 +55,9 @@ def measured(simulation, count):
 
 
 def at_rest(simulation):
-    """No torques, none of them cut."""
+    """No torque cut, and none reported."""
     torques = [np.zeros(len(place.drive)) for place in simulation.plant.chain.model.arms]
-    return torques, [torque > 0.0 for torque in torques]
+    return [torque > 0.0 for torque in torques], torques
 
 
 def of_arm(measurements, arm, field):
@@ -419,7 +419,7 @@ def test_measurements_of_every_sensor_are_floats_and_frozen_arrays():
                 assert value.base is None or not value.base.flags.writeable
             else:
                 assert value is None or type(value) is float
-    assert ArmMeasurement._fields[-1] == "holding_torque"
+    assert ArmMeasurement._fields[-1] == "reported_torque"
 
 
 def test_only_signals_that_differ_from_the_truth_are_recorded():

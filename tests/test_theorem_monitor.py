@@ -81,6 +81,8 @@ MEASURED = {
     "biased, noisy and lost": BIAS
     | {"sensors.wrist": {"noise": {"force": 1.0, "moment": 0.1}, "delay": 1, "lost": [[0.03, 0.11]]}}
     | {"controller.gains.force_gain": 0.2, "controller.force_path": {"kind": "low-pass", "pole": 0.5}},
+    "bounded": BIAS
+    | {"controller.anchor_bias": [1e-5, 1e-5], "controller.anchor_bias_answered": [2e-5, 2e-5]},
     "own wrist": {
         "controller.force_path": {"kind": "none"},
         "controller.payload_mass": 2.5,
@@ -113,6 +115,8 @@ def test_the_integrals_disagree_as_predicted_and_v_has_its_rates(name, measured)
     assert largest(monitor["V_rate"]) > 0.01
     assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
     assert bool(monitor["anchor_acts"].any()) == (measured != "nothing")
+    if measured == "bounded":
+        assert bool(monitor["anchor_is_bounded"].any())
     # One sample for all arms, split after its noise: the anchors cancel, if the arms see one pose.
     if measured == "late, pushed":
         assert largest(monitor["anchor_sum"]) < 1e-9

@@ -76,8 +76,9 @@ class RunBlock:
         self.recorded = lanes.size
         lanes.add(signals=(int(signals.is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        lanes.add(force=(N,), rates=(N + len(WORK),), holding=(N,), drives=(len(leaves(start.drives)),))
-        lanes.add(constants=(int(differs.sum()),), surroundings=(len(leaves(constants.changes[0])),))
+        lanes.add(force=(N,), rates=(N + len(WORK),), holding=(N,), reported=(N,))
+        lanes.add(drives=(len(leaves(start.drives)),), constants=(int(differs.sum()),))
+        lanes.add(surroundings=(len(leaves(constants.changes[0])),))
         uniforms.add(h=(), s=(), gives=(m,), signals=(int(signals.is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:

@@ -23,6 +23,8 @@ _SPREAD = 0.1
 """Of the joint positions there about those of the start, and of their rates, rad or m and 1/s of it."""
 _WRENCH = 10.0
 """Size of the wrenches there, N and N m."""
+_TORQUE = 10.0
+"""Size of the torques that the drives report there, N m."""
 _SATURATED = 0.2
 """Part of the torques that are cut there."""
 
@@ -87,8 +89,8 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             time=time,
             angles=angles,
             rates=split(_SPREAD * rng.normal(size=sum(sizes))),
-            torques=split(np.zeros(sum(sizes))),
             saturated=split(rng.random(sum(sizes)) < _SATURATED),
+            reported=split(_TORQUE * rng.normal(size=sum(sizes))),
             wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
             R_WP=np.eye(3),
             signals=next(signals),

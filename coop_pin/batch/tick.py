@@ -87,15 +87,15 @@ class TickCode:
 
     def _truth(self, kernel: Kernel, constants: RunConstants, signals: RunSignals) -> tuple[Truth, View]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
-        names = ("q", "v", "torque", "saturated")
-        q, v, torques, saturated = (constants.cell.by_arm(kernel.read(name)) for name in names)
+        names = ("q", "v", "saturated", "reported")
+        q, v, saturated, reported = (constants.cell.by_arm(kernel.read(name)) for name in names)
         truth = Truth(
             time=signals.desired.time,
             angles=q,
             rates=v,
             signals=signals.sensors,
-            torques=torques,
             saturated=saturated,
+            reported=reported,
             wrenches=kernel.read("wrenches"),
             R_WP=kernel.read("R_WP"),
         )
@@ -133,6 +133,7 @@ class TickCode:
         )
         kernel.write("sensors", sensors)
         kernel.write("drives", drives)
+        kernel.write("reported", np.concatenate(applied.reported))
         self._hold(kernel, constants, applied.torques)
         self._record(kernel, measurements, applied)
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])

@@ -39,6 +39,10 @@ class ArmMeasurement(NamedTuple):
         holding_torque: torque that each drive reports at rest before the controller takes over, N m, shape
             (k,), without the robot's own gravity compensation: as commands they hold the cell; in the first
             measurement only.
+        reported_torque: the part of the law's last command that acted, N m, shape (k,), as drives report it:
+            the command itself where nothing cut it, without the robot's own gravity compensation and before
+            lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
+            drives report nothing.
     """
 
     time: float
@@ -53,6 +57,7 @@ class ArmMeasurement(NamedTuple):
     interaction_wrench: Array | None = None
     interaction_wrench_age: float = np.inf
     holding_torque: Array | None = None
+    reported_torque: Array | None = None
 
 
 class ArmReference(NamedTuple):
@@ -81,6 +86,7 @@ MEASURED = {
     "interaction_wrench": "wrench on this arm by the payload about P in world axes, task rows, N and N m",
     "interaction_wrench_age": "ticks since it was sampled; INFINITY before the first sample",
     "holding_torque": "torques that hold the arm at rest, N m; read at the start only",
+    "reported_torque": "part of the last command that acted, N m: the command where nothing cut it",
 }
 DESIRED = {
     "pose": "desired pose of P in the world, row by row",

@@ -7,23 +7,45 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from coop_pin.arrays import Array
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.law import ControlledArm, LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.switching import Saturation, Switching
+from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import NotNegative
+from coop_pin.schema.base import NotNegative, number_or_row
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.task_rows import TaskRows
+
+_BOUND = ("anchor_bias", "anchor_bias_answered")
+"""Fields of the bound; a law without one is written without them, as before there was one."""
+
+
+def _bias(value: Any) -> Any:
+    """Return a bias, m and rad, as a pair of positive numbers."""
+    bias = value if isinstance(value, str) else number_or_row(value)
+    if not isinstance(bias, tuple) or len(bias) != 2 or min(bias) <= 0.0:
+        raise FieldError(f"is {value!r}; it must be two positive numbers, m and rad")
+    return bias
+
+
+def _bias_or_none(value: Any) -> Any:
+    return value if isinstance(value, str) and value == "none" else _bias(value)
 
 
 class PayloadSpaceState(NamedTuple):
@@ -38,6 +60,8 @@ class PayloadSpaceState(NamedTuple):
         start_squeeze: f_d(t_0) in payload axes, shape (k_0,).
         holding_torque: tau_hold, N m, shape (k,).
         start_pull: pull of the posture's spring at t_0, N m, shape (k,).
+        command: torque of the last tick, N m, shape (k,).
+        anchor: memory of the bounded anchor; None without a bound.
     """
 
     integral: Array
@@ -48,6 +72,8 @@ class PayloadSpaceState(NamedTuple):
     start_squeeze: Array
     holding_torque: Array
     start_pull: Array
+    command: Array
+    anchor: AnchorState | None
 
 
 class PayloadSpaceGains(SurfaceGains):
@@ -116,6 +142,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     payload_weight: Array | None = None
     stale_after: float = 3.0
     posture: Posture | None = None
+    bound: BoundedAnchor | None = None
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -131,6 +158,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         if tau_hold is not None:
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
+        reported = measurement.reported_torque
         return PayloadSpaceState(
             integral=Z,
             anchored=Z,
@@ -140,6 +168,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             start_squeeze=reference.internal_wrench,
             holding_torque=nothing if tau_hold is None else tau_hold,
             start_pull=pull,
+            command=nothing if reported is None else reported,
+            anchor=None if self.bound is None else self.bound.start(),
         )
 
     def step(
@@ -153,9 +183,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        fresh = is_new(age, state.wrench_age)
-        Z = state.integral - fresh * gains.anchor_gain * (fhat - f_r)
-        Z_hold = np.where(fresh, Z, state.anchored)
+        fresh, uncut = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
+        anchored, anchor = -(fresh * gains.anchor_gain * (fhat - f_r)), state.anchor
+        if self.bound is not None and anchor is not None:
+            since = measurement.time - state.start_time
+            anchored, anchor = self.bound.step(anchor, anchored, since, uncut)
+        cut = self._cut(measurement, state)
+        Z = state.integral - cut + anchored
+        Z_hold = np.where(fresh, Z, state.anchored - cut)
 
         tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
         if self.posture is not None:
@@ -164,10 +199,19 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
-        integral = (1.0 - measurement.saturated.any()) * c * K.dot(gains.sign_gain.dot(self.switching(s)))
-        return ArmCommand(
-            tau, state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
-        )
+        waits = self.bound is None or measurement.reported_torque is None
+        goes_on = uncut if waits else 1.0
+        integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
+        memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
+        return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
+
+    def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
+        """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
+        reported = measurement.reported_torque
+        if self.bound is None or reported is None:
+            return 0.0
+        J_plus = right_inverse(measurement.payload_jacobian, measurement.time)
+        return J_plus.T.dot(reported - state.command)
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -196,6 +240,10 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
         stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
             force path itself takes.
+        anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
+            integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
+        anchor_bias_answered: b_max, the bias for which they may while it shows after the start, m and rad; at
+            most the layer. Equal to b_0: a fixed bound.
     """
 
     equal_gains: ClassVar[Mapping[str, str]] = {
@@ -208,6 +256,30 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
+    anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_bound(cls, fields: Any) -> Any:
+        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
+        omitted = {*_BOUND, "payload_mass"}
+        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
+        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
+
+    @model_validator(mode="after")
+    def _answers_for_more(self) -> Self:
+        if self.anchor_bias != "none" and np.less(self.anchor_bias_answered, self.anchor_bias).any():
+            least = list(self.anchor_bias)
+            detail = f"is {list(self.anchor_bias_answered)}; it must be at least anchor_bias, {least}"
+            raise FieldError(detail, "anchor_bias_answered")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = super()._written(fields_of)
+        without = _BOUND if self.anchor_bias == "none" else ()
+        return {name: value for name, value in fields.items() if name not in without}
 
     @property
     def measures(self) -> bool:
@@ -243,6 +315,26 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
+            bound=self._bound(arm, gains),
+        )
+
+    def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
+        """Return the bound of an arm's anchor; None where none is stated or none is derived."""
+        K, g, integral = gains.sliding_gain, gains.anchor_gain, gains.sign_gain.diagonal()
+        if self.anchor_bias == "none" or not self.force_path.measures or g == 0.0:
+            return None
+        if isinstance(self.switching, Sign) or not integral.all():
+            return None
+        width = self.switching.width
+        ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
+        return BoundedAnchor.of_rows(
+            arm.rows,
+            (self.anchor_bias, self.anchor_bias_answered),
+            gain=arm.load_share * K @ gains.pose_gain,
+            forget=K @ gains.sign_gain @ np.linalg.inv(K) / width,
+            largest=width / gains.pose_gain.diagonal(),
+            rate=1.0 / (1.0 / gains.transient_rate + ticks * arm.period * (1.0 + gains.force_gain) / g),
+            period=arm.period,
         )
 
     def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:

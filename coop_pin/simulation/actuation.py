@@ -38,12 +38,14 @@ class Applied(NamedTuple):
             compensation.
         torques: torques that act at the tick.
         saturated: which of them the torque limits cut, or their rate limits over the whole tick.
+        reported: parts of the commands that act, see ArmMeasurement.
     """
 
     commanded: Sequence[Array]
     requested: Sequence[Array]
     torques: Sequence[Array]
     saturated: Sequence[Mask]
+    reported: Sequence[Array]
 
 
 class ResponseState(NamedTuple):
@@ -121,6 +123,12 @@ class TorqueResponse(NamedTuple):
         """Return which torques still change at their largest rate after a duration, s, shape (drives,)."""
         limited: Mask = state.ramp > (1.0 + _SAME) * self.rate * duration
         return limited
+
+    def cut(self, state: ResponseState, duration: float) -> Array:
+        """Return the part of the change that the rate limit leaves out over a duration, N m, (drives,)."""
+        left_out = np.where(self.is_limited(state, duration), state.ramp - self.rate * duration, 0.0)
+        torque: Array = state.sign * left_out
+        return torque
 
 
 class ArmDrives(NamedTuple):
@@ -200,7 +208,7 @@ class CellDrives(NamedTuple):
             gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
             s: Time since the tick before, s.
         """
-        requested, torques, saturated, last = [], [], [], []
+        requested, torques, saturated, reported, last = [], [], [], [], []
         for index, arm in enumerate(self.arms):
             carried = None if arm.carried is None else arm.carried * weight(index)
             (asked, torque, cut), command = arm.step(
@@ -209,14 +217,20 @@ class CellDrives(NamedTuple):
             requested.append(asked)
             torques.append(torque)
             saturated.append(cut)
+            reported.append(frozen(commanded[index] + (torque - asked)))
             last.append(command)
+        applied = Applied(commanded, requested, torques, saturated, reported)
         if self.response is None or state.response is None:
-            return Applied(commanded, requested, torques, saturated), DriveState(tuple(last), None)
+            return applied, DriveState(tuple(last), None)
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
-        saturated = [frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)]
-        torques = self.acting(self.response.at(response, 0.0), gives)
-        return Applied(commanded, requested, torques, saturated), DriveState(tuple(last), response)
+        left_out = self.response.cut(response, self.period)
+        applied = applied._replace(
+            torques=self.acting(self.response.at(response, 0.0), gives),
+            saturated=[frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)],
+            reported=[*map(frozen, self.acting(np.concatenate(reported) - left_out, gives))],
+        )
+        return applied, DriveState(tuple(last), response)
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""

@@ -64,8 +64,8 @@ class Truth(NamedTuple):
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
         signals: errors of the sensors, and when samples arrive.
-        torques: drive torques that acted from the last tick on, N m, shape (k,) each; zero at the first.
-        saturated: which of them were cut over the last tick, shape (k,) each.
+        saturated: which drive torques were cut over the last tick, shape (k,) each.
+        reported: parts of the last commands that acted, N m, shape (k,) each; zero at the first.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
         R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
@@ -75,8 +75,8 @@ class Truth(NamedTuple):
     angles: Sequence[Array]
     rates: Sequence[Array]
     signals: CellSignals
-    torques: Sequence[Array]
     saturated: Sequence[Mask]
+    reported: Sequence[Array]
     wrenches: Array
     R_WP: Array
 
@@ -181,6 +181,7 @@ class CellSensors(NamedTuple):
                 signals.age,
                 frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
                 signals.arms[index].wrist_age,
+                reported_torque=truth.reported[index],
             )
             for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
@@ -292,7 +293,7 @@ class Sensing:
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
             R_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
-        truth, view = self._truth(0.0, q, v, rest, free, loads, R_WP), partial(self._view, q)
+        truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
         return [
             seen._replace(holding_torque=frozen(torque * factor))
@@ -302,13 +303,13 @@ class Sensing:
         ]
 
     def measure(
-        self, time: float, plant: Plant, torques: Sequence[Array], saturated: Sequence[Mask]
+        self, time: float, plant: Plant, saturated: Sequence[Mask], reported: Sequence[Array]
     ) -> list[ArmMeasurement]:
-        """Return the measurements of a later tick; torques and ``saturated`` are those of the tick before."""
+        """Return the measurements of a later tick; ``saturated`` and ``reported`` are of the tick before."""
         q = plant.q
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
-        truth = self._truth(time, q, plant.v, torques, saturated, wrenches, R_WP)
+        truth = self._truth(time, q, plant.v, saturated, reported, wrenches, R_WP)
         measured, self._state = self.sensors.step(self._state, truth, partial(self._view, q))
         return measured
 

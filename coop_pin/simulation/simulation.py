@@ -193,7 +193,7 @@ class Simulation:
             self.controller_state = self.controller.init(measurements, references)
         else:
             measurements = self.sensing.measure(
-                time, self.plant, self._applied.torques, self._applied.saturated
+                time, self.plant, self._applied.saturated, self._applied.reported
             )
             self._apply_events(time)
         command = self.controller.step(measurements, references, self.controller_state)

@@ -55,9 +55,15 @@ MONITORED = {
         Quantity("balance_2", "arm", "N", "|left side - right side| of eq. (2)"),
         Quantity("disagreement", "arm row", "N, N m", "Z_i - c_i Zbar"),
         Quantity("disagreement_rate", "arm row", "N/s, N m/s", "its change to the next tick over T"),
-        Quantity("predicted_rate", "arm row", "N/s, N m/s", "what anchor, integral and leak make of it"),
+        Quantity(
+            "predicted_rate", "arm row", "N/s, N m/s", "what anchor, cuts, integral and leak make of it"
+        ),
         Quantity("rate_defect", "arm", "N/s", "|disagreement_rate - predicted_rate|"),
         Quantity("anchor_sum", "", "N", "|sum of the anchors|: zero where the measured errors sum to zero"),
+        Quantity(
+            "anchor_held", "arm row", "m, rad", "bias for which the bounded anchor holds what it has moved"
+        ),
+        Quantity("anchor_centre", "arm row", "m, rad", "C, the bias about which the anchor is bounded"),
         Quantity("Zbar", "row", "N, N m", "sum of the integrals"),
         Quantity("d", "row", "N, N m", "what Zbar must take over"),
         Quantity("V", "", "J", "sbar^T A sbar / 2 + (Zbar - d)^T (k_I K)^-1 (Zbar - d) / 2"),

@@ -17,6 +17,7 @@ from coop_pin.analysis.proof.recorded_run import RecordedTick, recorded_ticks
 from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
 from coop_pin.control import PayloadSpaceController
+from coop_pin.control.bounded_anchor import AnchorState
 from coop_pin.control.terms import is_new
 from coop_pin.description.events import Surroundings
 from coop_pin.errors import ArgumentError
@@ -38,7 +39,8 @@ def payload_space_monitor(result: RunResult) -> xr.Dataset:
     plant's accelerations and wrenches, ``rate_defect`` with the law's update. d is what eq. (1) asks of Zbar
     with C = Adot / 2: at constant d, inside the layer, V falls by ``V_rate_damping``. ``V_may_grow`` marks
     where the sum of the rates is above 1e-6 W, ``integral_is_limited`` where an arm leaves the layer,
-    ``anchor_acts`` where it has a new measurement. V is NaN without an integral or without a layer.
+    ``anchor_acts`` where it has a new measurement, ``anchor_is_bounded``
+    where its bound acts. V is NaN without an integral or without a layer.
 
     Args:
         result: run of the payload-space law, every tick kept.
@@ -78,6 +80,8 @@ class _MonitoredCell:
         self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.gains.sliding_gain, np.nan)
         self.start: list[tuple[Array, Array]] = []
         self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
+        self.anchors = [AnchorState(*np.zeros((2, self.rows.size)))] * len(self.laws)
+        self.commands = list[Array]()
 
     def at_tick(self, now: RecordedTick) -> dict[str, Any]:
         """Return the monitored quantities of a tick; what needs the next tick comes later."""
@@ -89,17 +93,23 @@ class _MonitoredCell:
         slid = self.c * np.array([gain.sliding_gain @ s_i for gain, s_i in zip(gains, s, strict=True)])
         fed_back = f_r - self._each("force_gain") * error
         Z = w - slid - fed_back
-        self.Z_hold = np.where(is_fresh, Z, self.Z_hold if self.Z_hold.size else Z)
+        cut = self._cut(now)
+        self.Z_hold = np.where(is_fresh, Z, self.Z_hold - cut if self.Z_hold.size else Z)
         a = self._arm_wrenches(now, w)
         ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
-        anchor = is_fresh * self._each("anchor_gain") * error
+        asked = is_fresh * self._each("anchor_gain") * error
+        bounded = self._bounded(now, asked)
+        anchor = bounded + cut
         phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
             [gain.sliding_gain @ gain.sign_gain @ phi_i for gain, phi_i in zip(gains, phi, strict=True)]
         )
-        cut = np.array([[arm.measured.saturated.any()] for arm in now.arms])
         leak = np.array([[law.leak] for law in self.laws])
-        rate = ~cut * integral - is_stale * leak * (Z - self.Z_hold)
+        waits = [
+            law.bound is None and arm.measured.saturated.any()
+            for law, arm in zip(self.laws, now.arms, strict=True)
+        ]
+        rate = ~np.array(waits)[:, None] * integral - is_stale * leak * (Z - self.Z_hold)
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
@@ -111,6 +121,11 @@ class _MonitoredCell:
             "anchor": anchor,
             "anchor_sum": np.linalg.norm(anchor.sum(axis=0)),
             "anchor_acts": is_fresh[:, 0],
+            "anchor_is_bounded": (bounded != asked).any(axis=1),
+            "anchor_held": np.array(
+                [self._held(*pair) for pair in zip(self.laws, self.anchors, strict=True)]
+            ),
+            "anchor_centre": np.array([anchor.centre for anchor in self.anchors]),
             "memory_rate": rate,
             "integral_is_limited": (np.abs(phi) >= 1.0).any(axis=1),
             "Zbar": Zbar,
@@ -121,6 +136,31 @@ class _MonitoredCell:
                 (F - a - fed_back).sum(axis=0),
             ),
         }
+
+    def _bounded(self, now: RecordedTick, asked: Array) -> Array:
+        """Return what the anchors take out of the integrals where they ask for this, shape (m, k_0) each."""
+        taken = np.array(asked)
+        for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
+            if law.bound is not None:
+                uncut = 1.0 - arm.measured.saturated.any()
+                given, self.anchors[i] = law.bound.step(self.anchors[i], -asked[i], now.t, uncut)
+                taken[i] = -given
+        return taken
+
+    def _cut(self, now: RecordedTick) -> Array:
+        """Return the wrenches by which the drives changed the commands of the tick before, shape (m, k_0)."""
+        cut = np.zeros((len(self.laws), self.rows.size))
+        for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
+            x = arm.measured
+            if law.bound is not None and self.commands and x.reported_torque is not None:
+                cut[i] = np.linalg.pinv(x.payload_jacobian).T @ (x.reported_torque - self.commands[i])
+        self.commands = [arm.commanded for arm in now.arms]
+        return cut
+
+    @staticmethod
+    def _held(law: PayloadSpaceController, anchor: AnchorState) -> Array:
+        """Return the bias for which an anchor holds what it has moved, shape (k_0,); 0 without bound."""
+        return anchor.moved if law.bound is None else law.bound.gain_inverse @ anchor.moved
 
     def _surfaces(self, now: RecordedTick) -> tuple[Array, Array]:
         """Return s_i and f_r,i of every arm, shape (m, k_0) each; they start from the first tick."""
@@ -243,5 +283,7 @@ def _labelled(result: RunResult, cell: _MonitoredCell, values: dict[str, Array])
     values |= {"disagreement_rate": change, "predicted_rate": predicted, "V_rate_load": load}
     values["rate_defect"] = np.linalg.norm(change - predicted, axis=2)
     grows = values["V_rate_damping"] + values["V_rate_memory"] + load > _POSITIVE
-    marks = {name: ("arm", values[name]) for name in ("integral_is_limited", "anchor_acts")}
+    marks = {
+        name: ("arm", values[name]) for name in ("integral_is_limited", "anchor_acts", "anchor_is_bounded")
+    }
     return monitor_dataset(result, values, {"V_may_grow": ("", grows)} | marks)

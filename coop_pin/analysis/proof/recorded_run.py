@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
 from coop_pin.description.events import Surroundings
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
@@ -18,7 +18,6 @@ _RECORDED = (
     "velocity",
     "torque",
     "commanded_torque",
-    "saturated",
     "interaction_wrench",
     "internal_wrench",
     "desired_internal_wrench",
@@ -93,7 +92,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
     plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
     beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
-    arms: tuple[ArmTick, ...] = ()
+    applied: Any = None
     for k, t in enumerate(data["time"].values.tolist()):
         plant.q, plant.v = recorded["configuration"][k], recorded["velocity"][k]
         references = simulation.references(t)
@@ -101,9 +100,13 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             measured = sensing.start(plant.q, plant.v, references)
         else:
             plant.surround(simulation.scenario.surroundings_at(t - beside))
-            measured = sensing.measure(t, plant, [arm.tau for arm in arms], [arm.saturated for arm in arms])
+            measured = sensing.measure(t, plant, applied.saturated, applied.reported)
         plant.surround(simulation.scenario.surroundings_at(t + beside))
-        torques = [tau[: len(slot.drive)] for tau, slot in zip(recorded["torque"][k], slots, strict=True)]
+        torques, commanded = (
+            [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
+            for name in ("torque", "commanded_torque")
+        )
+        applied = simulation.actuation.apply(t, CellCommand(commanded, None), plant.q)
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
@@ -116,8 +119,8 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
                 friction=friction[slot.v_slice],
                 forces=forces[slot.v_slice],
                 tau=torques[i],
-                commanded=recorded["commanded_torque"][k, i, : len(slot.drive)],
-                saturated=recorded["saturated"][k, i, : len(slot.drive)],
+                commanded=commanded[i],
+                saturated=applied.saturated[i],
                 F=recorded["interaction_wrench"][k, i],
                 f=recorded["internal_wrench"][k, i, rows],
                 f_d=recorded["desired_internal_wrench"][k, i, rows],
