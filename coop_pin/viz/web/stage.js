@@ -110,22 +110,25 @@ function coopPinStage(pane, labels, page) {
     labels.append(text);
     text.style.color = page.colours[part];
     const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
-    const arrow = { name, part, value: vector(), length: 0, tip: vector(), text, object };
-    arrow.set = (origin, x, y, z) => {
+    const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), text, object };
+    // A force towards the other grasps ends at its own, one away from them starts there: no arrow crosses the payload.
+    arrow.set = (grasp, inwards, x, y, z) => {
       arrow.value.set(x, y, z);
       const size = arrow.value.length(), ratio = size / per / scales.linear;
       const length = Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + 0.4 * Math.log(ratio)), scales.longest);
       arrow.length = length;
       object.visible = length > 0.002 && layers[part] !== false && (!moment || layers.moments);
       const along = length > 0 ? arrow.value.clone().divideScalar(size) : vector(0, 0, 1);
-      object.position.copy(origin);
+      const pressed = three.MathUtils.smoothstep(along.dot(inwards), 0.25, 0.6); // in between it slides: none jumps while it turns
+      object.position.copy(along).multiplyScalar(-pressed * length).add(grasp);
       object.quaternion.setFromUnitVectors(vector(0, 0, 1), along);
       for (const { shaft, tip } of solids) {
         shaft.scale.z = Math.max(length - HEAD, 1e-6);
         tip.position.z = Math.max(length - HEAD, 0);
         tip.scale.setScalar(Math.max(Math.min(length / HEAD, 1), 1e-6));
       }
-      arrow.tip.copy(along).multiplyScalar(length).add(origin);
+      arrow.tip.copy(along).multiplyScalar(length).add(object.position);
+      [arrow.outer, arrow.inner] = pressed > 0.5 ? [object.position, arrow.tip] : [arrow.tip, object.position];
       text.textContent = `${wanted ? "wanted " : ""}${coopPinNumber(size)} ${unit}`;
     };
     arrows[name] = arrow;
@@ -135,11 +138,11 @@ function coopPinStage(pane, labels, page) {
     makeArrow(group, "payload", "external");
   }
 
-  // Numbers stand beyond the heads, and below each other where they would overlap.
+  // Numbers stand beyond the outer ends, and below each other where they would overlap.
   function placeLabels() {
     const { clientWidth: width, clientHeight: height } = pane, placed = [];
-    for (const { tip, text, object, length, part } of Object.values(arrows)) {
-      const [end, start] = [tip, object.position].map((point) => point.clone().project(viewer.camera));
+    for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
+      const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
       text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
       if (text.hidden) { continue; }
       const long = 8 + 7.2 * text.textContent.length;
@@ -179,19 +182,21 @@ function coopPinStage(pane, labels, page) {
   const places = page.runs.map(blocksOf);
   function showOther(from, to, share) { pose(other, places[1], from, to, share, "ghost/"); }
   function show(from, to, share) {
-    const [at] = places, tip = vector(), centre = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
+    const [at] = places, centre = vector(), nowhere = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
     pose(first, at, from, to, share, "");
     centre.fromArray(from, at.poses + 7 * first.nodes.indexOf("payload"));
+    const tips = first.arms.map((_, k) => vector().fromArray(from, at.tips + 3 * k)), all = tips.reduce((sum, tip) => sum.add(tip), vector());
     groups.forEach((group, g) => {
-      const wrench = (block, arm) => [0, 1, 2].map((axis) => from[at[block] + 6 * arm + 3 * g + axis]);
+      const wrench = (block, arm, sign) => [0, 1, 2].map((axis) => sign * from[at[block] + 6 * arm + 3 * g + axis]);
       first.arms.forEach((arm, k) => {
-        tip.fromArray(from, at.tips + 3 * k);
-        const [whole, internal] = [wrench("interaction", k), wrench("internal", k)];
-        arrows[`${group}/${arm}/load`].set(tip, ...whole.map((value, axis) => value - internal[axis]));
-        arrows[`${group}/${arm}/internal`].set(tip, ...internal);
-        arrows[`${group}/${arm}/wanted`].set(tip, ...wrench("wanted", k));
+        // Frames hold the wrenches on the arms, as the equations do; drawn are those of the arms on the payload.
+        const [whole, internal, wanted] = ["interaction", "internal", "wanted"].map((block) => wrench(block, k, -1)), tip = tips[k];
+        const inwards = all.clone().addScaledVector(tip, -first.arms.length).normalize(); // to the middle of the other grasps: the axial direction
+        arrows[`${group}/${arm}/load`].set(tip, inwards, ...whole.map((value, axis) => value - internal[axis]));
+        arrows[`${group}/${arm}/internal`].set(tip, inwards, ...internal);
+        arrows[`${group}/${arm}/wanted`].set(tip, inwards, ...wanted);
       });
-      arrows[`${group}/payload/external`].set(centre, ...wrench("external", 0));
+      arrows[`${group}/payload/external`].set(centre, nowhere, ...wrench("external", 0, 1));
     });
     first.nodes.slice(0, -2).forEach((path, k) => setWarning(path, from[at.warnings + k]));
     follow();
