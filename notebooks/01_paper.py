@@ -47,7 +47,7 @@ from coop_pin.viz import notebook_view
 
 # %%
 scenario = cp.Scenario.load("adept-paper")
-print(scenario.summary)
+print(scenario.caption)
 print("gains:   ", scenario.controller.gains)
 print("events:  ", *scenario.events, sep="\n  ")
 

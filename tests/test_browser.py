@@ -57,7 +57,7 @@ def drawn_length(value: np.ndarray, per_metre: float) -> float:
 
 
 def assert_arrows(page, scales, arms, tips, interaction, internal) -> None:
-    """The arrows of all arms in the browser's scene, of the wrenches on the payload: values, ends and numbers."""
+    """The arrows of all arms in the browser's scene, of wrenches on the payload: values, ends, numbers."""
     found = page.evaluate(ARROWS)
     for group, per_metre, rows in zip(("forces", "moments"), scales, (slice(0, 3), slice(3, 6)), strict=True):
         for index, arm in enumerate(arms):

@@ -49,7 +49,7 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
     return page_html(
         "replay",
         " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
-        result.scenario.summary,
+        "; against: ".join(dict.fromkeys(run.scenario.caption for run in runs if run.scenario.caption)),
         told=_told(runs),
         scales=recorded_scales(result.scenario.cell, result.data),
         curves=curves,
