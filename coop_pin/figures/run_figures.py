@@ -249,7 +249,7 @@ def singularity_figure(result: RunResult) -> Figure:
     with run_figure(1, 1, result, title, panel=(7.2, 2.2)) as (figure, axes):
         panel = axes[0, 0]
         for index, arm in enumerate(data["arm"].values):
-            style = {"color": palette.series(index), "label": f"arm {as_written(arm)}"}
+            style = {"color": palette.arm(index), "label": f"arm {as_written(arm)}"}
             panel.plot(data["time"].values, conditions[:, index], **style)
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
@@ -310,7 +310,7 @@ def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
     panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
     panel.plot(actual[:, first], actual[:, second], label="actual path", **ACTUAL)
     for number, (name, arm) in enumerate(result.scenario.cell.arms.items()):
-        base, colour = arm.base.xyz, palette.series(number + 1)
+        base, colour = arm.base.xyz, palette.arm(number)
         panel.plot(tips[:, number, first], tips[:, number, second], color=colour, linewidth=0.6)
         panel.plot(base[first], base[second], "^", color=colour, label=f"base of {as_written(name)}")
     panel.set_aspect("equal", adjustable="box")

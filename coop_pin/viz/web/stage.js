@@ -1,8 +1,23 @@
 "use strict";
 // The 3-D scene of a page: drawables, arrows with numbers, layers and views. A frame is a row of numbers (frames.py).
 function coopPinStage(pane, labels, page) {
+  try {
+    return coopPinScene(pane, labels, page);
+  } catch (error) { // a remote desktop or virtual machine: the rest of the page needs no WebGL
+    console.warn(error);
+    const said = document.createElement("p"), nothing = () => {};
+    said.className = "none";
+    said.textContent = "No 3-D view: this browser has no WebGL. Plots and numbers need none.";
+    pane.prepend(said);
+    return { show: nothing, showOther: nothing, tint: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
+  }
+}
+
+function coopPinScene(pane, labels, page) {
   const three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
   const viewer = new MeshCat.Viewer(pane);
+  viewer.renderer.domElement.setAttribute("role", "img");
+  viewer.renderer.domElement.setAttribute("aria-label", "3-D view of the arms, the payload and the forces of the arms on it");
   viewer.gui.domElement.remove(); // a person needs none of meshcat's controls
   viewer.scene.rotation.set(0, 0, 0);
   for (const name of ["Lights", "Grid", "Axes"]) { viewer.scene_tree.find([name]).object.visible = false; }
@@ -10,8 +25,7 @@ function coopPinStage(pane, labels, page) {
   viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
 
   // ---------------------------------------------------------------- drawables
-  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const floats = (text) => new Float32Array(bytes(text).buffer);
+  const floats = coopPinFloats;
   const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
   const attribute = (text) => new three.BufferAttribute(floats(text), 3);
   const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
@@ -108,7 +122,7 @@ function coopPinStage(pane, labels, page) {
     viewer.scene.add(object);
     const text = document.createElement("span");
     labels.append(text);
-    text.style.color = page.colours[part];
+    text.style.borderColor = page.colours[part];
     const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
     const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), text, object };
     // A force towards the other grasps ends at its own, one away from them starts there: no arrow crosses the payload.
@@ -138,14 +152,29 @@ function coopPinStage(pane, labels, page) {
     makeArrow(group, "payload", "external");
   }
 
+  // Names of the arms, at their bases.
+  const names = first.arms.map((arm, k) => {
+    const text = document.createElement("span");
+    text.textContent = arm;
+    text.style.borderColor = first.arm_colours[k];
+    labels.append(text);
+    return { text, base: vector(...first.bases[k]) };
+  });
+
   // Numbers stand beyond the outer ends, and below each other where they would overlap.
   function placeLabels() {
     const { clientWidth: width, clientHeight: height } = pane, placed = [];
+    for (const { text, base } of names) {
+      const at = base.clone().project(viewer.camera), long = text.offsetWidth;
+      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long)), y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
+      text.style.transform = `translate(${x}px, ${y}px)`;
+      placed.push([x, y, long]);
+    }
     for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
       const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
       text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
       if (text.hidden) { continue; }
-      const long = 8 + 7.2 * text.textContent.length;
+      const long = 13 + 7.2 * text.textContent.length;
       let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
       x = Math.max(0, Math.min(x, width - long));
       while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y += 17; }
@@ -284,5 +313,5 @@ function coopPinStage(pane, labels, page) {
   }
   view("reset");
   trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
-  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer, bytes, floats };
+  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer };
 }
