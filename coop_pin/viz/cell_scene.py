@@ -50,7 +50,8 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     feet |= {name: min(low for of, low in lowest if of == name) for name, _ in lowest}
     floor = min(feet.values())
     reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
-    points = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
+    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
+    points = np.concatenate((points, bases, (tips[:, None] + reach).reshape(-1, 3)))
     items = (*_plates(cell, feet, floor), *arms, *_payload_items(cell))
     return Scene(items, _camera(cell, points, tips[-1] - tips[0]), floor)
 

@@ -48,10 +48,9 @@ def telling_instant(result: RunResult) -> Instant:
     data = result.data
     errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
     error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
-    time, is_late = data["time"].values, data["time"].values >= SETTLING_S
-    is_late |= not is_late.any()
+    time, is_late = data["time"].values, _is_late(result)
     worst = int(np.argmax(np.where(is_late, error, -1.0)))
-    moment, moment_text = _moment(result, is_late)
+    moment, _, moment_text = _moment(result)
     axial, shear, wanted = (
         np.nan_to_num(data[name].values[worst])
         for name in ("internal_axial", "internal_shear", "desired_internal_axial")
@@ -71,21 +70,24 @@ def telling_instant(result: RunResult) -> Instant:
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
 
 
-def _moment(result: RunResult, is_late: Mask) -> tuple[int, str]:
-    """Return the sample of the largest error of the internal moment, and the error as words if it is large.
+def _is_late(result: RunResult) -> Mask:
+    """Return a mask of the samples after the time to settle, or of all if the run is shorter."""
+    is_late = result.data["time"].values >= SETTLING_S
+    return is_late | (not is_late.any())
+
+
+def _moment(result: RunResult) -> tuple[int, float, str]:
+    """Return sample and size of the largest error of the internal moment, N m, and words for a large one.
 
     Where no controlled row has a moment, none is wanted, and all of it is told.
     """
     is_wanted = result.scenario.cell.task_rows.has_moments
     wrench, wanted = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
     error = np.nan_to_num(np.linalg.norm(wrench - is_wanted * wanted, axis=2)).max(axis=1)
-    worst = int(np.argmax(np.where(is_late, error, -1.0)))
-    if error[worst] < _SMALL_NM:
-        return worst, ""
-    size = f"{read_number(error[worst])} N m"
-    return worst, f"; the internal moment is off by up to {size}" if is_wanted else (
-        f"; the internal moment, which no arm controls, reaches {size}"
-    )
+    worst = int(np.argmax(np.where(_is_late(result), error, -1.0)))
+    verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
+    text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
+    return worst, float(error[worst]), text if error[worst] > _SMALL_NM else ""
 
 
 def trust_text(result: RunResult) -> str:
@@ -116,6 +118,8 @@ def instants(result: RunResult) -> list[Instant]:
     found = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
     error = off[int(np.abs(time - told).argmin())]
     found += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
+    moment, size, _ = _moment(result)
+    found += [(f"largest moment error {read_number(size)} N m", float(time[moment]))] * bool(size > _SMALL_NM)
     for text, values, error in (
         ("worst squeeze", -axial, wanted - axial),
         ("worst pull", axial, axial - wanted),

@@ -64,6 +64,7 @@ function coopPinScene(pane, labels, page) {
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
+    drawn.userData.tinted = item.node === "payload" && item.colour === page.colours.payload && !ghost;
     drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
     node((ghost ? "ghost/" : "") + item.node).add(inLayer(ghost ? "other" : item.layer, drawn));
   }
@@ -236,7 +237,7 @@ function coopPinScene(pane, labels, page) {
   function tint(newtons) {
     const share = layers.tint === false ? 0 : Math.max(-1, Math.min(1, newtons / (scales.forces * scales.linear)));
     const colour = new three.Color(page.colours.payload).lerp(new three.Color(share < 0 ? page.colours.squeezed : page.colours.torn), Math.abs(share));
-    node("payload").traverse(({ material, isMesh }) => { if (isMesh) { material.color.copy(colour); } });
+    node("payload").traverse(({ material, userData }) => { if (userData.tinted) { material.color.copy(colour); } });
   }
 
   const trails = {};
