@@ -47,7 +47,7 @@ from coop_pin.viz import notebook_view
 
 # %%
 scenario = cp.Scenario.load("adept-paper")
-print(scenario.summary)
+print(scenario.caption)
 print("gains:   ", scenario.controller.gains)
 print("events:  ", *scenario.events, sep="\n  ")
 
@@ -83,8 +83,8 @@ pd.Series(metrics, name=scenario.name).to_frame()
 
 # %% [markdown]
 # ## In 3-D
-# Drag to turn the view; press play. The arrows at the grasps are the forces on the arms by the bar: the
-# load that each arm carries, and the internal force, which squeezes the bar without moving it.
+# Drag to turn the view; press play. The arrows at the grasps are the forces of the arms on the bar: the part
+# that carries the load, and the internal force, which squeezes the bar without moving it.
 
 # %%
 notebook_view(result)

@@ -65,11 +65,11 @@ print(f"paused at t = {run.time:g} s")
 # %% [markdown]
 # ## The result
 # `panel.result()` is a `RunResult` of everything since the last reset. Pushes and changes of mass are among
-# its events; its summary lists the times at which gains or the squeeze were changed.
+# its events; its caption lists the times at which gains or the squeeze were changed.
 
 # %%
 result = panel.result()
-print(result.scenario.summary)
+print(result.scenario.caption)
 print(*result.scenario.events, sep="\n")
 error = np.linalg.norm(result.data["pose_error"].values[:, :3], axis=1)
 print(f"position error: {1000 * error[-1]:.2f} mm at the end, {1000 * error.max():.1f} mm at most")

@@ -111,8 +111,8 @@ print(f"found: {runs['anchored'].internal_force(window=(seconds - 1.0, seconds))
 
 # %% [markdown]
 # ## In 3-D
-# The arrows at the grasps: the load that each arm carries, and the internal force. Under the printed law the
-# squeeze grows while the bar follows its path.
+# The arrows at the grasps are the forces of the arms on the bar. Under the printed law the squeeze becomes a
+# pull, which grows while the bar follows its path.
 
 # %%
 notebook_view(runs["printed law"])

@@ -91,6 +91,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
+            "schema",
             "reference",
             "description",
             "model",

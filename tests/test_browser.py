@@ -39,6 +39,7 @@ WRONG = '[data-mime-type="application/vnd.jupyter.stderr"], [data-mime-type="app
 ARROWS = """() => Object.fromEntries(Object.values(coopPin.arrows).map(arrow => [arrow.name,
     [...arrow.value.toArray(), ...arrow.tip.toArray(), ...arrow.object.position.toArray(),
      arrow.text.textContent]]))"""
+"""Value, head and tail of every arrow, and its number."""
 TOLD = """[coopPin.arrows["forces/left/internal"].value.length(),
     ...["axial", "shear"].map(key => coopPin.plots.value(coopPin.runs[0],
         coopPin.plots.plots.find(({ curves }) => curves[0].plot === key).curves[0].column)), coopPin.time]"""
@@ -56,7 +57,7 @@ def drawn_length(value: np.ndarray, per_metre: float) -> float:
 
 
 def assert_arrows(page, scales, arms, tips, interaction, internal) -> None:
-    """The arrows of all arms in the browser's scene: values, ends and numbers."""
+    """The arrows of all arms in the browser's scene, of wrenches on the payload: values, ends, numbers."""
     found = page.evaluate(ARROWS)
     for group, per_metre, rows in zip(("forces", "moments"), scales, (slice(0, 3), slice(3, 6)), strict=True):
         for index, arm in enumerate(arms):
@@ -67,8 +68,9 @@ def assert_arrows(page, scales, arms, tips, interaction, internal) -> None:
             ):
                 *numbers, text = found[f"{group}/{arm}/{part}"]
                 value, end, start = np.array(numbers).reshape(3, 3)
-                assert_allclose(value, wanted, rtol=1e-5, atol=2e-5)
-                assert_allclose(start, tips[index], atol=1e-6)
+                assert_allclose(value, -wanted, rtol=1e-5, atol=2e-5)
+                assert_allclose(np.cross(end - tips[index], start - tips[index]), 0.0, atol=1e-6)
+                assert (end - tips[index]) @ (start - tips[index]) < 1e-6  # the grasp is on the arrow
                 assert_allclose(np.linalg.norm(end - start), drawn_length(wanted, per_metre), atol=1e-5)
                 if np.linalg.norm(wanted) > 1e-3:
                     assert_allclose(
@@ -137,6 +139,33 @@ def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(
         assert_allclose(times, [snapshot.time for snapshot in seen], atol=1e-6)
         view.close()
         page.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, "three-ur5-plate"])
+def test_a_squeeze_ends_at_the_grasps_and_a_pull_leaves_them(name):
+    scenario = cp.Scenario.load(name) if name == "three-ur5-plate" else SCENARIOS[name]()
+    view, snapshot = open_view(scenario), initial_scene(scenario).snapshot
+    tips = snapshot.tip_position
+    inwards = tips.sum(axis=0) - len(tips) * tips
+    inwards /= np.linalg.norm(inwards, axis=1, keepdims=True)
+    with browser_page() as page:
+        page.goto(view.url)
+        page.wait_for_function("window.coopPin !== undefined")
+        for number, newtons in enumerate((10.0, -10.0), start=1):
+            wrench = np.zeros((len(tips), 6))
+            wrench[:, :3] = -newtons * inwards  # on the arms
+            view.show(snapshot._replace(time=0.1 * number, internal_wrench=wrench, interaction_wrench=wrench))
+            page.wait_for_function(f"Math.abs({NOW} - {0.1 * number}) < 1e-6")
+            found = page.evaluate(ARROWS)
+            for arm, tip, inward in zip(scenario.cell.arms, tips, inwards, strict=True):
+                _, head, tail = np.array(found[f"forces/{arm}/internal"][:-1]).reshape(3, 3)
+                assert_allclose(head if newtons > 0.0 else tail, tip, atol=1e-6)
+                other = tail if newtons > 0.0 else head
+                assert (other - tip) @ inward < -0.05  # outside the payload
+            assert page.locator("#tiles div").first.inner_text().split("\n")[0] == (
+                "squeeze" if newtons > 0.0 else "pull apart"
+            )
+    view.close()
 
 
 def test_saturated_links_change_their_colour_and_get_it_back():

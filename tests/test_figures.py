@@ -125,22 +125,47 @@ def test_a_figure_for_a_paper_has_its_width_no_title_and_fonts_that_can_be_searc
     assert_allclose(width, 7.16 * 72.0, atol=0.1)
     assert b"/Type3" not in page
     assert b"/CIDFontType2" in page
+    (named,) = save_figure(tracking_figure(planar), tmp_path / "named.png", paper=True)
+    assert named == tmp_path / "named.png"
+    assert named.read_bytes().startswith(b"\x89PNG")
     again = save_figure(tracking_figure(planar), tmp_path / "again", paper=True)
     assert again[0].read_bytes() == page
 
 
-def test_spatial_tracking_shows_x_y_z_the_rotation_vector_error_and_both_parts_of_the_internal_force(
+def test_spatial_tracking_shows_x_y_z_both_errors_and_all_parts_of_the_internal_wrench(
     spatial: RunResult,
 ) -> None:
     figure, data = tracking_figure(spatial), spatial.data
-    positions, (rotation, axial, shear) = figure.axes[:3], figure.axes[3:]
-    assert [panel.get_title(loc="left") for panel in positions] == ["payload x", "payload y", "payload z"]
+    positions, (*errors, moment, axial, shear) = figure.axes[:3], figure.axes[3:]
     for axis, panel in enumerate(positions):
-        assert_array_equal(data_lines(panel)[0], data["payload_position"].values[:, axis])
-    assert rotation.get_ylabel() == "mrad"
-    assert_allclose(np.column_stack(data_lines(rotation)), 1e3 * data["pose_error"].values[:, 3:])
-    force = np.linalg.norm(data["internal_wrench"].values[:, 0, :3], axis=1)
+        actual, desired = (data[f"{of}_position"].values[:, axis] for of in ("payload", "desired"))
+        is_still = panel.get_ylabel() == "mm"
+        assert is_still == (np.ptp((actual, desired)) < 1e-3 * np.abs(desired).max())
+        assert_allclose(data_lines(panel)[0], 1e3 * (actual - desired) if is_still else actual)
+    for panel, unit, rows in zip(errors, ("mm", "mrad"), (slice(0, 3), slice(3, 6)), strict=True):
+        assert panel.get_ylabel() == unit
+        assert_allclose(np.column_stack(data_lines(panel)), 1e3 * data["pose_error"].values[:, rows])
+    wrench = data["internal_wrench"].values[:, 0]
+    force = np.linalg.norm(wrench[:, :3], axis=1)
     assert_allclose(np.hypot(data_lines(axial)[0], data_lines(shear)[0]), force, rtol=1e-9)
+    assert_allclose(data_lines(moment)[0], np.linalg.norm(wrench[:, 3:], axis=1), rtol=1e-9)
+
+
+def test_a_moment_that_no_row_controls_has_no_desired_curve(spatial: RunResult) -> None:
+    cell = spatial.scenario.cell.model_copy(update={"rows": "positional"})
+    result = RunResult(spatial.scenario.model_copy(update={"cell": cell}), spatial.data)
+    assert [len(data_lines(panel)) for panel in tracking_figure(result).axes[-3:]] == [1, 2, 2]
+    assert [len(data_lines(panel)) for panel in tracking_figure(spatial).axes[-3:]] == [2, 2, 2]
+
+
+def test_a_long_caption_is_wrapped_inside_the_figure(planar: RunResult) -> None:
+    long = planar.scenario.replace(summary="Three arms of six joints carry a heavy plate by its rim " * 4)
+    figure = tracking_figure(RunResult(long, planar.data))
+    figure.draw_without_rendering()
+    box, page = figure._supxlabel.get_window_extent(), figure.bbox
+    assert figure._supxlabel.get_text().count("\n") >= 2
+    assert page.x0 < box.x0
+    assert box.x1 < page.x1
 
 
 # ---------------------------------------------------------------- torque
@@ -155,10 +180,23 @@ def test_torques_stand_in_a_column_for_each_arm_and_a_row_for_each_joint(
     assert len(figure.axes) == 2 * joints
     for place, panel in enumerate(figure.axes):
         joint, arm = divmod(place, 2)
-        assert panel.get_title(loc="left") == f"arm {('left', 'right')[arm]}, joint {joint + 1}"
+        limit = result.data["torque_limit"].values[arm, joint]
+        told = f" (limit {limit:g})" if np.isfinite(limit) else ""
+        assert panel.get_title(loc="left") == f"arm {('left', 'right')[arm]}, joint {joint + 1}{told}"
+        assert panel.get_ylim() == figure.axes[2 * joint].get_ylim()
         assert panel.get_ylabel() == "N m"
         assert panel.lines[0].get_drawstyle() == "steps-post"  # held from the tick on
         assert_array_equal(data_lines(panel)[0], result.data["torque"].values[:, arm, joint])
+
+
+def test_a_limit_is_in_sight_where_a_torque_comes_near_it(spatial: RunResult) -> None:
+    data = spatial.data.copy(deep=True)
+    worst = np.abs(data["torque"].values).max(axis=(0, 1))
+    data["torque_limit"][:] = np.where(np.arange(6) == 2, 1.2, 3.0) * worst
+    for place, panel in enumerate(torque_figure(RunResult(spatial.scenario, data)).axes):
+        joint, arm = divmod(place, 2)
+        limit, (low, high) = float(data["torque_limit"].values[arm, joint]), panel.get_ylim()
+        assert (low < -limit or limit < high) == (joint == 2)
 
 
 def test_a_joint_that_an_arm_does_not_have_is_left_blank(planar: RunResult) -> None:

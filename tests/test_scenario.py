@@ -581,3 +581,51 @@ def test_a_misspelt_urdf_is_looked_for_beside_the_scenarios_file(tmp_path, monke
     scenario = cp.Scenario.load("cell/mine.toml")
     with pytest.raises(errors.UrdfError, match=r"cell.strok\.urdf; did you mean 'stork\.urdf'"):
         _ = scenario.cell.arms["left"].file
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "caption"),
+    [
+        ("adept-paper", {}, None),
+        (
+            "adept-paper",
+            {"name": "printed law", "events": [], "cell.arms.left.calibration_error.tip.xyz": [1e-3, 0, 0]},
+            "changed: no events; left tip off by 1 mm",
+        ),
+        (
+            "adept-anchored",
+            {"clock.rate_hz": 160.0, "sensors.wrist": {"noise": {"force": 1.0}}},
+            "changed: clock rate hz 80 → 160; sensors wrist (noise (force 1))",
+        ),
+        (
+            "two-pandas-box",
+            {"cell.arms.left.calibration_error.joint_offset": 1e-3, "cell.payload.mass": 2.5},
+            "changed: left joints off by 1 mrad; payload mass 3 → 2.5",
+        ),
+        (
+            "adept-paper",
+            {"squeeze": {"kind": "tip-force", "force": 5.0}, "controller.force_path": {"kind": "late"}},
+            "changed: force path none → late; squeeze constant → tip-force",
+        ),
+        ("adept-paper", {"summary": "my own words", "events": []}, "my own words"),
+    ],
+)
+def test_the_caption_says_what_was_changed_in_a_scenario_of_the_catalogue(name, changes, caption):
+    scenario = cp.Scenario.load(name, changes)
+    assert scenario.caption == (scenario.summary if caption is None else caption)
+    assert cp.Scenario.from_toml(scenario.to_toml()).caption == scenario.caption
+
+
+def test_the_caption_of_many_changes_counts_those_that_it_leaves_out():
+    gains = dict.fromkeys(("pose_gain", "sign_gain", "transient_rate"), 0.3)
+    changes = {f"controller.gains.{name}": value for name, value in gains.items()}
+    plan = {"duration": 11.0, "seed": 3, "clock.rate_hz": 160.0, "cell.payload.mass": 9.0, "events": []}
+    text = planar_scenario().override(changes | plan).caption
+    assert text.startswith("changed: no events; duration 20 → 11; payload mass 11.2 → 9; ")
+    assert text.endswith("; 2 more")
+
+
+def test_the_caption_keeps_what_was_replaced_in_a_run():
+    scenario = planar_scenario()
+    replaced = scenario.replace(summary=f"{scenario.summary}; squeeze replaced at t = 3 s", events=())
+    assert replaced.caption == "squeeze replaced at t = 3 s; changed: no events"

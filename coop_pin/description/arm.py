@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -31,6 +31,7 @@ from coop_pin.schema.base import (
     Vector,
     number_or_row,
 )
+from coop_pin.schema.changes import words
 from coop_pin.schema.pose import Pose
 
 
@@ -88,6 +89,19 @@ class Miscalibration(Description):
     base: Pose = Pose()
     joint_offset: NumberOrVector = 0.0
     link_length: NumberOrVector = 0.0
+
+    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+        """Yield what is off in place of what the base has, as lengths, angles and shares."""
+        arm = words(path[:-1])
+        for part, pose in (("tip", self.tip), ("base", self.base)):
+            if pose != getattr(base, part):
+                off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
+                sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
+                yield f"{arm} {part} off by {sizes}"
+        if self.joint_offset != base.joint_offset:
+            yield f"{arm} joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
+        if self.link_length != base.link_length:
+            yield f"{arm} links off by {100 * np.abs(self.link_length).max():.3g} %"
 
 
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.

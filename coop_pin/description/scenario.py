@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -34,10 +35,13 @@ from coop_pin.schema.base import (
     overridden,
     unknown_arms,
 )
+from coop_pin.schema.changes import differences
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
 _FOLDER = Path(__file__).parent / "scenarios"
+_MOST_CHANGES = 6
+"""Most changes that a caption tells."""
 
 
 def scenario_names() -> list[str]:
@@ -198,6 +202,30 @@ class Scenario(Description):
         law = self.controller.stored_as if is_stored else self.controller
         return type(self)(**overridden(self.model_copy(update={"controller": law}), changes))
 
+    @property
+    def caption(self) -> str:
+        """The summary; of a scenario of the catalogue that was changed, what was changed, in its place."""
+        base = next((one for one in _catalogue() if self.summary.startswith(one.summary)), None)
+        if base is None or not (changed := list(differences(self, base))):
+            return self.summary
+        texts = (
+            *changed[:_MOST_CHANGES],
+            *[f"{len(changed) - _MOST_CHANGES} more"][: len(changed) > _MOST_CHANGES],
+        )
+        own = self.summary.removeprefix(base.summary).removeprefix("; ")
+        return "; ".join((*[own][: bool(own)], f"changed: {'; '.join(texts)}"))
+
+    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+        """Yield what makes the run another one than that of a base."""
+        if not self.events and base.events:
+            yield "no events"
+        elif self.events != base.events:
+            told = [f"{event.text(self.payload_at(0.0))} at {event.time:g} s" for event in self.events]
+            yield f"events: {', '.join(told)}"
+        for name in type(self).model_fields:
+            if name not in ("name", "summary", "events"):
+                yield from differences(getattr(self, name), getattr(base, name), (*path, name))
+
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
         """Return a scenario of the catalogue or of a TOML file.
@@ -267,3 +295,9 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
     return [_without_none(entry) for entry in value] if isinstance(value, list) else value
+
+
+@functools.cache
+def _catalogue() -> tuple[Scenario, ...]:
+    """Return the scenarios of the catalogue."""
+    return tuple(map(Scenario.load, scenario_names()))

@@ -16,8 +16,8 @@ _CHARACTER, _LINE, _LEAST_CHARACTERS = 0.08, 0.13, 3
 """Width and height of a digit at the ticks, inches; numbers of fewer characters have the room of three."""
 _TICK, _LABEL, _EDGE, _RIGHT = 0.12, 0.16, 0.1, 0.18
 """Room of a tick mark, a label beside its numbers, an edge, and half a number at the right, inches."""
-_TITLE, _FIGURE_TITLE, _CAPTION = 0.22, 0.22, 0.18
-"""Room of the titles of a panel and of the figure, and of its caption, inches."""
+_TITLE, _FIGURE_TITLE, _CAPTION, CAPTION_LINE = 0.22, 0.22, 0.18, 0.13
+"""Room of the titles of a panel and of the figure, and of its caption and each further line of it, inches."""
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -42,7 +42,10 @@ class PanelLayout(LayoutEngine):
         rows, columns = fig.axes[0].get_subplotspec().get_gridspec().get_geometry()  # type: ignore[union-attr]
         side = _LABEL + _TICK + _CHARACTER * max(map(_characters, panels))
         top = _EDGE + _TITLE + _FIGURE_TITLE * bool(self._title.get_text())
-        bottom = _EDGE + _TICK + _LINE + _LABEL + _CAPTION * bool(self._caption.get_text())
+        caption = self._caption.get_text()
+        bottom = (
+            _EDGE + _TICK + _LINE + _LABEL + _CAPTION * bool(caption) + CAPTION_LINE * caption.count("\n")
+        )
         between = side + _EDGE
         panel_width = (width - columns * between - _RIGHT) / columns
         panel_height = (height - top - bottom - (rows - 1) * (_TITLE + _TICK)) / rows

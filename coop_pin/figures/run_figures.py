@@ -30,25 +30,30 @@ from coop_pin.figures.style import (
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 
+_STILL = 1e-3
+"""Range of a coordinate, as a share of its value, below which its deviations are drawn."""
+
 
 def tracking_figure(result: RunResult) -> Figure:
     """Return actual and desired payload pose, and the first arm's internal force along and across its axis.
 
-    Planar cells show x, y, psi (degrees) and the internal moment; others x, y, z and the rotation-vector
-    error (mrad).
+    Planar cells show x, y and psi (degrees); others x, y, z, and the errors of position (mm) and rotation
+    (mrad). A coordinate that hardly moves is drawn in mm about the desired one.
 
     Args:
         result: the run.
     """
     data, planar = result.data, result.scenario.cell.rows == "planar"
-    n = 2 if planar else 3
-    with run_figure(3, 2, result, "payload and internal force") as (figure, axes):
+    with run_figure(3 if planar else 4, 2, result, "payload and internal force") as (figure, axes):
         panels = list(axes.flat)
-        _draw_positions(data, panels[:n])
-        (_draw_heading if planar else _draw_rotation_error)(data, panels[n])
-        parts = ("moment", "axial", "shear") if planar else ("axial", "shear")
-        for part, panel in zip(parts, panels[n + 1 :], strict=True):
-            _draw_internal(panel, data, part)
+        _draw_positions(data, panels[: 2 if planar else 3])
+        if planar:
+            _draw_heading(data, panels[2])
+        else:
+            _draw_error(data, panels[3], slice(0, 3), "position error", "mm")
+            _draw_error(data, panels[4], slice(3, 6), "rotation-vector error", "mrad")
+        for part, panel in zip(("moment", "axial", "shear"), panels[-3:], strict=True):
+            _draw_internal(panel, data, part, roles=_roles(result, part, "actual", "desired"))
             text, unit = ("moment", "N m") if part == "moment" else (f"force, {part}", "N")
             label(panel, f"arm {as_written(data['arm'].values[0])}: internal {text}", unit)
     return figure
@@ -57,9 +62,12 @@ def tracking_figure(result: RunResult) -> Figure:
 def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
     time, actual, desired = (data[name].values for name in ("time", "payload_position", "desired_position"))
     for axis, panel in enumerate(panels):
-        panel.plot(time, actual[:, axis], label="actual", **ACTUAL)
-        panel.plot(time, desired[:, axis], label="desired", **DESIRED)
-        label(panel, f"payload {'xyz'[axis]}", "m")
+        name, values = f"payload {'xyz'[axis]}", np.stack((actual[:, axis], desired[:, axis]))
+        if is_still := np.ptp(values) < _STILL * np.abs(values[1]).max():
+            values = 1e3 * (values - values[1])
+        panel.plot(time, values[0], label="actual", **ACTUAL)
+        panel.plot(time, values[1], label="desired", **DESIRED)
+        label(panel, f"{name} about the desired one" if is_still else name, "mm" if is_still else "m")
     panels[0].legend(loc="best")
 
 
@@ -75,12 +83,18 @@ def _heading_deg(quaternion: Array) -> Array:
     return np.degrees(np.unwrap(2.0 * np.arctan2(z, w)))
 
 
-def _draw_rotation_error(data: xr.Dataset, panel: Axes) -> None:
-    error = 1e3 * data["pose_error"].values[:, 3:]
-    for name, values, colour in zip(("$e_x$", "$e_y$", "$e_z$"), error.T, palette.SERIES, strict=False):
+def _draw_error(data: xr.Dataset, panel: Axes, rows: slice, title: str, unit: str) -> None:
+    error = 1e3 * data["pose_error"].values[:, rows]
+    for name, values, colour in zip("xyz", error.T, palette.SERIES, strict=False):
         panel.plot(data["time"].values, values, label=name, color=colour)
-    label(panel, "rotation-vector error", "mrad")
-    panel.legend(loc="best", ncols=3)
+    label(panel, title, unit)
+    legend_above(panel)
+
+
+def _roles(result: RunResult, part: str, *roles: str) -> tuple[str, ...]:
+    """Return the roles to draw of a part: no desired moment where the controlled rows have none."""
+    is_asked_for = part != "moment" or result.scenario.cell.task_rows.has_moments
+    return tuple(role for role in roles if role != "desired" or is_asked_for)
 
 
 _ROLES: dict[str, Any] = {
@@ -101,22 +115,37 @@ def _draw_internal(
     inset_peak(panel, data["time"].values)
 
 
+_NEAR_LIMIT, _LEAST_SPAN = 0.5, 0.01
+"""Share of a limit from which it is in sight; least half range, as a share of the largest torque."""
+
+
 def torque_figure(result: RunResult) -> Figure:
     """Return the drive torques as held from tick to tick: a column for each arm, a row for each joint.
+
+    The panels of a row have one scale. A limit is in the title, and drawn where a torque comes near it.
 
     Args:
         result: the run.
     """
     data = result.data
-    torque, arms = data["torque"].values, data["arm"].values
+    torque, arms, limits = data["torque"].values, data["arm"].values, data["torque_limit"].values
     shape = (torque.shape[2], len(arms))
+    low, high = torque.min(axis=0), torque.max(axis=0)
+    low = np.nanmin(np.where(-low > _NEAR_LIMIT * limits, -limits, low), axis=0)
+    high = np.nanmax(np.where(high > _NEAR_LIMIT * limits, limits, high), axis=0)
+    margin = np.maximum(0.06 * (high - low), _LEAST_SPAN * np.nanmax(np.abs(torque)))
     with run_figure(*shape, result, "drive torques", panel=(3.6, 1.5)) as (figure, axes):
         for (joint, arm), panel in np.ndenumerate(axes):
             if np.isnan(torque[:, arm, joint]).all():  # an arm with fewer joints than the others
                 panel.set_visible(False)
                 continue
             panel.plot(data["time"].values, torque[:, arm, joint], drawstyle="steps-post", **ACTUAL)
-            label(panel, f"arm {as_written(arms[arm])}, joint {data['joint'].values[joint]}", "N m")
+            limit = limits[arm, joint]
+            for level in (-limit, limit):
+                panel.axhline(level, color=palette.LIMIT, linewidth=0.8, linestyle="--")
+            panel.set_ylim(low[joint] - margin[joint], high[joint] + margin[joint])
+            title = f"arm {as_written(arms[arm])}, joint {data['joint'].values[joint]}"
+            label(panel, f"{title} (limit {limit:g})" if np.isfinite(limit) else title, "N m")
     return figure
 
 
@@ -137,11 +166,11 @@ def error_figure(result: RunResult) -> Figure:
         _draw_decades(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
         _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
         label(orientation, "orientation error", "rad")
-        _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance (m)")
-        _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle (rad)")
+        _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance")
+        _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle")
         frame_decades(closure, np.stack((distance, angle)))
         label(closure, "closure error", "m, rad")
-        closure.legend(loc="best")
+        legend_above(closure)
         _draw_decades(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
     return figure
@@ -180,7 +209,9 @@ def internal_force_figure(result: RunResult) -> Figure:
     with run_figure(3, len(names), result, title, panel=size) as (figure, axes):
         for (part, text, unit), row in zip(parts, axes, strict=True):
             for arm, (name, panel) in enumerate(zip(names, row, strict=True)):
-                _draw_internal(panel, data, part, arm, list(_ROLES)[not has_measured :])
+                _draw_internal(
+                    panel, data, part, arm, _roles(result, part, *list(_ROLES)[not has_measured :])
+                )
                 label(panel, f"{name}, {text}", unit)
         if has_measured:  # three entries are too wide beside a title
             figure.set_layout_engine("constrained")
@@ -218,7 +249,7 @@ def singularity_figure(result: RunResult) -> Figure:
     with run_figure(1, 1, result, title, panel=(7.2, 2.2)) as (figure, axes):
         panel = axes[0, 0]
         for index, arm in enumerate(data["arm"].values):
-            style = {"color": palette.series(index), "label": f"arm {as_written(arm)}"}
+            style = {"color": palette.arm(index), "label": f"arm {as_written(arm)}"}
             panel.plot(data["time"].values, conditions[:, index], **style)
         if np.nanmax(conditions) > 10.0 * np.nanmin(conditions):
             panel.set_yscale("log")
@@ -279,7 +310,7 @@ def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
     panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
     panel.plot(actual[:, first], actual[:, second], label="actual path", **ACTUAL)
     for number, (name, arm) in enumerate(result.scenario.cell.arms.items()):
-        base, colour = arm.base.xyz, palette.series(number + 1)
+        base, colour = arm.base.xyz, palette.arm(number)
         panel.plot(tips[:, number, first], tips[:, number, second], color=colour, linewidth=0.6)
         panel.plot(base[first], base[second], "^", color=colour, label=f"base of {as_written(name)}")
     panel.set_aspect("equal", adjustable="box")

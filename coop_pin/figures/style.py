@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +19,7 @@ from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
 from coop_pin.description.events import Event
 from coop_pin.figures import palette
-from coop_pin.figures.layout import PanelLayout, write_decades
+from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
 from coop_pin.results import RunResult
 
 STYLE: Any = {
@@ -42,6 +43,9 @@ STYLE: Any = {
 ACTUAL: dict[str, Any] = {"color": palette.ACTUAL}
 DESIRED: dict[str, Any] = {"color": palette.DESIRED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
 MEASURED: dict[str, Any] = {"color": palette.MEASURED, "linewidth": 0.8}
+
+_CAPTION_CHARACTER = 0.057
+"""Width of a character of a caption, rather too large than too small, inches."""
 
 _WINDOW: dict[str, Any] = {"alpha": 0.06, "linewidth": 0.0, "zorder": 0.3}
 """Shade of the windows that the metrics are taken over."""
@@ -75,19 +79,22 @@ def run_figure(
     Args:
         rows: number of rows of panels.
         columns: number of columns of panels.
-        result: the run; its name is in the title, its summary below the panels.
+        result: the run; its name is in the title, its caption below the panels.
         title: above all panels.
         panel: width and height of a panel, inches.
     """
     scenario = result.scenario
     with styled():
-        figure = Figure(figsize=(panel[0] * columns, panel[1] * rows + 0.6))
-        axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        heading = figure.suptitle(f"{as_written(scenario.name)}: {title}", va="top")
         windows = [one for one in (result.windows.steady, result.windows.after_event) if not one.is_empty]
         shaded = ("blue shade: the windows of the metrics",) if windows else ()
-        caption = "; ".join((*((scenario.summary,) if scenario.summary else ()), *shaded))
-        below = figure.supxlabel(as_written(caption), fontsize=7.5, color=palette.CAPTION, va="bottom")
+        caption = "; ".join((*((scenario.caption,) if scenario.caption else ()), *shaded))
+        lines = textwrap.wrap(caption, int(panel[0] * columns / _CAPTION_CHARACTER))
+        height = panel[1] * rows + 0.6 + CAPTION_LINE * max(len(lines) - 1, 0)
+        figure = Figure(figsize=(panel[0] * columns, height))
+        axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        heading = figure.suptitle(f"{as_written(scenario.name)}: {title}", va="top")
+        text = as_written("\n".join(lines))
+        below = figure.supxlabel(text, fontsize=7.5, color=palette.CAPTION, va="bottom")
         figure.set_layout_engine(PanelLayout(heading, below))
         yield figure, axes
         for panel_axes in axes.flat:
@@ -168,10 +175,10 @@ def inset_peak(panel: Axes, time: Array) -> None:
 
 
 def frame_decades(panel: Axes, values: Array) -> None:
-    """Limit a logarithmic panel from below, because values that cross zero extend to minus infinity."""
+    """Limit a logarithmic panel, from below because values that cross zero extend to minus infinity."""
     positive = values[values > 0.0]
     if positive.size:
-        panel.set_ylim(bottom=float(np.percentile(positive, 1.0)) / 3.0)
+        panel.set_ylim(float(np.percentile(positive, 1.0)) / 3.0, 2.0 * float(positive.max()))
 
 
 def _mark_event(panel: Axes, event: Event) -> None:
@@ -248,16 +255,19 @@ def save_figure(
 
     Args:
         figure: the figure.
-        stem: path of the files without their suffix.
-        formats: formats to write; PNG and SVG when omitted, for a paper PDF.
+        stem: path of the files without their suffix, or with that of a format.
+        formats: formats to write; when omitted that of the suffix, or else PNG and SVG, for a paper PDF.
         paper: make it as wide as one or two columns of a paper (3.5 or 7.16 inches), without a title inside,
             with fonts that can be searched; text keeps its size.
 
     Returns:
         The paths.
     """
-    formats = formats or (("pdf",) if paper else ("png", "svg"))
-    paths = tuple(Path(f"{stem}.{kind}") for kind in formats)
+    stem, suffix = Path(stem), Path(stem).suffix[1:]
+    named = [kind for kind in get_args(Format) if kind == suffix]
+    formats = formats or named or (("pdf",) if paper else ("png", "svg"))
+    stem = stem.with_suffix("") if named else stem
+    paths = tuple(stem.with_name(f"{stem.name}.{kind}") for kind in formats)
     if paper:
         _fit_paper(figure)
     engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas

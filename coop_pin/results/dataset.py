@@ -91,7 +91,7 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     }
     coordinates = _coordinates(labels)
     coordinates["time"].attrs["units"] = "s"
-    return xr.Dataset(variables, coordinates, {"title": scenario.summary or scenario.name})
+    return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any], attributes: Mapping[str, str]) -> xr.Variable:

@@ -35,6 +35,11 @@ class TaskRows(ABC):
         """The number of rows, k_0."""
         return len(self.indices)
 
+    @property
+    def has_moments(self) -> bool:
+        """Whether a rotation, and so a moment, is among the rows."""
+        return max(self.indices) > 2
+
     @abstractmethod
     def select(self, vector6: Array) -> Array:
         """Return the rows of a six-vector, shape (k_0,), or of a (6, n) matrix, shape (k_0, n)."""

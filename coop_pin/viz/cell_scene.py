@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape
+from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
 from coop_pin.spatial import make_pose
 from coop_pin.viz.arrows import LONGEST_M
@@ -22,7 +22,10 @@ _TRIAD_M = 0.05
 _GHOST_SCALE = 0.97
 """The ghost at the desired pose is smaller than the payload, so that it is hidden while there is no error."""
 
-_PLATE_M, _PLATE_COLOUR = (0.22, 0.22), "#33383f"
+_PLATE_M, _PLATE_THICKNESS, _PLATE_COLOUR = (0.22, 0.22), 0.03, "#33383f"
+_ROD_M, _ROD_COLOUR, _ROD_FROM_M = 0.008, "#7d858f", 0.01
+"""Radius and colour of the rod to a grasp away from the payload, and the distance from which there is one."""
+
 _FLUSH_M = 5e-4
 
 _FIELD_OF_VIEW_DEG = 32.0
@@ -47,7 +50,8 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     feet |= {name: min(low for of, low in lowest if of == name) for name, _ in lowest}
     floor = min(feet.values())
     reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
-    points = np.concatenate((points, (tips[:, None] + reach).reshape(-1, 3)))
+    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
+    points = np.concatenate((points, bases, (tips[:, None] + reach).reshape(-1, 3)))
     items = (*_plates(cell, feet, floor), *arms, *_payload_items(cell))
     return Scene(items, _camera(cell, points, tips[-1] - tips[0]), floor)
 
@@ -93,7 +97,7 @@ def _lowest(item: Item, cell: Cell) -> float:
 
 
 def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Item]:
-    """Yield a plate under every upright arm that would float above the floor.
+    """Yield a plate under every upright arm that would float above the floor, and one behind any other arm.
 
     Args:
         cell: the cell.
@@ -105,6 +109,9 @@ def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Ite
             x, y, _ = arm.base.xyz
             plate = Box((*_PLATE_M, feet[name] - floor))
             yield Item("floor", plate, _PLATE_COLOUR, make_pose((x, y, (feet[name] + floor) / 2.0)))
+        elif arm.base.matrix[2, 2] <= 0.0:
+            X_WB = arm.base.matrix @ make_pose((0.0, 0.0, -_PLATE_THICKNESS / 2.0))
+            yield Item("floor", Box((*_PLATE_M, _PLATE_THICKNESS)), _PLATE_COLOUR, X_WB)
 
 
 def _body_items(bodies: tuple[Body, ...]) -> tuple[Item, ...]:
@@ -131,4 +138,16 @@ def _payload_items(cell: Cell) -> tuple[Item, ...]:
         Item("payload", shape, palette.ACTUAL, X_PS),
         Item("desired", ghost, palette.DESIRED, X_PS, "desired", 0.35, lit=False),
         *(Item("payload", Axes(_TRIAD_M), "", X_PG.matrix, "path") for X_PG in cell.grasps.values()),
+        *_rods(shape, X_PS, cell),
     )
+
+
+def _rods(shape: Shape, X_PS: Array, cell: Cell) -> Iterator[Item]:
+    """Yield a rod to every grasp away from the payload, from the nearest point of the box around it."""
+    for X_PG in cell.grasps.values():
+        grasp, reach = (np.linalg.inv(X_PS) @ X_PG.matrix)[:3, 3], half_extents(shape)
+        line = grasp - np.clip(grasp, -reach, reach)
+        if (length := float(np.linalg.norm(line))) > _ROD_FROM_M:
+            x, y, z = line / length
+            X_SR = make_pose(grasp - line / 2.0, (0.0, np.arccos(z), np.arctan2(y, x)))
+            yield Item("payload", Cylinder(_ROD_M, length), _ROD_COLOUR, X_PS @ X_SR)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.results.quantities import Samples
 
@@ -58,31 +59,37 @@ PLOTS = (
     Plot("moment", "internal moment", "N m", "moment"),
     Plot("tracking", "payload off its path", "mm", "off path"),
     Plot("torque", "drive torques", "N m"),
+    Plot("share", "drive torques: share of each drive's limit", "%"),
     Plot("V_rate_3", "sum of V̇₃, which the convergence proof needs ≤ 0", "W"),
 )
+
+_LIGHTEST = 0.6
+"""Share of white in the colour of an arm's last drive."""
 
 _ROLES = {"actual": "", "desired": "desired_", "measured": "measured_"}
 
 
-def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
+def cell_curves(samples: Samples, cell: Cell) -> tuple[Curve, ...]:
     """Return the curves that samples have values for.
 
     Internal forces of two arms mirror each other: the first arm's are shown. What the sensors of the two
-    measure differs, and is shown of both.
+    measure differs, and is shown of both. No moment is desired where no controlled row has one. Torques are
+    shares of the drives' limits where every drive has one.
 
     Args:
         samples: quantities by name, as of ``run_samples``.
-        arms: names of the arms.
+        cell: the cell.
     """
-    curves: list[Curve] = []
+    curves, arms = list[Curve](), list(cell.arms)
     for part in ("axial", "shear", "moment"):
         for role, prefix in _ROLES.items():
             name = f"{prefix}internal_{part}"
-            is_known = name in samples and not np.isnan(samples[name]).all()
+            is_free = part == "moment" and role == "desired" and not cell.task_rows.has_moments
+            is_known = name in samples and not (is_free or np.isnan(samples[name]).all())
             shown = is_known * (1 if len(arms) == 2 and role != "measured" else len(arms))
             for arm in range(shown):
                 colour = {"desired": palette.DESIRED, "measured": palette.MEASURED}.get(
-                    role, palette.INTERNAL if shown == 1 else palette.series(arm)
+                    role, palette.INTERNAL if shown == 1 else palette.arm(arm)
                 )
                 label = role if shown == 1 else f"{arms[arm]} {role}".removesuffix(" actual")
                 curves.append(Curve(part, label, colour, role, _column(name, arm)))
@@ -91,14 +98,15 @@ def cell_curves(samples: Samples, arms: Sequence[str]) -> tuple[Curve, ...]:
         Curve("tracking", "mrad turned", palette.EXTERNAL, "actual", _error(slice(3, 6))),
     ]
     joints, torque = samples["torque"].shape[2], samples["torque"].reshape(len(samples["time"]), -1)
-    limits = samples.get("torque_limit", np.full(torque.shape[1:], np.nan)).ravel().tolist()
-    for number, drive in enumerate(np.flatnonzero(np.isfinite(torque).any(axis=0)).tolist()):
-        label, colour = (
-            f"{arms[drive // joints]} {drive % joints + 1}",
-            palette.series(number),
-        )
-        limit = limits[drive] if np.isfinite(limits[drive]) else None
-        curves.append(Curve("torque", label, colour, "actual", _column("torque", drive), limit))
+    drives = np.flatnonzero(np.isfinite(torque).any(axis=0)).tolist()
+    limits = samples.get("torque_limit", np.full(torque.shape[1:], np.nan)).ravel()
+    is_share = bool(np.isfinite(limits[drives]).all())
+    for drive in drives:
+        arm, joint = divmod(drive, joints)
+        colour = palette.arm(arm, _LIGHTEST * joint / joints)
+        plot, limit, scale = ("share", 100.0, 100.0 / limits[drive]) if is_share else ("torque", None, 1.0)
+        values = _column("torque", drive, scale)
+        curves.append(Curve(plot, f"{arms[arm]} {joint + 1}", colour, "actual", values, limit))
     if "V_rate_3_sum" in samples:
         curves.append(Curve("V_rate_3", "sum", palette.INTERNAL, "actual", lambda s: s["V_rate_3_sum"]))
     return tuple(curves)
@@ -149,8 +157,8 @@ def plot_table(runs: Sequence[Sequence[Curve]]) -> list[dict[str, Any]]:
     return [plot for plot in table if plot["curves"]]
 
 
-def _column(name: str, number: int) -> Callable[[Samples], Array]:
-    return lambda samples: samples[name].reshape(len(samples[name]), -1)[:, number]
+def _column(name: str, number: int, scale: float = 1.0) -> Callable[[Samples], Array]:
+    return lambda samples: scale * samples[name].reshape(len(samples[name]), -1)[:, number]
 
 
 def _error(axes: slice) -> Callable[[Samples], Array]:

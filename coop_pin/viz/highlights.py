@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coop_pin.arrays import Mask
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
 from coop_pin.results.window import SETTLING_S
 
-_SMALL_N = 1.0
-"""Error of the internal force below which a run counts as having followed it."""
+_SMALL_N, _SMALL_NM = 1.0, 0.1
+"""Errors of the internal force and moment, N and N m, below which a run counts as having followed them."""
 
 _TOLD_WITHIN_S = 1.0
 """Time after an event within which a sentence refers to it."""
@@ -39,7 +40,8 @@ def read_number(value: float) -> str:
 def telling_instant(result: RunResult) -> Instant:
     """Return the instant of the largest error of the internal force, and what it means, as one sentence.
 
-    The time that the run has to settle is left out, unless the run is shorter.
+    If the force is followed, it is that of the internal moment. The time that the run has to settle is left
+    out, unless the run is shorter.
 
     Args:
         result: the run.
@@ -47,8 +49,9 @@ def telling_instant(result: RunResult) -> Instant:
     data = result.data
     errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
     error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
-    time, is_late = data["time"].values, data["time"].values >= SETTLING_S
-    worst = int(np.argmax(np.where(is_late, error, -1.0) if is_late.any() else error))
+    time, is_late = data["time"].values, _is_late(result)
+    worst = int(np.argmax(np.where(is_late, error, -1.0)))
+    moment, _, moment_text = _moment(result)
     axial, shear, wanted = (
         np.nan_to_num(data[name].values[worst])
         for name in ("internal_axial", "internal_shear", "desired_internal_axial")
@@ -56,15 +59,36 @@ def telling_instant(result: RunResult) -> Instant:
     arm, t = int(np.argmax(np.hypot(axial - wanted, shear))), float(time[worst])
     when = _when(result.scenario, t)
     if error[worst] < _SMALL_N:
-        start = SETTLING_S if is_late.any() else 0.0
-        text = f"From {start:g} s on, the internal force stays within {error[worst]:.2g} N of what is wanted"
-        return Instant(f"{text}.", t)
+        text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
+        start = SETTLING_S if time[is_late.argmax()] else 0.0
+        t = float(time[moment]) if moment_text else t
+        return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
     if abs(axial[arm] - wanted[arm]) >= shear[arm]:
         verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
         said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(wanted[arm])} is wanted"
     else:
         said = f"the arms load the payload across with {read_number(shear[arm])} N"
-    return Instant(f"{when} {said}; {_motion(result, worst)}.", t)
+    return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
+
+
+def _is_late(result: RunResult) -> Mask:
+    """Return a mask of the samples after the time to settle, or of all if the run is shorter."""
+    is_late = result.data["time"].values >= SETTLING_S
+    return is_late | (not is_late.any())
+
+
+def _moment(result: RunResult) -> tuple[int, float, str]:
+    """Return sample and size of the largest error of the internal moment, N m, and words for a large one.
+
+    Where no controlled row has a moment, none is wanted, and all of it is told.
+    """
+    is_wanted = result.scenario.cell.task_rows.has_moments
+    wrench, wanted = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
+    error = np.nan_to_num(np.linalg.norm(wrench - is_wanted * wanted, axis=2)).max(axis=1)
+    worst = int(np.argmax(np.where(_is_late(result), error, -1.0)))
+    verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
+    text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
+    return worst, float(error[worst]), text if error[worst] > _SMALL_NM else ""
 
 
 def trust_text(result: RunResult) -> str:
@@ -79,22 +103,36 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"trustworthy: {', '.join((*numbers, *kept))}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}"
 
 
 def instants(result: RunResult) -> list[Instant]:
-    """Return the instants that the page offers: start, events, worst squeeze, pull and shear, and end."""
+    """Return the instants that the page offers: start, events, largest error, worst parts, and end.
+
+    Parts count where they are not wanted. Instants at the same time are one.
+    """
     data, time = result.data, result.data["time"].values
-    axial, shear = (np.nan_to_num(data[f"internal_{part}"].values) for part in ("axial", "shear"))
-    starts = {
-        event.heading: event.time for event in reversed(result.scenario.events) if event.time <= result.end
-    }
-    found = [Instant("start", 0.0), *(Instant(name, start) for name, start in sorted(starts.items()))]
-    for text, values in (("worst squeeze", -axial), ("worst pull", axial), ("worst shear", shear)):
-        worst = values.max(axis=1)
+    names = ("internal_axial", "internal_shear", "desired_internal_axial")
+    axial, shear, wanted = (np.nan_to_num(data[name].values) for name in names)
+    off, told = np.hypot(axial - wanted, shear).max(axis=1), telling_instant(result).time
+    events = [(event.heading, event.time) for event in result.scenario.events if event.time <= result.end]
+    found = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
+    error = off[int(np.abs(time - told).argmin())]
+    found += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
+    moment, size, _ = _moment(result)
+    found += [(f"largest moment error {read_number(size)} N m", float(time[moment]))] * bool(size > _SMALL_NM)
+    for text, values, error in (
+        ("worst squeeze", -axial, wanted - axial),
+        ("worst pull", axial, axial - wanted),
+        ("worst shear", shear, shear),
+    ):
+        worst = np.where(error > _SMALL_N, values, 0.0).max(axis=1)
         if worst.max() > _SMALL_N:
-            found.append(Instant(f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
-    return [*found, Instant("end", result.end)]
+            found.append((f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
+    merged: dict[float, list[str]] = {}
+    for text, at in [*found, ("end", result.end)]:
+        merged.setdefault(at, []).append(text)
+    return [Instant(", ".join(dict.fromkeys(texts)), at) for at, texts in merged.items()]
 
 
 def spans(result: RunResult) -> list[dict[str, Any]]:

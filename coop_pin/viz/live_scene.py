@@ -122,7 +122,7 @@ class LiveScene:
         self._cell = cell
         self.frames = CellFrames(cell, CellVisuals(cell, initial.plant.payload))
         self.scales = expected_scales(cell, first)
-        self.curves = cell_curves(snapshot_samples(first, cell), list(cell.arms))
+        self.curves = cell_curves(snapshot_samples(first, cell), cell)
         self._desired_path, bodies = initial.desired_path, self.frames.visuals.bodies
         self.scene = cell_scene(cell, bodies, tips=first.tip_position, points=initial.desired_path)
 
@@ -135,9 +135,7 @@ class LiveScene:
 
     def packed(self, snapshot: Snapshot) -> dict[str, Any]:
         """Return scene and frame of a snapshot as the page reads a run."""
-        return packed_run(
-            self.frames, self.scene, list(self._cell.arms), self._desired_path, *self._rows(snapshot)
-        )
+        return packed_run(self.frames, self.scene, self._cell, self._desired_path, *self._rows(snapshot))
 
     def _rows(self, snapshot: Snapshot) -> tuple[Array, Array]:
         samples = snapshot_samples(snapshot, self._cell)

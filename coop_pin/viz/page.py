@@ -13,6 +13,7 @@ from typing import Any
 
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
+from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.viz.arrows import LINEAR_M, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
@@ -37,20 +38,22 @@ _COLOURS = {
 
 
 def packed_run(
-    frames: CellFrames, scene: Scene, arms: Sequence[str], desired: Array, rows: Array, curves: Array
+    frames: CellFrames, scene: Scene, cell: Cell, desired: Array, rows: Array, curves: Array
 ) -> dict[str, Any]:
     """Return a run as the page reads it.
 
     Args:
         frames: layout of the rows.
         scene: scene of the run.
-        arms: names of the arms.
+        cell: the cell.
         desired: desired path of P, m, shape (p, 3).
         rows: frames, shape (n, columns).
         curves: time and values of the curves, shape (k, 1 + curves).
     """
     return {
-        "arms": list(arms),
+        "arms": list(cell.arms),
+        "bases": [arm.base.xyz for arm in cell.arms.values()],
+        "arm_colours": [palette.arm(number) for number in range(len(cell.arms))],
         "desired": base64_floats(desired[:: max(len(desired) // _PATH_POINTS, 1)]),
         "scene": packed_scene(scene),
         "nodes": frames.nodes,

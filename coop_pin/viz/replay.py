@@ -33,7 +33,7 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
     runs = [result] if other is None else [result, other]
     start, chips = telling_instant(result).time, instants(result)
     shown = [start, *(chip.time for chip in chips), *times]
-    curves = [cell_curves(run_samples(run), list(run.scenario.cell.arms)) for run in runs]
+    curves = [cell_curves(run_samples(run), run.scenario.cell) for run in runs]
     packed = [_packed(*run, shown) for run in zip(runs, curves, strict=True)]
     if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
         packed[1]["scene"]["meshes"] = None  # the page takes those of the first run
@@ -49,7 +49,7 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
     return page_html(
         "replay",
         " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
-        result.scenario.summary,
+        "; against: ".join(dict.fromkeys(run.scenario.caption for run in runs if run.scenario.caption)),
         told=_told(runs),
         scales=recorded_scales(result.scenario.cell, result.data),
         curves=curves,
@@ -109,7 +109,7 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     return packed_run(
         frames,
         scene,
-        list(cell.arms),
+        cell,
         samples["desired_position"],
         frames.rows(moving),
         thinned_rows(curve_rows(curves, samples), kept.tolist()),
@@ -117,14 +117,14 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
 
 
 def _told(runs: list[RunResult]) -> str:
-    """Return verdict and sentence of runs, as HTML; the sentence leads to its instant."""
+    """Return sentence and verdict of runs, as HTML; the sentence leads to its instant."""
     lines = []
     for run in runs:
         name = html.escape(f"{run.scenario.name}: ") if len(runs) > 1 else ""
         kind, instant = "verdict" if run.trustworthy else "verdict broken", telling_instant(run)
         lines += [
-            f'<p class="{kind}">{name}{html.escape(trust_text(run))}</p>',
             f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
             f"(click to go there)</small>{name}{html.escape(instant.text)}</button>",
+            f'<p class="{kind}">{name}{html.escape(trust_text(run))}</p>',
         ]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -26,6 +26,7 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
+from coop_pin.schema.changes import table_text, value_text
 from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
@@ -84,9 +85,9 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         (f"{part} of {name}", stated)
         for name, arm in cell.arms.items()
         for part, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error))
-        if (stated := _stated(value))
+        if (stated := table_text(value.model_dump(exclude_none=True, exclude_defaults=True)))
     ]
-    facts += [("event", _value(event.model_dump())) for event in scenario.events]
+    facts += [("event", value_text(event)) for event in scenario.events]
     return facts
 
 
@@ -104,28 +105,7 @@ def _arm(result: RunResult, index: int) -> str:
 def _controller(result: RunResult) -> str:
     fields = result.scenario.controller.model_dump(exclude_none=True)
     kind, gains = fields.pop("kind"), fields.pop("gains", {})
-    return f"{kind}: {_fields(gains | fields)}"
-
-
-def _stated(value: Any) -> str:
-    """Return the fields of a value that are not their defaults, as text."""
-    entries, fields = value.model_dump(exclude_none=True), type(value).model_fields
-    return _fields({name: entries[name] for name in entries if getattr(value, name) != fields[name].default})
-
-
-def _fields(table: dict[str, object]) -> str:
-    """Return the entries of a table as text, without the empty ones."""
-    entries = {name: value for name, value in table.items() if value not in ({}, (), None)}
-    return ", ".join(f"{name.replace('_', ' ')} {_value(value)}" for name, value in entries.items())
-
-
-def _value(value: object) -> str:
-    if isinstance(value, dict):
-        rest = {name: entry for name, entry in value.items() if name != "kind"}
-        return f"{value.get('kind', '')} {f'({_fields(rest)})' if rest else ''}".strip()
-    if isinstance(value, list | tuple):
-        return f"({', '.join(_value(entry) for entry in value)})"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{kind}: {table_text(gains | fields)}"
 
 
 def _row(values: Iterable[float]) -> str:
@@ -144,7 +124,7 @@ def report_html(result: RunResult) -> str:
     scenario = result.scenario
     return Template(web_file("report.html")).substitute(
         title=html.escape(scenario.name),
-        summary=html.escape(scenario.summary),
+        summary=html.escape(scenario.caption),
         style=web_file("report.css"),
         version=html.escape(__version__),
         broken_off=_broken_off(result),

@@ -8,13 +8,13 @@
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
   const width = (run) => Object.values(run.blocks).reduce((sum, size) => sum + size, 0);
   const runs = page.runs.map((run) => {
-    const rows = split(stage.floats(run.curves), run.columns);
+    const rows = split(coopPinFloats(run.curves), run.columns);
     return {
-      frames: split(stage.floats(run.frames), width(run)), width: width(run) + run.columns, shown: 0,
+      frames: split(coopPinFloats(run.frames), width(run)), width: width(run) + run.columns, shown: 0,
       columns: Array.from({ length: run.columns }, (_, column) => rows.map((row) => row[column])),
     };
   });
-  let time = 0, playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
+  let time = 0, spoken = "", playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
   const clockRun = runs.reduce((a, b) => (b.frames.at(-1)[0] > a.frames.at(-1)[0] ? b : a));
   const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
@@ -36,6 +36,7 @@
       const { other } = actual[values.indexOf(worst)];
       const second = other === null ? "" : `<br><s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
       box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
+      if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${worst < 0 ? "squeeze" : "pull apart"}`; }
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
   }
@@ -54,6 +55,7 @@
     showTiles();
     slider.max = end();
     slider.value = time;
+    slider.setAttribute("aria-valuetext", `${time.toFixed(2)} s, ${spoken}`);
     const whole = end().toFixed(2);
     clock.textContent = `t = ${time.toFixed(2).padStart(page.live ? 0 : whole.length)} s` + (page.live ? "" : ` / ${whole} s`);
     const texts = [...page.spans.filter(({ kind, start, end: over }) => kind === "event" && start <= time && time <= Math.max(over, start + 1)),
@@ -68,6 +70,7 @@
     goTo(to);
     const times = clockRun.frames.map(([first]) => first), k = holding(clockRun), nearer = times[k + 1] - time < time - times[k];
     goTo(Math.round(1e5 * (times[k + (steps || nearer)] ?? time)) / 1e5);
+    if (!page.live && self === top) { history.replaceState(null, "", `#t=${time}`); }
   }
   function goTo(to) {
     time = Math.min(Math.max(to, 0), end());
@@ -77,6 +80,7 @@
     playing = on;
     last = null;
     play.textContent = on ? "❚❚" : "▶";
+    play.setAttribute("aria-label", on ? "pause" : "play");
     if (on && !page.live && time >= end()) { goTo(0); }
   }
   function tick(present) {
@@ -101,14 +105,25 @@
     if (playing) { seek(time); } else { setPlaying(true); }
     if (page.live && playing) { goTo(end()); }
   });
+  // Keys are for the clock, unless the focused control has a use for them.
   document.addEventListener("keydown", (event) => {
-    const steps = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (event.key === " ") { event.preventDefault(); play.click(); }
-    if (steps) { event.preventDefault(); seek(time, steps); }
+    const { key, target, ctrlKey, metaKey, altKey } = event, used = target.closest("select") || (key === " " && target.closest("button, summary"));
+    const acts = {
+      " ": () => play.click(), ArrowRight: () => seek(time, 1), ArrowLeft: () => seek(time, -1), Home: () => seek(0), End: () => seek(end()),
+      ...Object.fromEntries(page.instants.slice(0, 9).map(({ time: at }, k) => [k + 1, () => seek(at)])),
+    };
+    if (used || !acts[key] || ctrlKey || metaKey || altKey) { return; }
+    event.preventDefault();
+    acts[key]();
   });
-  for (const { text, time: at } of page.instants) {
+  // The address has the time, so that a moment can be shared.
+  const address = () => Number(/^#t=([\d.]+)$/.exec(location.hash)?.[1] ?? NaN);
+  const fromAddress = () => { if (!page.live && address() >= 0) { seek(address()); } };
+  addEventListener("hashchange", fromAddress);
+  for (const [k, { text, time: at }] of page.instants.entries()) {
     const chip = document.createElement("button");
     chip.textContent = text;
+    if (k < 9) { chip.title = `key ${k + 1}`; }
     chip.addEventListener("click", () => seek(at));
     element("chips").append(chip);
   }
@@ -122,7 +137,7 @@
     stage.setLayer(button.dataset.layer, on);
     show();
   }));
-  if (innerWidth < 700 || innerHeight < 600) { element("legend").open = false; }
+  if (innerWidth < 700 || innerHeight < 600 || self !== top) { element("legend").open = false; }
 
   // ---------------------------------------------------------------- a run under way
   function receive(message) {
@@ -159,6 +174,7 @@
   };
   trails();
   goTo(page.start);
+  fromAddress();
   if (page.live) {
     setPlaying(true);
     if (page.still) { status.textContent = page.still; } else { connect(); }

@@ -3,6 +3,11 @@
 const coopPinTick = (value) => Number(value.toPrecision(3)).toString().replace("-", "−");
 // A value that is read: two digits, and never more than three decimals.
 const coopPinNumber = (value) => coopPinTick(Math.abs(value) >= 99.5 ? Math.round(value) : Number(Number(value.toPrecision(2)).toFixed(3)));
+const coopPinWhole = (value) => coopPinTick(Math.round(value));
+
+// Numbers of a page are little-endian float32 in base64.
+const coopPinBytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+const coopPinFloats = (text) => new Float32Array(coopPinBytes(text).buffer);
 
 // Index of the last time that is not later.
 function coopPinIndex(count, timeOf, time) {
@@ -84,10 +89,9 @@ function coopPinPlots(place, page, runs, seek) {
     ctx.save();
     line(0, "#9aa5b1");
     ctx.setLineDash([2 * size, size]);
-    for (const { limit, colour } of curves.filter(({ limit }) => limit)) {
-      for (const level of [limit, -limit]) { // limits that the range of y has
-        if (level <= u.scales.y.max && level >= u.scales.y.min) { line(level, colour); }
-      }
+    const { limit } = curves[0];
+    for (const level of limit ? [limit, -limit] : []) { // limits that the range of y has
+      if (level <= u.scales.y.max && level >= u.scales.y.min) { line(level, "#1f2933"); }
     }
     ctx.font = FONT.replace("10px", `${10 * devicePixelRatio}px`);
     ctx.fillStyle = "#34566e";
@@ -106,7 +110,7 @@ function coopPinPlots(place, page, runs, seek) {
     ctx.restore();
   }
 
-  function add(holder, curves, { bare = false, first = false, last = false, unit = "" } = {}) {
+  function add(holder, curves, { bare = false, first = false, last = false, unit = "", name = "" } = {}) {
     const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual")), others = runs.length > 1;
     const styled = (curve, of) => ({
       stroke: of ? "#6b7280" : curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
@@ -122,6 +126,9 @@ function coopPinPlots(place, page, runs, seek) {
     const range = (u) => {
       const [from, to] = u.series[0].idxs ?? [0, u.data[0].length - 1];
       y = rangeOf(u.data.slice(1), from ?? 0, to ?? u.data[0].length - 1);
+      const { limit } = curves[0]; // is in sight from half of it on
+      if (limit && y.high > limit / 2) { y.high = Math.max(y.high, limit); y.upper = Math.max(y.upper, limit); }
+      if (limit && y.low < -limit / 2) { y.low = Math.min(y.low, -limit); y.lower = Math.min(y.lower, -limit); }
       const margin = 0.05 * (forward(y.high, y) - forward(y.low, y));
       return [backward(forward(y.low, y) - margin, y), backward(forward(y.high, y) + margin, y)];
     };
@@ -139,6 +146,8 @@ function coopPinPlots(place, page, runs, seek) {
       hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves, first), cursor] },
     }, tables(), holder);
     u.over.append(line);
+    u.ctx.canvas.setAttribute("role", "img");
+    u.ctx.canvas.setAttribute("aria-label", name);
     let pressed = 0;
     u.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
     u.over.addEventListener("click", (event) => {
@@ -161,31 +170,30 @@ function coopPinPlots(place, page, runs, seek) {
     for (const { present, curves } of titles) { present.innerHTML = caption(curves); }
   }
 
-  // Present values: of a few curves by their labels; of many one line for each arm, its drives in order, with their limits.
-  const shown = ({ column, colour }) => `<b style="color:${colour}">${coopPinNumber(value(runs[0], column))}</b>`;
+  // Present values: of a few curves by their labels; of drives one line for each arm, in order.
+  const ofDrives = (key) => key === "torque" || key === "share";
+  const shown = ({ column, colour, plot }) => `<b style="--colour:${colour}">${(plot === "share" ? coopPinWhole : coopPinNumber)(value(runs[0], column))}</b>`;
   const plain = (label) => label.replace(/[<&]/g, "");
   function caption(curves) {
     const actual = curves.filter(({ role }) => role === "actual");
-    if (!curves.some(({ plot }) => plot === "torque")) {
+    if (!curves.some(({ plot }) => ofDrives(plot))) {
       const second = ({ other }) => (other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`);
       return (curves.length < 6 ? curves : actual).map((curve) => `${plain(curve.label)} ${shown(curve)}${second(curve)}`).join(" · ");
     }
     const armOf = ({ label }) => plain(label.slice(0, label.lastIndexOf(" "))), arms = [...new Set(actual.map(armOf))];
-    const drive = (curve) => shown(curve) + (curve.limit ? `/${coopPinTick(curve.limit)}` : "");
-    return arms.map((arm) => `${arm} ${actual.filter((curve) => armOf(curve) === arm).map(drive).join(" ")}`).join("<br>");
+    return arms.map((arm) => `${arm} ${actual.filter((curve) => armOf(curve) === arm).map(shown).join(" ")}`).join("<br>");
   }
 
   // Headings and captions first, so that every plot is drawn once, at its size.
   const titles = page.plots.map(({ key, title, unit, curves }) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
-    const share = Math.max(0, ...curves.map(({ column, limit }) => (limit ? runs[0].columns[column].reduce((most, value) => Math.max(most, Math.abs(value)), 0) / limit : 0)));
-    const limits = share ? ` / limit (at most ${(100 * share).toFixed(0)} % of one)` : ", no limits given";
-    heading.textContent = `${title}, ${unit}${key === "torque" ? limits : ""}`;
+    const most = Math.max(...curves.map(({ column }) => runs[0].columns[column].reduce((worst, value) => Math.max(worst, Math.abs(value)), 0)));
+    heading.textContent = `${title}, ${unit}${key === "share" ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
     present.innerHTML = caption(curves);
     place.append(heading, present, holder);
-    return { present, curves, holder, unit };
+    return { present, curves, holder, unit, name: `plot over time: ${heading.textContent}` };
   });
-  titles.forEach(({ curves, holder, unit }, k) => add(holder, curves, { first: k === 0, last: k === titles.length - 1, unit }));
+  titles.forEach(({ curves, holder, unit, name }, k) => add(holder, curves, { first: k === 0, last: k === titles.length - 1, unit, name }));
 
   function refresh() {
     for (const { u, tables } of plots) { u.setData(tables()); }

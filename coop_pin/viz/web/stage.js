@@ -1,8 +1,23 @@
 "use strict";
 // The 3-D scene of a page: drawables, arrows with numbers, layers and views. A frame is a row of numbers (frames.py).
 function coopPinStage(pane, labels, page) {
+  try {
+    return coopPinScene(pane, labels, page);
+  } catch (error) { // a remote desktop or virtual machine: the rest of the page needs no WebGL
+    console.warn(error);
+    const said = document.createElement("p"), nothing = () => {};
+    said.className = "none";
+    said.textContent = "No 3-D view: this browser has no WebGL. Plots and numbers need none.";
+    pane.prepend(said);
+    return { show: nothing, showOther: nothing, tint: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
+  }
+}
+
+function coopPinScene(pane, labels, page) {
   const three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
   const viewer = new MeshCat.Viewer(pane);
+  viewer.renderer.domElement.setAttribute("role", "img");
+  viewer.renderer.domElement.setAttribute("aria-label", "3-D view of the arms, the payload and the forces of the arms on it");
   viewer.gui.domElement.remove(); // a person needs none of meshcat's controls
   viewer.scene.rotation.set(0, 0, 0);
   for (const name of ["Lights", "Grid", "Axes"]) { viewer.scene_tree.find([name]).object.visible = false; }
@@ -10,8 +25,7 @@ function coopPinStage(pane, labels, page) {
   viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
 
   // ---------------------------------------------------------------- drawables
-  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const floats = (text) => new Float32Array(bytes(text).buffer);
+  const floats = coopPinFloats;
   const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
   const attribute = (text) => new three.BufferAttribute(floats(text), 3);
   const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
@@ -50,6 +64,7 @@ function coopPinStage(pane, labels, page) {
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
+    drawn.userData.tinted = item.node === "payload" && item.colour === page.colours.payload && !ghost;
     drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
     node((ghost ? "ghost/" : "") + item.node).add(inLayer(ghost ? "other" : item.layer, drawn));
   }
@@ -108,24 +123,27 @@ function coopPinStage(pane, labels, page) {
     viewer.scene.add(object);
     const text = document.createElement("span");
     labels.append(text);
-    text.style.color = page.colours[part];
+    text.style.borderColor = page.colours[part];
     const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
-    const arrow = { name, part, value: vector(), length: 0, tip: vector(), text, object };
-    arrow.set = (origin, x, y, z) => {
+    const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), text, object };
+    // A force towards the other grasps ends at its own, one away from them starts there: no arrow crosses the payload.
+    arrow.set = (grasp, inwards, x, y, z) => {
       arrow.value.set(x, y, z);
       const size = arrow.value.length(), ratio = size / per / scales.linear;
       const length = Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + 0.4 * Math.log(ratio)), scales.longest);
       arrow.length = length;
       object.visible = length > 0.002 && layers[part] !== false && (!moment || layers.moments);
       const along = length > 0 ? arrow.value.clone().divideScalar(size) : vector(0, 0, 1);
-      object.position.copy(origin);
+      const pressed = three.MathUtils.smoothstep(along.dot(inwards), 0.25, 0.6); // in between it slides: none jumps while it turns
+      object.position.copy(along).multiplyScalar(-pressed * length).add(grasp);
       object.quaternion.setFromUnitVectors(vector(0, 0, 1), along);
       for (const { shaft, tip } of solids) {
         shaft.scale.z = Math.max(length - HEAD, 1e-6);
         tip.position.z = Math.max(length - HEAD, 0);
         tip.scale.setScalar(Math.max(Math.min(length / HEAD, 1), 1e-6));
       }
-      arrow.tip.copy(along).multiplyScalar(length).add(origin);
+      arrow.tip.copy(along).multiplyScalar(length).add(object.position);
+      [arrow.outer, arrow.inner] = pressed > 0.5 ? [object.position, arrow.tip] : [arrow.tip, object.position];
       text.textContent = `${wanted ? "wanted " : ""}${coopPinNumber(size)} ${unit}`;
     };
     arrows[name] = arrow;
@@ -135,14 +153,29 @@ function coopPinStage(pane, labels, page) {
     makeArrow(group, "payload", "external");
   }
 
-  // Numbers stand beyond the heads, and below each other where they would overlap.
+  // Names of the arms, at their bases.
+  const names = first.arms.map((arm, k) => {
+    const text = document.createElement("span");
+    text.textContent = arm;
+    text.style.borderColor = first.arm_colours[k];
+    labels.append(text);
+    return { text, base: vector(...first.bases[k]) };
+  });
+
+  // Numbers stand beyond the outer ends, and below each other where they would overlap.
   function placeLabels() {
     const { clientWidth: width, clientHeight: height } = pane, placed = [];
-    for (const { tip, text, object, length, part } of Object.values(arrows)) {
-      const [end, start] = [tip, object.position].map((point) => point.clone().project(viewer.camera));
+    for (const { text, base } of names) {
+      const at = base.clone().project(viewer.camera), long = text.offsetWidth;
+      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long)), y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
+      text.style.transform = `translate(${x}px, ${y}px)`;
+      placed.push([x, y, long]);
+    }
+    for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
+      const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
       text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
       if (text.hidden) { continue; }
-      const long = 8 + 7.2 * text.textContent.length;
+      const long = 13 + 7.2 * text.textContent.length;
       let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
       x = Math.max(0, Math.min(x, width - long));
       while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y += 17; }
@@ -179,19 +212,21 @@ function coopPinStage(pane, labels, page) {
   const places = page.runs.map(blocksOf);
   function showOther(from, to, share) { pose(other, places[1], from, to, share, "ghost/"); }
   function show(from, to, share) {
-    const [at] = places, tip = vector(), centre = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
+    const [at] = places, centre = vector(), nowhere = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
     pose(first, at, from, to, share, "");
     centre.fromArray(from, at.poses + 7 * first.nodes.indexOf("payload"));
+    const tips = first.arms.map((_, k) => vector().fromArray(from, at.tips + 3 * k)), all = tips.reduce((sum, tip) => sum.add(tip), vector());
     groups.forEach((group, g) => {
-      const wrench = (block, arm) => [0, 1, 2].map((axis) => from[at[block] + 6 * arm + 3 * g + axis]);
+      const wrench = (block, arm, sign) => [0, 1, 2].map((axis) => sign * from[at[block] + 6 * arm + 3 * g + axis]);
       first.arms.forEach((arm, k) => {
-        tip.fromArray(from, at.tips + 3 * k);
-        const [whole, internal] = [wrench("interaction", k), wrench("internal", k)];
-        arrows[`${group}/${arm}/load`].set(tip, ...whole.map((value, axis) => value - internal[axis]));
-        arrows[`${group}/${arm}/internal`].set(tip, ...internal);
-        arrows[`${group}/${arm}/wanted`].set(tip, ...wrench("wanted", k));
+        // Frames hold the wrenches on the arms, as the equations do; drawn are those of the arms on the payload.
+        const [whole, internal, wanted] = ["interaction", "internal", "wanted"].map((block) => wrench(block, k, -1)), tip = tips[k];
+        const inwards = all.clone().addScaledVector(tip, -first.arms.length).normalize(); // to the middle of the other grasps: the axial direction
+        arrows[`${group}/${arm}/load`].set(tip, inwards, ...whole.map((value, axis) => value - internal[axis]));
+        arrows[`${group}/${arm}/internal`].set(tip, inwards, ...internal);
+        arrows[`${group}/${arm}/wanted`].set(tip, inwards, ...wanted);
       });
-      arrows[`${group}/payload/external`].set(centre, ...wrench("external", 0));
+      arrows[`${group}/payload/external`].set(centre, nowhere, ...wrench("external", 0, 1));
     });
     first.nodes.slice(0, -2).forEach((path, k) => setWarning(path, from[at.warnings + k]));
     follow();
@@ -202,7 +237,7 @@ function coopPinStage(pane, labels, page) {
   function tint(newtons) {
     const share = layers.tint === false ? 0 : Math.max(-1, Math.min(1, newtons / (scales.forces * scales.linear)));
     const colour = new three.Color(page.colours.payload).lerp(new three.Color(share < 0 ? page.colours.squeezed : page.colours.torn), Math.abs(share));
-    node("payload").traverse(({ material, isMesh }) => { if (isMesh) { material.color.copy(colour); } });
+    node("payload").traverse(({ material, userData }) => { if (userData.tinted) { material.color.copy(colour); } });
   }
 
   const trails = {};
@@ -279,5 +314,5 @@ function coopPinStage(pane, labels, page) {
   }
   view("reset");
   trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
-  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer, bytes, floats };
+  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer };
 }
