@@ -46,6 +46,7 @@ def write_heat_map(
     filters: Sequence[str] = (),
     notes: Sequence[str] = (),
     command: str,
+    replay: str = "{cells}",
 ) -> None:
     """Write the heat map of a table as one page that loads nothing from elsewhere.
 
@@ -53,9 +54,9 @@ def write_heat_map(
     in the folder ``replays`` beside the page are linked.
 
     Args:
-        table: one row for each cell: names, measures (not finite: none), where there are some ``<measure>_low``
-            and ``<measure>_high``, ``doubted``, whether not all its runs are trustworthy, and ``failure``, the
-            error of a run that failed, or an empty text.
+        table: one row for each cell: names, measures (no value: not finite) with ``<measure>_low`` and
+            ``<measure>_high`` if there are intervals, ``doubted``, whether not all runs are trustworthy, and
+            ``failure``, the error of a run, or an empty text.
         path: the page.
         title: heading.
         names: columns that name a cell; the last one has the columns of the map.
@@ -63,8 +64,9 @@ def write_heat_map(
         measures: text and unit of each measure.
         filters: further columns that cells can be chosen by.
         notes: further columns that are shown with a cell.
-        command: command of a cell; "{scenario}" stands for that name or note of the cell, "{cells}" for the text
-            of the cell, or of two.
+        command: command of a cell; "{scenario}" stands for that name or note of the cell, "{cells}" for the
+            text of the cell, or of two.
+        replay: file of the replay, in the same way.
     """
     page = {
         "title": title,
@@ -75,6 +77,7 @@ def write_heat_map(
         "doubted": table["doubted"].astype(int).tolist(),
         "measures": [{"text": text, **_numbers(table, name)} for name, text in measures.items()],
         "command": command,
+        "replay": replay,
         "replays": sorted(file.name for file in (path.parent / REPLAYS).glob("*.html")),
         "folder": REPLAYS,
     }
@@ -85,7 +88,9 @@ def write_heat_map(
 
 def _coded(column: pd.Series[Any]) -> dict[str, Any]:
     """Return the different texts of a column in their order, and the number of each row's text."""
-    codes, texts = pd.factorize(column.map(lambda value: f"{value:g}" if isinstance(value, float) else str(value)))
+    codes, texts = pd.factorize(
+        column.map(lambda value: f"{value:.9g}" if isinstance(value, float) else str(value))
+    )
     return {"texts": texts.tolist(), "codes": codes.tolist()}
 
 

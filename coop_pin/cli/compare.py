@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin import figures, viz
-from coop_pin.cli.execution import HERE, ExecutionOptions
+from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
 from coop_pin.cli.exit_codes import OK
-from coop_pin.errors import CoopPinError, FieldError
+from coop_pin.errors import FieldError
 from coop_pin.heat_map import REPLAYS, cell_names, cell_text, replay_file
 
 
@@ -127,14 +127,9 @@ class Compare:
 
 
 def _run(comparison: Any, cell: list[str]) -> Any:
-    """Return the result of a cell's run; that of one that failed ends where it failed."""
+    """Return the result of a cell's run."""
     names, seed = cell[:3], "".join(cell[3:]) or "0"
     if len(names) < 3 or not seed.isdecimal():
         wanted = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
         raise FieldError(f"is {cell_text(cell)!r}; it must be {wanted}", "--replay")
-    try:
-        return comparison.open(*names, seed=int(seed))
-    except CoopPinError as error:
-        if error.result is None:
-            raise
-        return error.result
+    return kept_result(lambda: comparison.open(*names, seed=int(seed)))
