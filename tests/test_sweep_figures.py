@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.colors import LogNorm
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_result import filled
@@ -9,6 +10,7 @@ from test_sweep_result import filled
 from coop_pin.cli import main
 from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import pareto_figure, sweep_figure
+from coop_pin.figures.sweep_figures import map_figure
 from coop_pin.sweeps import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
@@ -114,9 +116,8 @@ def test_three_fields_make_a_map_for_each_value_of_the_shortest_on_one_scale(tmp
         assert mesh.norm is panels[0].collections[0].norm
     values = result.values(METRIC).values
     assert (mesh.norm.vmin, mesh.norm.vmax) == (np.nanmin(values), np.nanmax(values))
-    many = {GAIN: np.linspace(0, 1, 13), MASS: np.linspace(1, 2, 13), RATE: np.linspace(50, 90, 13)}
     with pytest.raises(FieldError):
-        sweep_figure(line(tmp_path / "many", many), METRIC)
+        map_figure(xr.Dataset({"value": (("a", "b", "c"), np.zeros((13, 13, 13)))}))
 
 
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
