@@ -39,8 +39,9 @@ class Compare:
         generations: number of generations of the search after the first one.
         size: points in a generation of the search, whatever the number of gains.
         list: only print the names of controllers and trials.
-        replay: only write the replay of a cell of the table in the output folder, or of two on one clock, and
-            link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a random trial.
+        replay: only write the replay of a cell of the table in the output folder, or of up to four side by
+            side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a random
+            trial.
         execution: workers, engine and folders to merge.
     """
 
@@ -108,7 +109,8 @@ class Compare:
         comparison, cells = Comparison.load(self.out), list(map(cell_names, self.replay))
         runs = [_run(comparison, cell) for cell in cells]
         page = self.out / REPLAYS / replay_file(cells)
-        viz.save_replay(runs[0], page, *runs[1:])
+        names = list(map(cell_text, cells))
+        viz.save_replay(runs[0], page, *runs[1:], names=names)
         comparison.write_html(self.out / "comparison.html")
         print(page.resolve())
 
