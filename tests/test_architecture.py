@@ -36,6 +36,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
 # - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
+# - heat_map draws a table as a page, whatever its rows are;
 # - user_files reads what users name: bounded, regular files only;
 # - tracing is a compiler of functions of arrays and knows no robot; Descriptions are trees of numbers
 #   to it; llvmlite, which compiles, is an extra;
@@ -58,6 +59,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic"}),
     "tracing": ({"schema"}, {"llvmlite"}),
+    "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
         {"schema", "control", "reference", "user_files", "limited_process"},
@@ -116,6 +118,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "description",
             "engine_choice",
+            "heat_map",
             "progress_bar",
             "results",
             "run_scenario",
@@ -132,6 +135,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "control",
             "description",
             "engine_choice",
+            "heat_map",
             "model",
             "results",
             "build_controller",
@@ -151,6 +155,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "run_scenario",
             "figures",
+            "heat_map",
             "progress_bar",
             "results",
             "run_folder",

@@ -295,23 +295,39 @@ def test_the_pages_of_the_catalogue_are_light_and_have_all_arrows_in_view_at_the
         assert len(clocks) == 1  # so that the scrubber keeps its length
 
 
-def test_two_runs_are_compared_on_one_clock_and_fit_a_phone(tmp_path):
+AXIAL = "pane => pane.plots.value(pane.runs[0], 1)"
+
+
+def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_path):
+    """What the panes tell is of the runs: with the same motion, the forces differ."""
     scenario = spatial_scenario().replace(duration=0.5)
-    result, other = cp.run(scenario), cp.run(scenario.override({"cell.payload.mass": 5.0}))
-    save_replay(result, tmp_path / "both.html", other)
+    runs = [cp.run(scenario), cp.run(scenario.override({"cell.payload.mass": 5.0}))]
+    save_replay(runs[0], tmp_path / "both.html", runs[1], names=["light", "heavy"])
     with offline_page(tmp_path / "both.html", 420, 900) as page:
         page.wait_for_function("window.coopPin !== undefined")
-        page.evaluate("coopPin.seek(0.4)")
-        for node, run in (("payload", result), ("ghost/payload", other)):
-            position = page.evaluate(f"coopPin.node('{node}').position.toArray()")
+        page.locator("#time").focus()
+        page.keyboard.press("Home")
+        assert page.evaluate("[coopPin.time, ...coopPin.panes.map(pane => pane.time)]") == [0, 0, 0]
+        page.evaluate("coopPin.goTo(0.4)")
+        shown = page.evaluate(f"coopPin.panes.map({AXIAL})")
+        positions = page.evaluate("coopPin.panes.map(pane => pane.node('payload').position.toArray())")
+        for run, axial, position in zip(runs, shown, positions, strict=True):
             sample = int(np.searchsorted(run.data["time"].values, 0.4 - 1e-9))
             assert_allclose(position, run.data["payload_position"].values[sample], atol=1e-4)
-        curves = page.evaluate("coopPin.plots.plots[0].u.series.length")
-        assert curves == 1 + 3  # time; actual and desired of the first run, actual of the second
-        assert page.locator("#tiles s").count() == 4
-        assert_fits(page)
-        page.set_viewport_size({"width": 900, "height": 420})
-        assert_fits(page)
+            assert axial == pytest.approx(run.data["internal_axial"].values[sample, 0], rel=1e-5)
+        assert page.locator("figcaption").all_inner_texts() == ["light", "heavy"]
+        page.frame_locator("iframe").nth(1).locator("button.told").click()
+        told = telling_instant(runs[1]).time
+        page.wait_for_function(f"Math.abs(coopPin.time - {told}) < 1e-4")
+        assert page.evaluate("coopPin.panes[0].time") == pytest.approx(told, abs=1e-4)
+        page.evaluate("coopPin.panes[0].view('top')")
+        seen = "coopPin.panes.map(({ viewer }) => viewer.camera.position.toArray())"
+        page.wait_for_function(
+            f"(([one, two]) => Math.hypot(...one.map((x, k) => x - two[k])) < 1e-3)({seen})"
+        )
+        assert page.evaluate("document.documentElement.scrollWidth") <= 420
+        page.set_viewport_size({"width": 900, "height": 600})
+        assert page.evaluate("document.documentElement.scrollHeight") <= 600
         assert_not_blank_anywhere(drawn(page))
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 import re
 import shutil
 from pathlib import Path
@@ -28,7 +29,13 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import COLUMNS
 from coop_pin.comparison.trials import changes_of
 from coop_pin.engine_choice import choose_engines
-from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
+from coop_pin.errors import (
+    FieldError,
+    FileReadError,
+    InvalidStateError,
+    NameNotFoundError,
+    OutOfRangeError,
+)
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
 from coop_pin.sweeps.job import run_job
@@ -48,6 +55,11 @@ def scenarios():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("compare")
+
+
+def page_data(page):
+    """What a heat map shows."""
+    return json.loads(re.search(r'id="data">(.*?)</script>', page)[1])
 
 
 def run(scenarios, folder, **options):
@@ -94,6 +106,54 @@ def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folde
     monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
     run(scenarios, folder)
     assert (folder / "comparison.csv").read_bytes() == before
+
+
+def test_a_comparison_is_read_back_from_its_folder_and_opens_the_runs_of_its_cells(table, folder, tmp_path):
+    found = cp.comparison.Comparison.load(folder)
+    assert found.table.index.equals(table.table.index)
+    assert_allclose(found.table[[*COLUMNS]], table.table[[*COLUMNS]], rtol=1e-8)
+    found.write_csv(tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == (folder / "comparison.csv").read_bytes()
+    for scenario in ("planar", "spatial"):
+        cell = found.data.sel(scenario=scenario, controller="anchored", trial="noise")
+        runs = [measures(found.open(scenario, "anchored", "noise", seed=seed)) for seed in (0, 1)]
+        for name in runs[0]:
+            assert_allclose(np.median([run[name] for run in runs]), cell[name], rtol=1e-7)
+    for wrong in (
+        ("plana", "anchored", "noise"),
+        ("planar", "anchred", "noise"),
+        ("planar", "anchored", "nois"),
+    ):
+        with pytest.raises(NameNotFoundError):
+            found.open(*wrong)
+    with pytest.raises(OutOfRangeError):
+        found.open("planar", "anchored", "noise", seed=2)
+    with pytest.raises(InvalidStateError):
+        cp.comparison.Comparison.load(tmp_path / "again.csv").open("planar", "anchored", "noise")
+
+
+@pytest.mark.parametrize("content", [b"", b"a,b\n1,2\n", b"\xff\xfe", None, "twice", "word"])
+def test_what_is_no_table_of_a_comparison_is_refused(content, table, tmp_path):
+    path = tmp_path / "comparison.csv"
+    if content is not None:
+        table.write_csv(path)
+        head, first, *_ = path.read_bytes().splitlines(keepends=True)
+        odd = {"twice": head + first + first, "word": head + first.replace(b",1,1,", b",1,one,")}
+        path.write_bytes(odd.get(content, content))
+    with pytest.raises(FileReadError) as caught:
+        cp.comparison.Comparison.load(tmp_path)
+    assert caught.value.path == str(path)
+
+
+@pytest.mark.usefixtures("table")
+def test_the_command_writes_the_replay_of_a_cell_or_of_two_and_the_page_links_them(folder, capsys):
+    cells = ["spatial | anchored | bias 1 mm", "planar | printed | noise | 1"]
+    assert main(["compare", "--out", str(folder), "--replay", *cells]) == 0
+    names = page_data((folder / "comparison.html").read_text())["replays"]
+    assert names == ["spatial-anchored-bias-1-mm--planar-printed-noise-1.html"]
+    assert str(folder / "replays" / names[0]) in capsys.readouterr().out
+    for wrong in ("spatial | anchored", "spatial | anchored | noise | first", "spatial | anchred | noise"):
+        assert main(["compare", "--out", str(folder), "--replay", wrong]) == 2
 
 
 @pytest.mark.usefixtures("table")
@@ -206,7 +266,11 @@ def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
 
 def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder):
     page = (folder / "comparison.html").read_text()
-    assert page.count("<tr") == 1 + table.table.shape[0]
+    cells = page_data(page)
+    assert len(cells["doubted"]) == table.table.shape[0]
+    for measure, name in zip(cells["measures"], COLUMNS, strict=True):
+        values = table.table[name].to_numpy()
+        assert_allclose(np.array(measure["values"], float), np.where(np.isinf(values), np.nan, values), 1e-4)
     assert "http" not in page
     figure = comparison_figure(table, "planar")
     front, ranks, tracking, force = figure.axes[:4]

@@ -131,7 +131,7 @@ def test_view_compares_two_runs_and_refuses_what_is_none(result, tmp_path, monke
     assert main(["view", str(tmp_path / "first"), str(tmp_path / "second"), "--no-open"]) == 0
     page = tmp_path / "first" / "against-second.html"
     assert capsys.readouterr().out.strip() == str(page.resolve())
-    assert page.read_text(encoding="utf-8") == replay_html(result, result)
+    assert page.read_text(encoding="utf-8") == replay_html(result, result, names=["first", "second"])
     assert main(["view", str(tmp_path / "first"), str(tmp_path / "third"), "--no-open"]) == 2
     assert "third" in capsys.readouterr().err
 
@@ -229,7 +229,7 @@ def test_an_incomplete_video_is_an_error_and_the_old_one_stays(result, ffmpeg, t
 
 
 def test_an_incomplete_video_ends_the_command_with_an_error(result, tmp_path, monkeypatch, capsys):
-    def fail(_result, path: Path, _other) -> None:
+    def fail(_result, path: Path, **_options) -> None:
         raise FileWriteError(str(path), f"the encoder wrote {3} of {31} frames (its message is above)")
 
     result.save(tmp_path / "run.nc")

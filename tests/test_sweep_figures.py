@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.colors import LogNorm
 from numpy.testing import assert_allclose, assert_array_equal
 from test_sweep_result import filled
@@ -9,6 +10,7 @@ from test_sweep_result import filled
 from coop_pin.cli import main
 from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import pareto_figure, sweep_figure
+from coop_pin.figures.sweep_figures import map_figure
 from coop_pin.sweeps import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
@@ -93,11 +95,29 @@ def test_cases_are_lines_of_their_own_with_their_names(tmp_path):
 @pytest.mark.parametrize("axes", [{GAIN: GAINS}, {GAIN: GAINS, RATE: RATES}])
 def test_runs_that_are_not_trustworthy_have_rings_and_a_line_in_the_legend(tmp_path, axes):
     trusted = lambda p: {METRIC: 1.0 + p[GAIN], "trustworthy": float(p[GAIN] < 0.3)}  # noqa: E731
-    panel = sweep_figure(line(tmp_path, axes, trusted, lambda p: p[GAIN] == 0.6), METRIC).axes[0]
+    figure = sweep_figure(line(tmp_path, axes, trusted, lambda p: p[GAIN] == 0.6), METRIC)
+    panel = figure.axes[0]
     (rings,) = (drawn for drawn in panel.lines if drawn.get_fillstyle() == "none" and len(drawn.get_xdata()))
     assert set(rings.get_xdata()) == {0.4}  # 0.6 failed
-    texts = [text.get_text() for text in panel.get_legend().get_texts()]
+    (legend,) = figure.legends or [panel.get_legend()]
+    texts = [text.get_text() for text in legend.get_texts()]
     assert texts == ["failed", "not trustworthy"]
+
+
+def test_three_fields_make_a_map_for_each_value_of_the_shortest_on_one_scale(tmp_path):
+    axes = {GAIN: GAINS, MASS: [5.0, 11.2, 2.0], RATE: RATES}
+    result = line(tmp_path, axes, lambda p: {METRIC: p[MASS] * p[RATE] + p[GAIN]}, lambda p: p[GAIN] == 0.6)
+    *panels, _ = sweep_figure(result, METRIC).axes
+    assert [panel.get_title(loc="left").split()[-1] for panel in panels] == ["2", "5", "11.2"]
+    for panel, mass in zip(panels, (2.0, 5.0, 11.2), strict=True):
+        mesh, expected = panel.collections[0], result.values(METRIC).sel({MASS: mass}).transpose(RATE, GAIN)
+        assert_array_equal(mesh.get_array().filled(np.nan), expected.values)
+        assert len(panel.patches) == len(RATES)
+        assert mesh.norm is panels[0].collections[0].norm
+    values = result.values(METRIC).values
+    assert (mesh.norm.vmin, mesh.norm.vmax) == (np.nanmin(values), np.nanmax(values))
+    with pytest.raises(FieldError):
+        map_figure(xr.Dataset({"value": (("a", "b", "c"), np.zeros((13, 13, 13)))}))
 
 
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):

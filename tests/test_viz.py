@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from coop_pin import run, viz
 from coop_pin.description import Arm, Cell, Payload, Pose, scenario_names
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import UrdfWarning
+from coop_pin.errors import FieldError, UrdfWarning
 from coop_pin.model import geometry, visuals
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents
@@ -40,6 +40,8 @@ from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.live_scene import LiveScene, initial_scene
+from coop_pin.viz.page import page_scripts
+from coop_pin.viz.replay import run_names
 
 SCRIPTS = ("stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
@@ -49,8 +51,8 @@ FLOAT32 = 3e-7
 class Replay:
     """Replay page read back: its data, and the frames of its first run by blocks."""
 
-    def __init__(self, result: RunResult, other: RunResult | None = None) -> None:
-        self.result, self.page = result, replay_html(result, other)
+    def __init__(self, result: RunResult) -> None:
+        self.result, self.page = result, replay_html(result)
         text = re.search(r'<script type="application/json" id="data">(.*?)</script>', self.page, re.DOTALL)[1]
         self.data = json.loads(text)
         self.run = self.data["runs"][0]
@@ -257,17 +259,34 @@ def test_what_was_measured_and_the_rate_of_the_proof_are_plotted_where_recorded(
     assert "V_rate_3" not in [plot["key"] for plot in planar.data["plots"]]
 
 
-def test_two_runs_share_the_meshes_and_the_plots(spatial: Replay) -> None:
+@pytest.mark.parametrize("others", [1, 3])
+def test_runs_side_by_side_have_one_copy_of_scripts_and_meshes_and_one_scale(spatial: Replay, others) -> None:
     second = run(spatial_scenario().override({"cell.payload.mass": 4.0}))
-    both = Replay(spatial.result, second)
-    assert both.data["runs"][1]["scene"]["meshes"] is None
-    width = both.data["runs"][1]["columns"]
-    curves = floats(both.data["runs"][1]["curves"]).reshape(-1, width)
-    (axial,) = (plot for plot in both.data["plots"] if plot["key"] == "axial")
-    actual = next(curve for curve in axial["curves"] if curve["role"] == "actual")
-    assert_allclose(curves[:, actual["other"]], second.data["internal_axial"].values[:, 0], rtol=1e-6)
-    for result in (spatial.result, second):
-        assert html.escape(telling_instant(result).text) in both.page
+    runs = [spatial.result, second, *[spatial.result] * (others - 1)]
+    page = replay_html(*runs)
+    assert page.count(page_scripts()) == 1
+    data = json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1]
+    )
+    assert data["names"] == run_names(runs) == [f"run {number}" for number in range(1, others + 2)]
+    panes = [pane for _, pane in data["panes"]]
+    assert [pane["runs"][0]["scene"]["meshes"] is None for pane in panes] == [False, *[True] * others]
+    scales = {json.dumps(pane["scales"]) for pane in panes}
+    least = min(recorded_scales(each.scenario.cell, each.data).newtons_per_metre for each in runs)
+    assert len(scales) == 1
+    assert panes[0]["scales"]["forces"] == least
+    for result, (layout, _), curves in zip(runs, data["panes"], data["curves"], strict=True):
+        assert html.escape(telling_instant(result).text) in layout
+        time, axial, distance = floats(curves).reshape(-1, 3).T
+        at = result.data.sel(time=time, method="nearest")
+        assert_allclose(np.abs(axial), np.abs(at["internal_axial"].values).max(axis=1), rtol=1e-6)
+        assert_allclose(distance, 1e3 * np.linalg.norm(at["pose_error"].values[:, :3], axis=1), rtol=1e-6)
+
+
+def test_more_than_four_runs_and_other_numbers_of_names_are_refused(planar: Replay) -> None:
+    for runs, names in ((5, ()), (2, ("one",))):
+        with pytest.raises(FieldError):
+            replay_html(*[planar.result] * runs, names=names)
 
 
 # ---------------------------------------------------------------- bodies

@@ -8,9 +8,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from coop_pin import figures
-from coop_pin.cli.execution import HERE, ExecutionOptions
+from coop_pin import figures, viz
+from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
 from coop_pin.cli.exit_codes import OK
+from coop_pin.errors import FieldError
+from coop_pin.heat_map import REPLAYS, cell_names, cell_text, replay_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,6 +22,8 @@ class Compare:
     For example, a controller of your own (mine.py in this folder) beside two others:
 
     coop-pin compare adept-anchored --controllers anchored computed-torque mine:Law --trials nominal push
+
+    comparison.html shows the table as a heat map; it has the command that writes the replay of a cell.
 
     Attributes:
         scenarios: names listed by 'coop-pin list', or TOML files; the six of the benchmark when omitted.
@@ -35,6 +39,9 @@ class Compare:
         generations: number of generations of the search after the first one.
         size: points in a generation of the search, whatever the number of gains.
         list: only print the names of controllers and trials.
+        replay: only write the replay of a cell of the table in the output folder, or of up to four side by
+            side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a random
+            trial.
         execution: workers, engine and folders to merge.
     """
 
@@ -50,19 +57,22 @@ class Compare:
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4
     size: Annotated[int, tyro.conf.arg(metavar="N")] = 6
     list: bool = False
+    replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = ()
     execution: ExecutionOptions = HERE
 
     def execute(self) -> int:
         """Run what is missing, print the table and return the exit code; failed runs do not fail the command.
 
         Raises:
-            CoopPinError: whatever ``compare`` or ``tune_controllers`` raises.
+            CoopPinError: whatever ``compare``, ``tune_controllers`` or ``Comparison.open`` raises.
         """
         from coop_pin.comparison import BENCHMARK, compare, controller_names, tune_controllers
         from coop_pin.comparison.controllers import GAINS
 
         chosen, scenarios = self.controllers or tuple(controller_names()), self.scenarios or BENCHMARK
-        if self.list:
+        if self.replay:
+            self._write_replay()
+        elif self.list:
             self._print_names(chosen, scenarios)
         elif self.tune:
             tune_controllers(
@@ -93,6 +103,17 @@ class Compare:
                 print(f"written to {self.out}")
         return OK
 
+    def _write_replay(self) -> None:
+        from coop_pin.comparison import Comparison
+
+        comparison, cells = Comparison.load(self.out), list(map(cell_names, self.replay))
+        runs = [_run(comparison, cell) for cell in cells]
+        page = self.out / REPLAYS / replay_file(cells)
+        names = list(map(cell_text, cells))
+        viz.save_replay(runs[0], page, *runs[1:], names=names)
+        comparison.write_html(self.out / "comparison.html")
+        print(page.resolve())
+
     def _draw(self, result: Any) -> None:
         for name in map(str, result.data["scenario"].values):
             figures.save_figure(figures.comparison_figure(result, name), self.out / name / "comparison")
@@ -105,3 +126,12 @@ class Compare:
         for name in scenarios:
             trials = standard_trials(benchmark_scenario(Scenario.load(name)))
             print(f"trials of {name}:", ", ".join(trials))
+
+
+def _run(comparison: Any, cell: list[str]) -> Any:
+    """Return the result of a cell's run."""
+    names, seed = cell[:3], "".join(cell[3:]) or "0"
+    if len(names) < 3 or not seed.isdecimal():
+        wanted = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
+        raise FieldError(f"is {cell_text(cell)!r}; it must be {wanted}", "--replay")
+    return kept_result(lambda: comparison.open(*names, seed=int(seed)))

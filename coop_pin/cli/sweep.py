@@ -9,9 +9,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from coop_pin import figures, sweeps
-from coop_pin.cli.execution import HERE, ExecutionOptions
+from coop_pin import figures, sweeps, viz
+from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
 from coop_pin.cli.exit_codes import OK
+from coop_pin.heat_map import REPLAYS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +61,8 @@ class SweepShow:
         over: draw lines along this field instead of a map or lines along the longest dimension.
         against: a second metric: draw all runs by the two metrics, with the Pareto front.
         table: write these runs as CSV: varied fields, status, error, metrics, durations.
+        page: write a heat map of these runs, an HTML page that is explored; it shows the metric first.
+        replay: number of a run: simulate it again and write its 3-D replay, which the page links.
         at: show, list, draw and write only runs in which a varied field has this value, FIELD=VALUE; once for
             each field.
     """
@@ -73,6 +76,8 @@ class SweepShow:
     over: Annotated[str | None, tyro.conf.arg(metavar="FIELD")] = None
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    replay: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     at: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FIELD=VALUE")] = ()
 
     def execute(self) -> int:
@@ -105,6 +110,13 @@ class SweepShow:
         if self.table is not None:
             result.store.write_with(self.table, result.table.to_csv)
             print(f"written to {self.table}")
+        if self.replay is not None:
+            replay = (self.page or self.folder / "map.html").parent / REPLAYS / f"run-{self.replay}.html"
+            viz.save_replay(kept_result(lambda: result.open(self.replay)), replay)
+            print(f"written to {replay}")
+        if self.page is not None:
+            result.write_html(self.page, self.metric)
+            print(f"written to {self.page}")
         return OK
 
 

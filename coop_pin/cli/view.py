@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +25,7 @@ class View:
     """Show a run or a cell in 3-D, or write an image or a video of a run.
 
     For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
-    A second run is compared with it on one clock, as ghost arms and dashed curves.
+    Up to three more runs are shown beside it: one clock, one scale of forces, linked cameras.
     For a scenario, this opens a live view of the cell in its initial state on an address of this machine
     only, until Ctrl-C; with --run the scenario is simulated. Every field of the scenario can be changed as in
     'coop-pin run'.
@@ -34,7 +35,7 @@ class View:
 
     Attributes:
         what: folder or result file of a run, or a scenario: a name listed by 'coop-pin list', or a TOML file.
-        against: folder or result file of a second run.
+        against: folders or result files of up to three more runs.
         open: open a browser; without a screen only the address is printed.
         run: simulate the scenario, over and over; nothing is written.
         realtime_rate: simulated seconds in one second of wall time.
@@ -46,7 +47,7 @@ class View:
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
-    against: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SECOND_RUN")] = None
+    against: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN")] = ()
     open: bool = True
     run: bool = False
     realtime_rate: float = 1.0
@@ -76,7 +77,7 @@ class View:
         pictures = self.image is not None or self.video is not None
         if (
             not pictures
-            and self.against is None
+            and not self.against
             and (self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()))
         ):
             self._view_until_interrupted()
@@ -85,17 +86,18 @@ class View:
         if pictures:
             self._write_images(path)
         else:
-            replay = (_replay(path) if self.against is None else _comparison(path, self.against)).resolve()
+            replay = (_side_by_side(path, self.against) if self.against else _replay(path)).resolve()
             self._show(str(replay), replay.as_uri())
         return OK
 
     def _write_images(self, path: Path) -> None:
-        result, other = _result(path), None if self.against is None else _result(self.against)
+        paths = (path, *self.against)
+        (result, *others), names = map(_result, paths), _names(paths)
         if self.image is not None:
-            viz.save_image(result, self.image, other, time=self.time)
+            viz.save_image(result, self.image, *others, names=names, time=self.time)
             print(self.image.resolve(), flush=True)
         if self.video is not None:
-            viz.save_video(result, self.video, other)
+            viz.save_video(result, self.video, *others, names=names)
             print(self.video.resolve())
 
     def _view_until_interrupted(self) -> None:
@@ -132,11 +134,23 @@ def _result(path: Path) -> Any:
     return RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
 
 
-def _comparison(path: Path, against: Path) -> Path:
-    """Write the page that compares two runs beside the first one's result, and return its file."""
-    name = against.name if against.is_dir() else against.parent.name or against.stem
-    page = (path if path.is_dir() else path.parent) / f"against-{name}.html"
-    viz.save_replay(_result(path), page, _result(against))
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return the names of runs: of their folders, or of their files beside each other."""
+    folders = [path if path.is_dir() else path.parent for path in paths]
+    is_different = len(set(folders)) == len(folders)
+    return [
+        folder.resolve().name if is_different else path.stem
+        for path, folder in zip(paths, folders, strict=True)
+    ]
+
+
+def _side_by_side(path: Path, against: Sequence[Path]) -> Path:
+    """Write the page of several runs beside the first one's result, and return its file."""
+    paths = (path, *against)
+    names = _names(paths)
+    page = (path if path.is_dir() else path.parent) / f"against-{'-'.join(names[1:])}.html"
+    (result, *others) = map(_result, paths)
+    viz.save_replay(result, page, *others, names=names)
     return page
 
 

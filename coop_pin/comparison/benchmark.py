@@ -58,7 +58,7 @@ def compare(
     """Return the comparison of controllers in scenarios under trials; finished runs are never repeated.
 
     Every scenario is run as ``benchmark_scenario`` makes it. The table is written to ``comparison.csv``
-    and, to be sorted in a browser, to ``comparison.html``.
+    and, to be explored in a browser, to ``comparison.html``.
 
     Args:
         scenarios: scenarios, or their names or paths; ``BENCHMARK`` has those of the benchmark.
@@ -101,7 +101,7 @@ def compare(
     for part in parts:
         chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
         frames.append(_cells(part, sweep(part.plan, out=folder / part.folder, execution=chosen)))
-    comparison = Comparison.of_cells(pd.concat(frames).loc[cells])
+    comparison = Comparison.of_cells(pd.concat(frames).loc[cells], folder)
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
     return comparison

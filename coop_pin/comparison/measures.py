@@ -12,16 +12,16 @@ from coop_pin.results import RunResult
 
 _FROM = 0.4
 """Part of the run after which it is judged."""
-MEASURES = (
-    "tracking_rms_mm",
-    "turning_rms_mrad",
-    "axial_rms_N",
-    "shear_rms_N",
-    "moment_rms_Nm",
-    "effort_rms_Nm",
-    "chatter_rms_Nm",
-)
-"""Names of the measures; with settling_time_s and trustworthy of every run they make the table."""
+MEASURES = {
+    "tracking_rms_mm": "tracking error, rms (mm)",
+    "turning_rms_mrad": "turning error, rms (mrad)",
+    "axial_rms_N": "axial internal force, rms of its error (N)",
+    "shear_rms_N": "shear internal force, rms of its error (N)",
+    "moment_rms_Nm": "internal moment, rms of its error (N m)",
+    "effort_rms_Nm": "effort: drive torques, rms (N m)",
+    "chatter_rms_Nm": "chatter: changes of torque, rms (N m)",
+}
+"""Measures and their texts; with settling_time_s and trustworthy of every run they make the table."""
 
 
 def measures(result: RunResult) -> dict[str, float]:

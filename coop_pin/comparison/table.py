@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +12,21 @@ import xarray as xr
 
 from coop_pin.arrays import Array, require_path
 from coop_pin.comparison.measures import MEASURES
-from coop_pin.errors import NameNotFoundError
+from coop_pin.errors import FileReadError, InvalidStateError, NameNotFoundError
+from coop_pin.heat_map import cell_text, write_heat_map
+from coop_pin.results import RunResult
+from coop_pin.sweeps import SweepResult
+from coop_pin.user_files import read_user_file
 
-COLUMNS = (*MEASURES, "settling_time_s")
-"""Measures of the table."""
+COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
+"""Measures of the table, with their texts."""
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
-_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Controllers compared</title>
-<style>body{font:14px sans-serif}table{border-collapse:collapse}
-td,th{padding:2px 8px;text-align:right;white-space:nowrap}td:last-child{text-align:left}
-th{cursor:pointer;position:sticky;top:0;background:#eee}tr:nth-child(even){background:#f7f7f7}</style>
-<p>One row for each scenario, controller and trial: what the law has besides its own arm's joints, which
-gains, numbers of runs, finished and trustworthy; medians and 95 % intervals of the measures.
-Click a heading to sort by it; inf is a failed run.</p>
-TABLE
-<script>
-document.querySelectorAll("th").forEach((head, column) => head.onclick = () => {
-  const body = document.querySelector("tbody"), up = head.dataset.up = head.dataset.up === "1" ? "0" : "1";
-  const key = row => { const t = row.cells[column].textContent.replace("inf", "Infinity");
-                       return isNaN(t) ? t : Number(t); };
-  [...body.rows].sort((a, b) => { const [x, y] = [key(a), key(b)];
-    return (x < y ? -1 : x > y ? 1 : 0) * (up === "1" ? 1 : -1); }).forEach(row => body.append(row));
-});
-</script></html>
-"""
-"""Page of the table; TABLE stands for it."""
+_COUNTS = ("runs", "finished", "trustworthy")
+_TEXTS = (*CELL, "information", "gains", "failure")
+_BYTES = 1 << 28
+"""Largest table that is read."""
 
 
 class Comparison:
@@ -48,22 +38,69 @@ class Comparison:
             ``trustworthy`` count; ``information`` is what the law has besides its own arm's joints,
             ``gains`` is "tuned", "untuned" or "given", ``failure`` the first failed run's error; dimensions
             scenario, controller, trial. A failed run has the measure inf, a cell that was not run nan.
+        folder: folder of the runs; None if there is only the table.
     """
 
-    def __init__(self, data: xr.Dataset) -> None:
-        self.data = data
+    def __init__(self, data: xr.Dataset, folder: Path | None = None) -> None:
+        self.data, self.folder = data, folder
 
     @classmethod
-    def of_cells(cls, cells: pd.DataFrame) -> Comparison:
+    def of_cells(cls, cells: pd.DataFrame, folder: Path | None = None) -> Comparison:
         """Return the comparison of some cells, one row for each; the order of names is that of the rows."""
         order = {name: list(dict.fromkeys(cells.index.get_level_values(name))) for name in CELL}
-        return cls(cells.to_xarray().reindex(order))
+        return cls(cells.to_xarray().reindex(order), folder)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Comparison:
+        """Read a comparison from its folder, or from the CSV of one.
+
+        Raises:
+            FileReadError: there is no such table, or it is not one of a comparison.
+        """
+        require_path("path", path)
+        folder = Path(path) if Path(path).is_dir() else None
+        file = Path(path) if folder is None else folder / "comparison.csv"
+        content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
+        try:
+            cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
+            cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
+            return cls.of_cells(cells.set_index(list(CELL)), folder)
+        except (KeyError, ValueError) as error:
+            reason = f"is not the table of a comparison as coop-pin compare writes it: {error}"
+            raise FileReadError(reason, str(file)) from None
+
+    def open(self, scenario: str, controller: str, trial: str, *, seed: int = 0) -> RunResult:
+        """Return one run as a full result; it is simulated again, as the folder's plan says.
+
+        Args:
+            scenario: name.
+            controller: name.
+            trial: name.
+            seed: of a random trial.
+
+        Raises:
+            InvalidStateError: only the table is known, not the folder of the runs.
+            NameNotFoundError: there is no such scenario, controller or trial, or it was not run.
+            OutOfRangeError: the trial has fewer seeds.
+            CoopPinError: the run fails; ``error.result`` holds what was computed.
+        """
+        if self.folder is None:
+            raise InvalidStateError("only the table of this comparison is known; load the folder of its runs")
+        for kind, name in zip(CELL, (scenario, controller, trial), strict=True):
+            if name not in (known := self.data[kind].values.tolist()):
+                raise NameNotFoundError(kind, name, known, "the comparison")
+        case = cell_text((controller, trial))
+        for file in sorted((self.folder / scenario).glob("*/plan.json")):
+            whole = SweepResult.load(file.parent)
+            if case in whole.plan.cases["run"]:
+                return SweepResult(whole.plan.part([case], whole.plan.engine), whole.store).open(seed)
+        raise NameNotFoundError("run", case, [], str(self.folder / scenario))
 
     @property
     def table(self) -> pd.DataFrame:
         """One row for each scenario, controller and trial that was run."""
         frame = self.data.to_dataframe().dropna(subset=["runs"])
-        return frame.astype(dict.fromkeys(("runs", "finished", "trustworthy"), int))
+        return frame.astype(dict.fromkeys(_COUNTS, int))
 
     def write_csv(self, path: str | Path) -> None:
         """Write the table; the same runs give the same bytes."""
@@ -71,10 +108,24 @@ class Comparison:
         self.table.to_csv(path, float_format="%.9g", lineterminator="\n")
 
     def write_html(self, path: str | Path) -> None:
-        """Write the table as one page that sorts by a click on a column and loads nothing from elsewhere."""
+        """Write the table as one page that is explored: a heat map with filters, which loads nothing."""
         require_path("path", path)
-        body = self.table.reset_index().to_html(index=False, float_format="{:.4g}".format, border=0)
-        Path(path).write_text(_PAGE.replace("TABLE", body), encoding="utf-8")
+        table = self.table.reset_index()
+        table["doubted"] = table["trustworthy"] < table["runs"]
+        command = "coop-pin compare {scenario} --controllers {controller} --trials {trial}"
+        if self.folder is not None:
+            command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
+        write_heat_map(
+            table,
+            Path(path),
+            title=f"{self.data.sizes['controller']} controllers compared",
+            names=CELL,
+            rivals=["controller"],
+            measures=COLUMNS,
+            filters=["information"],
+            notes=("gains", *_COUNTS),
+            command=command,
+        )
 
     def ranks(self, measure: str = "tracking_rms_mm", *, seed: int = 0) -> pd.DataFrame:
         """Return the mean rank of each controller over all scenarios and trials, with its 95 % interval.

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from coop_pin.arrays import Array
@@ -23,6 +25,7 @@ from coop_pin.figures.style import (
     scale_to_field,
     scale_to_metric,
     spans_large_ratio,
+    styled,
 )
 from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.sweeps.result import SweepResult
@@ -82,6 +85,7 @@ _DOUBTED: Any = {
     "color": palette.LIMIT,
 }
 """Ring around a run that is not trustworthy."""
+_MOST_MAPS, _MAPS_IN_A_ROW = 12, 4
 _HATCHED: Any = {"facecolor": "#f3f4f6", "edgecolor": palette.EVENT, "hatch": "////", "linewidth": 0.0}
 
 
@@ -103,7 +107,7 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
     if len(series) > len(palette.SERIES):
         raise FieldError(
             f"would need {len(series)} lines; a figure has colours for {len(palette.SERIES)}. "
-            "Let fewer fields vary",
+            "Show a part of the sweep: --at FIELD=VALUE, or result.at",
             field,
         )
     with one_panel(7.6, 4.0) as (figure, panel):
@@ -138,41 +142,71 @@ def _written(field: str, value: Any) -> str:
 
 
 def map_figure(table: xr.Dataset) -> Figure:
-    """Return a map over the two dimensions, with failed runs hatched and their boundary drawn.
+    """Return a map over two dimensions, or one for each value of a third, the shortest of three.
 
-    Runs that are not trustworthy have a ring.
+    Failed runs are hatched and their boundary is drawn; runs that are not trustworthy have a ring. All maps
+    have one scale of colours.
 
     Args:
-        table: the metric; both of its dimensions are numeric.
+        table: the metric; all of its two or three dimensions are numeric.
+
+    Raises:
+        FieldError: there are more than twelve maps.
     """
+    sizes = table["value"].sizes
+    third = [str(name) for name in sorted(sizes, key=lambda name: sizes[name])[: len(sizes) - 2]]
+    maps = [part for _, part in table.groupby(third[0])] if third else [table]
+    if len(maps) > _MOST_MAPS:
+        raise FieldError(
+            f"would need {len(maps)} maps; a figure has room for {_MOST_MAPS}. Show a part of the sweep:"
+            f" --at {third[0]}=VALUE, or result.at",
+            third[0],
+        )
+    finite = table["value"].values[np.isfinite(table["value"].values)]
+    scale = {"vmin": finite.min(), "vmax": finite.max()} if finite.size else {}
+    norm = (LogNorm if spans_large_ratio(finite) else Normalize)(**scale)
+    columns = min(len(maps), _MAPS_IN_A_ROW)
+    rows = -(-len(maps) // columns)
+    size = (5.8, 4.2) if len(maps) == 1 else (1.4 + 2.9 * columns, 0.7 + 2.5 * rows)
+    with styled():
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for panel, part in zip(panels, maps, strict=False):
+            mesh = _draw_map(panel, part.squeeze(third, drop=True), norm)
+            if third:
+                label(panel, as_written(_written(third[0], part[third[0]].item())), panel.get_ylabel())
+        for panel in panels:
+            panel.set_visible(panel in panels[: len(maps)])
+            panel.label_outer()
+        figure.colorbar(mesh, ax=list(panels), label=as_written(table.attrs["metric"]))
+        handles: list[Any] = [Patch(label="failed", **_HATCHED)] if table["failed"].any() else []
+        if table["untrusted"].any():
+            handles.append(Line2D([], [], label="not trustworthy", **_DOUBTED))
+        if handles:
+            figure.legend(handles=handles, loc="outside upper left", ncols=2)
+    return figure
+
+
+def _draw_map(panel: Axes, table: xr.Dataset, norm: Normalize) -> QuadMesh:
+    """Draw a map over two dimensions and return its mesh."""
     across, up = (str(name) for name in table["value"].dims)
     table = table.sortby([across, up]).transpose(up, across)
-    values, failed = table["value"].values, table["failed"].values
-    with one_panel(5.8, 4.2) as (figure, panel):
-        panel.grid(visible=False)
-        x, y = (_edges(table[name].values) for name in (across, up))
-        finite = values[np.isfinite(values)]
-        norm = LogNorm(finite.min(), finite.max()) if spans_large_ratio(finite) else None
-        mesh = panel.pcolormesh(x, y, np.ma.masked_invalid(values), norm=norm, cmap="cividis")
-        for row, column in np.argwhere(failed):
-            (left, right), (low, high) = x[column : column + 2], y[row : row + 2]
-            panel.fill([left, right, right, left], [low, low, high, high], **_HATCHED)
-        _draw_boundary(panel, x, y, failed)
-        for axis, edges, name in (("x", x, across), ("y", y, up)):
-            scale_to_field(panel, axis, table[name].values)
-            panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
-        panel.set_xlabel(as_written(field_label(across)))
-        label(panel, "", as_written(field_label(up)))
-        figure.colorbar(mesh, label=as_written(table.attrs["metric"]))
-        rows, columns = np.nonzero(table["untrusted"].values)
-        doubted = panel.plot(table[across].values[columns], table[up].values[rows], **_DOUBTED)
-        handles: list[Any] = [Patch(label="failed", **_HATCHED)] if failed.any() else []
-        if rows.size:
-            doubted[0].set_label("not trustworthy")
-            handles += doubted
-        if handles:
-            panel.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return figure
+    failed = table["failed"].values
+    panel.grid(visible=False)
+    x, y = (_edges(table[name].values) for name in (across, up))
+    mesh = panel.pcolormesh(x, y, np.ma.masked_invalid(table["value"].values), norm=norm, cmap="cividis")
+    for row, column in np.argwhere(failed):
+        (left, right), (low, high) = x[column : column + 2], y[row : row + 2]
+        panel.fill([left, right, right, left], [low, low, high, high], **_HATCHED)
+    _draw_boundary(panel, x, y, failed)
+    for axis, edges, name in (("x", x, across), ("y", y, up)):
+        scale_to_field(panel, axis, table[name].values)
+        panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
+    panel.set_xlabel(as_written(field_label(across)))
+    label(panel, "", as_written(field_label(up)))
+    rows, columns = np.nonzero(table["untrusted"].values)
+    panel.plot(table[across].values[columns], table[up].values[rows], **_DOUBTED)
+    return mesh
 
 
 def _draw_boundary(panel: Axes, x: Array, y: Array, failed: Array) -> None:
@@ -196,7 +230,7 @@ def _edges(values: Array) -> Array:
 
 
 def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> Figure:
-    """Return a metric over the fields that vary: a map if exactly two numeric fields vary, lines otherwise.
+    """Return a metric over the fields that vary: maps if two or three fields with numbers vary, else lines.
 
     Args:
         result: the sweep.
@@ -205,11 +239,12 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
 
     Raises:
         NameNotFoundError: no run has the metric, or no dimension has the name ``over``.
-        FieldError: no numeric field varies, or there are more lines than distinguishable colours.
+        FieldError: no numeric field varies, or there are more lines than distinguishable colours or more
+            maps than there is room for.
     """
     table = metric_table(result, metric)
     fields = _numeric_dimensions(table)
-    if over is None and len(fields) == 2 and table["value"].ndim == 2:
+    if over is None and len(fields) == table["value"].ndim in (2, 3):
         return map_figure(table)
     if over is not None and over not in table.dims:
         raise NameNotFoundError("dimension", over, [str(name) for name in table.dims], "the sweep")

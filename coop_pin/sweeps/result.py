@@ -15,6 +15,7 @@ import xarray as xr
 
 from coop_pin.arrays import as_count, as_number, require_path, require_type
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
+from coop_pin.heat_map import write_heat_map
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
@@ -117,6 +118,40 @@ class SweepResult:
         self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
         self.store.write_with(folder / "table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
+
+    def write_html(self, path: str | Path, metric: str = "") -> None:
+        """Write all runs as one page that is explored: a heat map with filters, which loads nothing.
+
+        Args:
+            path: the page.
+            metric: that it shows first, if the runs have it; the others can be chosen.
+
+        Raises:
+            FieldError: no field varies.
+        """
+        require_path("path", path)
+        dims = list(map(str, self.data["number"].dims))
+        if not dims:
+            raise FieldError("has one run only; a map needs a field that varies", "the sweep")
+        command = f'coop-pin sweep-show "{self.store.folder.as_posix()}" --page "{path}" --replay {{number}}'
+        names = sorted(self.metric_names, key=lambda name: name != metric)
+        runs = self.table.reset_index().assign(doubted=False)
+        if "trustworthy" in names:
+            runs["doubted"] = (runs["status"] == OK) & (runs["trustworthy"] == 0.0)
+        runs["failure"] = runs["failure"].where(
+            runs["failure"] == "", runs["failure"] + ": " + runs["message"]
+        )
+        write_heat_map(
+            runs,
+            Path(path),
+            title=f"sweep of {', '.join(self.plan.base)}",
+            names=dims,
+            rivals=dims,
+            measures={name: name for name in names if np.isfinite(runs[name]).any()},
+            notes=(*(str(name) for name in self.data.coords if name not in dims), "number", "status"),
+            command=command,
+            replay="run-{number}",
+        )
 
     # ------------------------------------------------------------ analysis
 

@@ -134,25 +134,18 @@ def thinned_rows(rows: Array, always: Iterable[int] = ()) -> Array:
     return rows[sorted(kept)]
 
 
-def plot_table(runs: Sequence[Sequence[Curve]]) -> list[dict[str, Any]]:
+def plot_table(curves: Sequence[Curve]) -> list[dict[str, Any]]:
     """Return the plots that have curves, as the page reads them.
 
-    A curve has its column in the run's table, where the time is column 0, and of a second run the column
-    ``other`` of its actual curve of the same plot and label.
+    A curve has its column in the run's table, where the time is column 0.
 
     Args:
-        runs: the curves of one run, or of two.
+        curves: the curves of a run.
     """
-    others = {
-        (curve.plot, curve.label): column
-        for second in runs[1:]
-        for column, curve in enumerate(second, start=1)
-        if curve.role == "actual"
-    }
     table = [{**plot._asdict(), "curves": []} for plot in PLOTS]
-    for column, curve in enumerate(runs[0], start=1):
+    for column, curve in enumerate(curves, start=1):
         (plot,) = (plot for plot in table if plot["key"] == curve.plot)
-        entry = {"column": column, "other": others.get((curve.plot, curve.label))} | curve._asdict()
+        entry = {"column": column, "other": None} | curve._asdict()
         plot["curves"].append({name: value for name, value in entry.items() if name != "values"})
     return [plot for plot in table if plot["curves"]]
 

@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -59,8 +59,8 @@ _Returned = TypeVar("_Returned")
 def save_image(
     result: RunResult,
     path: str | Path,
-    other: RunResult | None = None,
-    *,
+    *others: RunResult,
+    names: Sequence[str] = (),
     time: float | None = None,
     width: int = WIDTH,
     height: int = HEIGHT,
@@ -70,7 +70,8 @@ def save_image(
     Args:
         result: the run.
         path: the file.
-        other: a second run to compare it with.
+        *others: up to three runs beside it.
+        names: headings of several runs.
         time: s; the end of the run when omitted.
         width: pixels.
         height: pixels.
@@ -83,7 +84,7 @@ def save_image(
     time = result.end if time is None else time
     if not 0.0 <= time <= result.end:
         raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
-    page = replay_html(result, other, times=[time])
+    page = replay_html(result, *others, names=names, times=[time])
     (image,) = run_in_thread(lambda _: list(page_images(page, [time], width, height)))
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
@@ -91,8 +92,8 @@ def save_image(
 def save_video(
     result: RunResult,
     path: str | Path,
-    other: RunResult | None = None,
-    *,
+    *others: RunResult,
+    names: Sequence[str] = (),
     frames_per_second: float = FRAMES_PER_SECOND,
     width: int = WIDTH,
     height: int = HEIGHT,
@@ -104,7 +105,8 @@ def save_video(
     Args:
         result: the run.
         path: the file.
-        other: a second run to compare it with.
+        *others: up to three runs beside it.
+        names: headings of several runs.
         frames_per_second: 1/s.
         width: pixels, even.
         height: pixels, even.
@@ -122,7 +124,7 @@ def save_video(
             raise OutOfRangeError(name, value, "an even number of pixels in a video")
     with needs_extra("imageio-ffmpeg", "video", "to write videos"):
         import imageio_ffmpeg
-    page = replay_html(result, other, times=times)
+    page = replay_html(result, *others, names=names, times=times)
 
     def encode(stop: threading.Event, part: Path) -> int:
         with closing(page_images(page, times, width, height)) as images:
@@ -166,6 +168,7 @@ def page_images(page: str, times: Iterable[float], width: int, height: int) -> G
             raise OutOfRangeError(name, value, f"at least {_MIN_PIXELS}")
     with offline_page(width, height) as browser_page:
         browser_page.set_content(page)
+        browser_page.wait_for_function("window.coopPin")  # several runs have pages of their own
         browser_page.add_style_tag(content=_HIDE_CONTROLS)
         for time in times:
             browser_page.evaluate("time => window.coopPin.goTo(time)", float(time))

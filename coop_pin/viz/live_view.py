@@ -15,7 +15,7 @@ from coop_pin.results import RunResult, Snapshot
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.live_scene import InitialScene, LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer
-from coop_pin.viz.page import page_frame, page_html
+from coop_pin.viz.page import page_frame, page_html, page_parts
 
 _PROXY_VARIABLES = (
     "JUPYTERHUB_SERVICE_PREFIX",
@@ -109,13 +109,9 @@ class LiveView:
             still: reason shown on a still image, which needs no server; "" for a page that connects to it.
         """
         scene = self._scene
+        data = {"runs": [scene.packed(self._latest)], "live": True, "still": still, "duration": 0.0}
         return page_html(
-            "live",
-            self._title,
-            "",
-            scales=scene.scales,
-            curves=[scene.curves],
-            data={"runs": [scene.packed(self._latest)], "live": True, "still": still, "duration": 0.0},
+            *page_parts("live", self._title, "", scales=scene.scales, curves=scene.curves, data=data)
         )
 
     def frame_html(self, *, height: int = 560) -> str:

@@ -21,6 +21,8 @@ from coop_pin.viz.frames import WARNING_COLOURS, CellFrames
 from coop_pin.viz.scene import Scene, base64_floats, packed_scene
 
 _PATH_POINTS = 240
+SCRIPTS, DATA = "<!--scripts-->", "<!--data-->"
+"""Where scripts and data of a page go; no text of a run has them, since its < are escaped."""
 _COLOURS = {
     "payload": palette.ACTUAL,
     "squeezed": "#06263d",
@@ -64,17 +66,22 @@ def packed_run(
     }
 
 
-def page_html(
+def page_html(layout: str, page: Mapping[str, Any]) -> str:
+    """Return a self-contained page from its parts, as of ``page_parts``."""
+    return layout.replace(DATA, json_text(page)).replace(SCRIPTS, page_scripts())
+
+
+def page_parts(
     kind: str,
     title: str,
     summary: str,
     *,
     told: str = "",
     scales: ArrowScales,
-    curves: Sequence[Sequence[Curve]],
+    curves: Sequence[Curve],
     data: Mapping[str, Any],
-) -> str:
-    """Return a self-contained page.
+) -> tuple[str, dict[str, Any]]:
+    """Return a page with marks where its scripts and data go, and its data.
 
     Args:
         kind: "replay" or "live".
@@ -82,7 +89,7 @@ def page_html(
         summary: sentence below the heading; may be empty.
         told: HTML above the tiles: verdict and sentence.
         scales: scales of the arrows.
-        curves: curves of the plots, of one run or two.
+        curves: curves of the plots.
         data: entries of the page's data besides plots, colours and scales.
     """
     forces, moments = scales
@@ -102,13 +109,11 @@ def page_html(
         },
         **data,
     }
-    return Template(web_file("page.html")).substitute(
+    layout = Template(web_file("page.html")).substitute(
         kind=kind,
         style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
-        licences=_viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + web_file("uplot/LICENSE"),
-        scripts="\n".join(
-            (_viewer_file("main.min.js"), *map(web_file, ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")))
-        ),
+        licences=page_licences(),
+        scripts=SCRIPTS,
         player=web_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
@@ -116,8 +121,25 @@ def page_html(
         **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
         shortened=f"{LINEAR_M * forces:g} N",
-        data=json.dumps(page).replace("<", "\\u003c"),
+        data=DATA,
     )
+    return layout, page
+
+
+def page_scripts() -> str:
+    """Return the scripts that a page runs before its data are read."""
+    own = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
+    return "\n".join((_viewer_file("main.min.js"), *map(web_file, own)))
+
+
+def page_licences() -> str:
+    """Return the licences of the scripts."""
+    return _viewer_file("main.min.js.LICENSE.txt") + "\nuPlot:\n" + web_file("uplot/LICENSE")
+
+
+def json_text(value: Any) -> str:
+    """Return a value as JSON that can stand in a page."""
+    return json.dumps(value).replace("<", "\\u003c")
 
 
 def save_page(page: str, path: str | Path) -> None:

@@ -1,82 +1,91 @@
-"""Replay of a run, or of two on one clock: one HTML file that plays offline, or a view in a notebook."""
+"""Replay of a run, or of several side by side: one HTML file that plays offline, or a view in a notebook."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
 
+from coop_pin.arrays import Array
+from coop_pin.errors import FieldError
+from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.viz.arrows import recorded_scales
+from coop_pin.viz.arrows import ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
 from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
-from coop_pin.viz.page import packed_run, page_frame, page_html, save_page
+from coop_pin.viz.page import (
+    DATA,
+    SCRIPTS,
+    json_text,
+    packed_run,
+    page_frame,
+    page_html,
+    page_licences,
+    page_parts,
+    page_scripts,
+    save_page,
+    web_file,
+)
+from coop_pin.viz.scene import base64_floats
+
+_MOST_RUNS = 4
 
 
-def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
+def replay_html(
+    result: RunResult, *others: RunResult, names: Sequence[str] = (), times: Iterable[float] = ()
+) -> str:
     """Return a page that replays a run: the cell in 3-D with its forces, tiles and time plots, on one clock.
 
-    It opens paused at the instant of the largest error of the internal force. It needs no network and no
-    server; building it starts no process and opens no port.
+    Several runs stand side by side, with arrows of one scale, linked cameras and common plots. The page opens
+    paused at the instant of the largest error of the internal force, of the run that has it. It needs no
+    network and no server; building it starts no process and opens no port.
 
     Args:
         result: the run.
-        other: a second run, shown as ghost arms and dashed curves on the same clock.
+        *others: up to three runs beside it.
+        names: headings of several runs; what they differ in when omitted.
         times: further instants of which the page has the recorded sample, s.
+
+    Raises:
+        FieldError: there are more than four runs, or not as many names as runs.
     """
-    runs = [result] if other is None else [result, other]
-    start, chips = telling_instant(result).time, instants(result)
-    shown = [start, *(chip.time for chip in chips), *times]
-    curves = [cell_curves(run_samples(run), run.scenario.cell) for run in runs]
-    packed = [_packed(*run, shown) for run in zip(runs, curves, strict=True)]
-    if len(packed) > 1 and packed[1]["scene"]["meshes"] == packed[0]["scene"]["meshes"]:
-        packed[1]["scene"]["meshes"] = None  # the page takes those of the first run
-    data: dict[str, Any] = {
-        "runs": packed,
-        "duration": max(run.end for run in runs),
-        "start": start,
-        "spans": spans(result),
-        "breaches": [{"time": breach.time, "text": str(breach)} for breach in result.breaches()],
-        "instants": [chip._asdict() for chip in chips],
-        "pushes": bool(result.data["external_wrench"].values.any()),
-    }
-    return page_html(
-        "replay",
-        " against ".join(dict.fromkeys(run.scenario.name for run in runs)),
-        "; against: ".join(dict.fromkeys(run.scenario.caption for run in runs if run.scenario.caption)),
-        told=_told(runs),
-        scales=recorded_scales(result.scenario.cell, result.data),
-        curves=curves,
-        data=data,
-    )
+    if not others:
+        return page_html(*_replay(result, times, recorded_scales(result.scenario.cell, result.data)))
+    runs = (result, *others)
+    names = names or run_names(runs)
+    if len(runs) > _MOST_RUNS or len(names) != len(runs):
+        raise FieldError(f"are {len(runs)}, and {len(names)} names; a page has up to {_MOST_RUNS}", "runs")
+    return _side_by_side(runs, names, list(times))
 
 
-def save_replay(result: RunResult, path: str | Path, other: RunResult | None = None) -> None:
+def save_replay(result: RunResult, path: str | Path, *others: RunResult, names: Sequence[str] = ()) -> None:
     """Write the replay page of a run; an existing file is replaced only by a complete one.
 
     Args:
         result: the run.
         path: the file, for example "replay.html".
-        other: a second run to compare it with.
+        *others: up to three runs beside it.
+        names: headings of several runs.
     """
-    save_page(replay_html(result, other), path)
+    save_page(replay_html(result, *others, names=names), path)
 
 
-def notebook_view(result: RunResult, other: RunResult | None = None, *, height: int = 620) -> NotebookView:
+def notebook_view(result: RunResult, *others: RunResult, height: int = 620) -> NotebookView:
     """Return a replay of a run that a notebook displays.
 
     Args:
         result: the run.
-        other: a second run to compare it with.
+        *others: up to three runs beside it.
         height: height of the view, pixels.
     """
-    return NotebookView(replay_html(result, other), height)
+    return NotebookView(replay_html(result, *others), height)
 
 
 class NotebookView:
@@ -116,15 +125,88 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     )
 
 
-def _told(runs: list[RunResult]) -> str:
-    """Return sentence and verdict of runs, as HTML; the sentence leads to its instant."""
-    lines = []
-    for run in runs:
-        name = html.escape(f"{run.scenario.name}: ") if len(runs) > 1 else ""
-        kind, instant = "verdict" if run.trustworthy else "verdict broken", telling_instant(run)
-        lines += [
-            f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
-            f"(click to go there)</small>{name}{html.escape(instant.text)}</button>",
-            f'<p class="{kind}">{name}{html.escape(trust_text(run))}</p>',
-        ]
-    return "\n".join(lines)
+def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> tuple[str, dict[str, Any]]:
+    """Return the parts of the page of one run."""
+    start, chips = telling_instant(result).time, instants(result)
+    curves = cell_curves(run_samples(result), result.scenario.cell)
+    data: dict[str, Any] = {
+        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times])],
+        "duration": result.end,
+        "start": start,
+        "spans": spans(result),
+        "breaches": [{"time": breach.time, "text": str(breach)} for breach in result.breaches()],
+        "instants": [chip._asdict() for chip in chips],
+        "pushes": bool(result.data["external_wrench"].values.any()),
+    }
+    return page_parts(
+        "replay",
+        result.scenario.name,
+        result.scenario.caption,
+        told=_told(result),
+        scales=scales,
+        curves=curves,
+        data=data,
+    )
+
+
+def _told(result: RunResult) -> str:
+    """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
+    kind, instant = "verdict" if result.trustworthy else "verdict broken", telling_instant(result)
+    return (
+        f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
+        f"(click to go there)</small>{html.escape(instant.text)}</button>\n"
+        f'<p class="{kind}">{html.escape(trust_text(result))}</p>'
+    )
+
+
+# ---------------------------------------------------------------- side by side
+
+
+def run_names(runs: Sequence[RunResult]) -> list[str]:
+    """Return headings of runs: what they differ in of scenario and law, otherwise numbers."""
+    scenarios = [run.scenario for run in runs]
+    for names in ([one.name for one in scenarios], [str(one.controller.kind) for one in scenarios]):
+        if len(set(names)) == len(names):
+            return names
+    return [f"run {number}" for number in range(1, len(runs) + 1)]
+
+
+def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[float]) -> str:
+    """Return the page of several runs: panes with one copy of the scripts and of equal meshes."""
+    scales = [recorded_scales(run.scenario.cell, run.data) for run in runs]
+    moments = [moment for _, moment in scales if moment is not None]
+    # Of the run with the least forces: its arrows are seen, too, and long ones are shortened.
+    common = ArrowScales(min(force for force, _ in scales), min(moments) if moments else None)
+    tellings = [telling_instant(run).time for run in runs]
+    errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
+    panes = [_replay(run, [*tellings, *times], common) for run in runs]
+    first = panes[0][1]["runs"][0]["scene"]["meshes"]
+    for scene in (pane["runs"][0]["scene"] for _, pane in panes[1:]):
+        scene["meshes"] = None if scene["meshes"] == first else scene["meshes"]  # None: those of the first
+    page = {
+        "names": names,
+        "colours": [palette.series(number) for number in range(len(runs))],
+        "panes": panes,
+        "scripts": SCRIPTS,
+        "mark": DATA,
+        "curves": [base64_floats(_common_curves(run)) for run in runs],
+        "duration": max(run.end for run in runs),
+        "start": tellings[int(np.argmax(errors))],
+    }
+    return Template(web_file("side_by_side.html")).substitute(
+        title=html.escape(" | ".join(names)),
+        count=len(runs),
+        scale=f"{0.1 * common.newtons_per_metre:g} N",
+        style=web_file("uplot/uPlot.min.css"),
+        licences=page_licences(),
+        scripts=page_scripts(),
+        data=json_text(page),
+    )
+
+
+def _common_curves(run: RunResult) -> Array:
+    """Return time, s, the largest axial internal force, N, and the position error, mm, shape (n, 3)."""
+    axial = np.nan_to_num(run.data["internal_axial"].values)
+    largest = np.take_along_axis(axial, np.abs(axial).argmax(axis=1)[:, None], axis=1)
+    distance = 1e3 * np.linalg.norm(run.data["pose_error"].values[:, :3], axis=1)
+    return thinned_rows(np.column_stack((run.data["time"].values, largest, distance)))
