@@ -290,7 +290,10 @@ class JointLimitError(UnreachablePoseError):
 
 
 class InfeasibleMotionError(CoopPinError, ValueError):
-    """A motion beyond a cell: ``cause`` is "rank", "reach", "singularity", "limits" or "torque"."""
+    """A motion beyond a cell.
+
+    ``cause`` is "rank", "reach", "singularity", "limits", "torque" or "stability".
+    """
 
     def __init__(self, cause: str, detail: str) -> None:
         self.cause, self.detail = cause, detail

@@ -73,7 +73,9 @@ class GainProposal(NamedTuple):
         )
 
 
-def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
+def gain_proposal(
+    scenario: Scenario, cell_reach: Reachability, *, least_stiffness: float = 0.0
+) -> GainProposal:
     """Return the gains by the tuning rule at the configurations of a scenario's reachability.
 
     K is diagonal, with the entries 1 / max (A^-1)_jj along the motion times one factor: the condition of
@@ -82,6 +84,7 @@ def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     Args:
         scenario: cell, motion, sensors and clock.
         cell_reach: reachability of the scenario, in which every arm holds the start.
+        least_stiffness: of the posture's spring, N m/rad: what holds the spare joints against gravity.
     """
     inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
@@ -90,7 +93,7 @@ def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     for rate in _rates(scenario):
-        proposal = _at_rate(scenario, cell_reach, scale, spread, rate)
+        proposal = _at_rate(scenario, cell_reach, scale, spread, rate, least_stiffness)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
     return _anchored_faster(proposal)
@@ -113,10 +116,11 @@ def _at_rate(
     scale: Array,
     spread: tuple[float, float],
     rate: float,
+    least_stiffness: float,
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    posture = _posture_gains(scenario, cell_reach, T)
+    posture = _posture_gains(scenario, cell_reach, T, least_stiffness)
     wrenches = motion_wrenches(scenario, cell_reach, posture)
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
@@ -177,8 +181,10 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     return path
 
 
-def _posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> PostureGains:
-    """Return null-space gains, at most the default ones.
+def _posture_gains(
+    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
+) -> PostureGains:
+    """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
 
     The damping keeps T lambda below 0.9; the spring, which pulls spare joints back along the motion, takes at
     most a tenth of the torque of each drive.
@@ -200,7 +206,7 @@ def _posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> Po
     stiffness *= damping / float(np.max(usual.damping))
     if pull > 0.0:
         stiffness = min(stiffness, _rounded_down(_PULL_PART / pull))
-    return PostureGains(stiffness=stiffness, damping=damping)
+    return PostureGains(stiffness=max(stiffness, least_stiffness), damping=damping)
 
 
 def _rounded_down(value: float) -> float:
