@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from coop_pin.analysis.feasibility import (
     PostureMargin,
     posture_margins,
@@ -20,6 +22,7 @@ from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import statics_along
+from coop_pin.analysis.task_inertia import with_spare_motion
 from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
@@ -32,6 +35,8 @@ _SPARE_RATE = 1.0
 """Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""
 _SOFTEST, _STIFFEST = 5.0, 640.0
 """Springs of the posture that are tried, N m/rad."""
+_AWAY = 0.3
+"""Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +130,27 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
     while True:
         proposal = gain_proposal(scenario, cell_reach, least_stiffness=stiffness)
         suggested = _with_gains(scenario, proposal)
-        loop = loop_stability(Simulation(suggested, build_controller(suggested)), cell_reach)
-        if loop.ok and loop.spare_rate >= _SPARE_RATE:
+        simulation = Simulation(suggested, build_controller(suggested))
+        loop = loop_stability(simulation, cell_reach)
+        if (
+            loop.ok
+            and loop.spare_rate >= _SPARE_RATE
+            and _spare_angle(suggested, cell_reach, proposal) < _AWAY
+        ):
             return proposal, suggested, loop
-        stiffness = max(_SOFTEST, 2.0 * proposal.posture.stiffness)
-        if loop.spare_rate >= _SPARE_RATE or stiffness > _STIFFEST:
-            raise InfeasibleMotionError("stability", loop.summary().removeprefix("! "))
+        stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
+        if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
+            detail = loop.summary().removeprefix("! ")
+            if loop.ok:
+                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the {loop.spare.name} on its path"
+            raise InfeasibleMotionError("stability", detail)
+
+
+def _spare_angle(scenario: Scenario, cell_reach: Reachability, proposal: GainProposal) -> float:
+    """Return by how much spare joints move away from the path of the inverse kinematics, rad."""
+    moved = with_spare_motion(scenario, cell_reach, proposal.posture)
+    pairs = zip(cell_reach.arms, moved.arms, strict=True)
+    return max(float(np.abs(path.q - reach.q).max()) for reach, path in pairs)
 
 
 def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
@@ -26,8 +25,6 @@ _POSE_PART = 20.0
 _ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
 _LEAK = 0.2
 """The law's own leak where nothing is measured, 1/s."""
-_PULL_PART = 0.1
-"""Part of the torque limit that the posture's spring may take."""
 _FASTEST_HZ = 1000.0
 """What the torque interfaces of common robots take."""
 _TRACKING, _FORCE = 2e-4, 0.2
@@ -186,16 +183,14 @@ def _posture_gains(
 ) -> PostureGains:
     """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9; the spring, which pulls spare joints back along the motion, takes at
-    most a tenth of the torque of each drive.
+    The damping keeps T lambda below 0.9, and the spring is lowered with it. At rest the spring takes no more
+    torque than gravity asks for, however stiff it is.
     """
-    usual, decay, pull = PostureGains(), 0.0, 0.0
+    usual, decay = PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:
             continue
-        away = [arm.drive @ pin.difference(arm.model, arm.posture_configuration, q) for q in reach.q]
-        pull = max(pull, float((np.abs(away) / arm.limits.torque).max()))
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
             M_inverse = arm.drive @ np.linalg.solve(arm.mass_matrix(q), arm.drive.T)
             N = arm.null_space(q)
@@ -204,8 +199,6 @@ def _posture_gains(
     if decay > 0.0:
         damping = min(damping, _rounded_down(_T_LAMBDA / (T * decay)))
     stiffness *= damping / float(np.max(usual.damping))
-    if pull > 0.0:
-        stiffness = min(stiffness, _rounded_down(_PULL_PART / pull))
     return PostureGains(stiffness=max(stiffness, least_stiffness), damping=damping)
 
 
