@@ -75,7 +75,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
+        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (

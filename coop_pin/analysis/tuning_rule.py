@@ -183,7 +183,7 @@ def _posture_gains(
 ) -> PostureGains:
     """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9, and the spring is lowered with it. At rest the spring takes no more
+    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At rest the spring takes no more
     torque than gravity asks for, however stiff it is.
     """
     usual, decay = PostureGains(), 0.0
@@ -192,12 +192,12 @@ def _posture_gains(
         if arm.nv == arm.rows.size:
             continue
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            M_inverse = arm.drive @ np.linalg.solve(arm.mass_matrix(q), arm.drive.T)
-            N = arm.null_space(q)
-            decay = max(decay, float(np.linalg.eigvalsh(N @ M_inverse @ N)[-1]))
+            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
+            spare = arm.from_drive @ U  # joint rates with the payload held
+            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
-        damping = min(damping, _rounded_down(_T_LAMBDA / (T * decay)))
+        damping = min(damping, _rounded_down(_T_LAMBDA / ((T + 2.0 * _lag(scenario)) * decay)))
     stiffness *= damping / float(np.max(usual.damping))
     return PostureGains(stiffness=max(stiffness, least_stiffness), damping=damping)
 
