@@ -119,9 +119,15 @@ def _postures(scenario: Scenario) -> Iterator[str]:
 
 
 def _start(scenario: Scenario) -> Iterator[str]:
-    """Yield a start away from the motion's start: a jump of the reference at the first tick."""
+    """Yield a start away from that of a motion from rest: a jump of the reference at the first tick.
+
+    A motion that moves at t = 0 cannot be met from rest at all.
+    """
     with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
-        error = pose_error(scenario.start.matrix, np.array(scenario.motion.replace().at(0.0).X_WP_d))
+        target = scenario.motion.replace().at(0.0)
+        if np.any(target.V_WP_d):
+            return
+        error = pose_error(scenario.start.matrix, np.array(target.X_WP_d))
         linear, angular = (np.linalg.norm(part) for part in (error[:3], error[3:]))
         if max(linear, angular if scenario.cell.task_rows.size > 3 else 0.0) > _OFF_START:
             yield (

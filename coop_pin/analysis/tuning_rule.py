@@ -183,8 +183,8 @@ def _posture_gains(
 ) -> PostureGains:
     """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At rest the spring takes no more
-    torque than gravity asks for, however stiff it is.
+    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At
+    rest the spring takes no more torque than gravity asks for, however stiff it is.
     """
     usual, decay = PostureGains(), 0.0
     for reach in cell_reach.arms:

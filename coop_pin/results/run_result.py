@@ -16,6 +16,7 @@ from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import labelled
 from coop_pin.results.metrics import (
+    DRIFT_S,
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
@@ -24,7 +25,7 @@ from coop_pin.results.metrics import (
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
 from coop_pin.results.quantities import Arrays, Samples, quantities
-from coop_pin.results.trust import Breach, TrustMonitor
+from coop_pin.results.trust import Breach, TrustMonitor, in_time
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -101,6 +102,12 @@ class RunResult:
         joints = list(zip(map(str, arrays["arm"]), names, strict=True))
         limits = arrays["position_lower"], arrays["position_upper"]
         found = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
+        allowed, drift = self.scenario.trust.joint_drift, metrics.joint_drift(self.arrays, self.windows)
+        found += tuple(
+            Breach("joint drift", joints[a][0], joints[a][1][j], self.end - DRIFT_S, drift[a, j], allowed)
+            for a, j in np.argwhere(drift > allowed).tolist()
+        )
+        found = in_time(found)
         if self.ENDED_BY in getattr(self._data, "attrs", ()):
             found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return found
