@@ -129,7 +129,7 @@ def _start(scenario: Scenario) -> Iterator[str]:
             return
         error = pose_error(scenario.start.matrix, np.array(target.X_WP_d))
         linear, angular = (np.linalg.norm(part) for part in (error[:3], error[3:]))
-        if max(linear, angular if scenario.cell.task_rows.size > 3 else 0.0) > _OFF_START:
+        if max(linear, angular if scenario.cell.controls_turns else 0.0) > _OFF_START:
             yield (
                 f"start is {1e3 * linear:.3g} mm and {angular:.3g} rad away from the motion's start:"
                 " the reference jumps at the first tick. Make start and motion agree"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import InfeasibleMotionError
+from coop_pin.errors import InfeasibleMotionError, ScenarioWarning
 from coop_pin.simulation import Simulation
 
 _SPARE_RATE = 1.0
@@ -48,20 +49,18 @@ class Suggestion:
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
         changes: what differs from what is stated: squeeze, grasps; one sentence each.
-        warnings: implausible numbers of the scenario as stated.
     """
 
     scenario: Scenario
     proposal: GainProposal
     limits: tuple[str, ...]
     changes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""
         return "\n".join(
             (
-                *(f"! {sentence}" for sentence in (*self.warnings, *self.changes)),
+                *(f"! {sentence}" for sentence in self.changes),
                 f"{self.scenario.name}: {self.proposal.summary()}",
                 *(f"  {sentence}" for sentence in self.limits),
             )
@@ -78,7 +77,7 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     the branches of the inverse kinematics with the largest margin of torque, position limits and singularity;
     a grasp is turned about its own z axis where that opens the range of a joint. The spring of spare joints
     is raised until the sampled loop brings them to rest along the motion. The scenario's own gains are not
-    used; collisions are not considered.
+    used; collisions are not considered. Implausible numbers of the scenario are told as ScenarioWarnings.
 
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
@@ -93,7 +92,9 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
-    stated, poses = scenario, as_count("poses", poses, 5)
+    poses = as_count("poses", poses, 5)
+    for number in implausible_numbers(scenario):
+        warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario)
     scenario, turned = with_best_postures(scenario, poses)
     cell_reach = reachability(scenario, poses=poses)
@@ -117,7 +118,7 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
     changes = (*([cut] if part < 1.0 else []), *turned)
-    return Suggestion(suggested, proposal, lines, changes, implausible_numbers(stated))
+    return Suggestion(suggested, proposal, lines, changes)
 
 
 def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, Scenario, LoopStability]:

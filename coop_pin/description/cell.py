@@ -129,6 +129,11 @@ class Cell(Description):
         return task_rows(self.rows)
 
     @property
+    def controls_turns(self) -> bool:
+        """Whether the task rows have a rotation."""
+        return self.rows != "positional"
+
+    @property
     def shares(self) -> Array:
         """Load shares c_i in the order of the arms, shape (m,)."""
         if self.load_shares is None:

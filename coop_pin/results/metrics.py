@@ -69,12 +69,12 @@ _SLACK = 1e-9
 """Differences below it beyond a limit are rounding."""
 
 
-def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
-    """Return all metrics by name but ``trustworthy``; see RunResult.metrics."""
+def all_metrics(data: Arrays, windows: Windows, *, turns: bool) -> dict[str, Any]:
+    """Return all metrics by name but ``trustworthy``; see RunResult.metrics, and in_band for ``turns``."""
     after, (distance, angle) = windows.after_event, closure_error_max(data)
     return {
-        "settling_time_s": settling_time(data, Window(0.0, windows.event.start)),
-        "resettling_time_s": resettling_time(data, windows),
+        "settling_time_s": settling_time(data, Window(0.0, windows.event.start), turns=turns),
+        "resettling_time_s": resettling_time(data, windows, turns=turns),
         "event_peak_position_error_m": event_peak_position_error(data, windows),
         **steady_metrics(data, windows.steady),
         "closure_error_max_m": distance,
@@ -93,10 +93,15 @@ def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
 # ------------------------------------------------------------ tracking
 
 
-def in_band(data: Arrays) -> Mask:
-    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (..., n)."""
+def in_band(data: Arrays, *, turns: bool) -> Mask:
+    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (..., n).
+
+    Args:
+        data: arrays of a run.
+        turns: whether the task rows control the orientation; otherwise its error does not count.
+    """
     distances, angles = error_norms(data)
-    return np.asarray((distances <= POSITION_BAND_M) & (angles <= ORIENTATION_BAND_RAD))
+    return np.asarray((distances <= POSITION_BAND_M) & ((angles <= ORIENTATION_BAND_RAD) | (not turns)))
 
 
 def error_norms(data: Arrays) -> tuple[Array, Array]:
@@ -105,20 +110,20 @@ def error_norms(data: Arrays) -> tuple[Array, Array]:
     return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
 
 
-def settling_time(data: Arrays, window: Window) -> Array:
+def settling_time(data: Arrays, window: Window, *, turns: bool) -> Array:
     """Return the time from the window's start after which the errors stay in the band; inf if they do not."""
     inside, time = samples_of(data, window), np.asarray(data["time"])
-    out = inside & ~in_band(data)
+    out = inside & ~in_band(data, turns=turns)
     times = np.append(np.where(inside, time - window.start, np.inf), np.inf)
     return np.where(out.any(axis=-1), times[len(time) - np.argmax(out[..., ::-1], axis=-1)], 0.0)
 
 
-def resettling_time(data: Arrays, windows: Windows) -> Array:
+def resettling_time(data: Arrays, windows: Windows, *, turns: bool) -> Array:
     """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
     if not windows.has_events:
         return np.array(np.nan)
-    is_left = np.any(samples_of(data, windows.event) & ~in_band(data), axis=-1)
-    return np.where(is_left, settling_time(data, windows.event), np.nan)
+    is_left = np.any(samples_of(data, windows.event) & ~in_band(data, turns=turns), axis=-1)
+    return np.where(is_left, settling_time(data, windows.event, turns=turns), np.nan)
 
 
 def event_peak_position_error(data: Arrays, windows: Windows) -> Array:

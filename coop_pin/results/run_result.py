@@ -14,7 +14,7 @@ from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
-from coop_pin.results.dataset import labelled
+from coop_pin.results.dataset import labelled, with_names
 from coop_pin.results.metrics import (
     DRIFT_S,
     NO_STEADY_METRICS,
@@ -127,8 +127,12 @@ class RunResult:
     # ------------------------------------------------------------ metrics
 
     def settling_time(self) -> float:
-        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
-        return float(metrics.settling_time(self.arrays, Window(0.0, self.windows.event.start)))
+        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not.
+
+        On positional rows nothing controls the orientation, and the position alone counts.
+        """
+        window = Window(0.0, self.windows.event.start)
+        return float(metrics.settling_time(self.arrays, window, turns=self.scenario.cell.controls_turns))
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -178,7 +182,7 @@ class RunResult:
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there.
         """
-        found = metrics.all_metrics(self.arrays, self.windows)
+        found = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
         return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in found.items()}
 
     def summary(self) -> str:
@@ -206,8 +210,8 @@ class RunResult:
         advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
         if any(violation.kind == "torque" for violation in self.limit_violations()):
             advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-        position, turn = np.linalg.norm(last[:3]), np.linalg.norm(last[3:])
-        return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
+        turn = f" and {np.linalg.norm(last[3:]):.3g} rad" if self.scenario.cell.controls_turns else ""
+        return f"did not settle: errors of {np.linalg.norm(last[:3]):.3g} m{turn} at the end; {advice}"
 
     def _steady_metrics(self, given: tuple[float, float] | None) -> dict[str, float]:
         window = self.windows.steady if given is None else checked_window(given, self.end)
@@ -243,4 +247,4 @@ class RunResult:
         if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
             advice = "it was written by another version of coop_pin: run its scenario again"
             raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")
-        return cls(scenario, data)
+        return cls(scenario, with_names(data))
