@@ -10,10 +10,13 @@ from __future__ import annotations
 import contextlib
 import copy
 import difflib
+import signal
+import sys
 import sysconfig
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Self
 
 
@@ -26,6 +29,30 @@ class _Picklable(BaseException):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self).__new__, (type(self),), {**self.__dict__, "args": self.args}
+
+
+class _Interrupt(_Picklable, KeyboardInterrupt):
+    """Ctrl-C that says what is kept. Uncaught, it ends a script with its message and exit code 130.
+
+    Python ends so on KeyboardInterrupt itself only; classes derived from it would end with a traceback and 1.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        if sys.excepthook is sys.__excepthook__:
+            sys.excepthook = _end_interrupted
+
+
+def _end_interrupted(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Tell an uncaught exception; of an _Interrupt its message alone.
+
+    Raises:
+        SystemExit: 130, of an _Interrupt.
+    """
+    if not isinstance(error, _Interrupt):
+        return sys.__excepthook__(kind, error, trace)
+    print(error, file=sys.stderr)
+    raise SystemExit(128 + signal.SIGINT)
 
 
 class CoopPinError(_Picklable, Exception):
@@ -290,7 +317,10 @@ class JointLimitError(UnreachablePoseError):
 
 
 class InfeasibleMotionError(CoopPinError, ValueError):
-    """A motion beyond a cell: ``cause`` is "rank", "reach", "singularity", "limits" or "torque"."""
+    """A motion beyond a cell.
+
+    ``cause`` is "rank", "reach", "singularity", "limits", "torque" or "stability".
+    """
 
     def __init__(self, cause: str, detail: str) -> None:
         self.cause, self.detail = cause, detail
@@ -429,7 +459,7 @@ class DivergedError(CoopPinError, ArithmeticError):
         )
 
 
-class RunInterruptedError(_Picklable, KeyboardInterrupt):
+class RunInterruptedError(_Interrupt):
     """Ctrl-C at ``time`` s of a run; ``result`` is what is kept. Not caught by ``except Exception``."""
 
     def __init__(self, time: float, result: Any) -> None:
@@ -500,7 +530,7 @@ class NothingFeasibleError(CoopPinError, ValueError):
         )
 
 
-class SweepInterruptedError(_Picklable, KeyboardInterrupt):
+class SweepInterruptedError(_Interrupt):
     """Ctrl-C with ``finished`` of ``total`` runs kept in ``folder``. Not caught by ``except Exception``."""
 
     def __init__(self, folder: str, finished: int, total: int) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from coop_pin.analysis.plausibility import run_warnings
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import Engine, plant_of
+from coop_pin.errors import ScenarioWarning
 from coop_pin.results import Observer, RunResult
 from coop_pin.simulation import simulate
 from coop_pin.simulation.simulate import Progress
@@ -23,8 +26,11 @@ def run(
     realtime_rate: float | None = None,
     stop_at_breach: bool = False,
     engine: Engine = "pinocchio",
+    warn: bool = True,
 ) -> RunResult:
     """Return the result of a scenario with the controller that it names.
+
+    What ``coop-pin check`` finds wrong with it is told before the run, each as a ScenarioWarning.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
@@ -35,6 +41,7 @@ def run(
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
         engine: what computes the motion. "traced" is compiled code: faster, and equal to rounding.
+        warn: whether to look for what makes the run doubtful; that takes a part of a second.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -46,6 +53,8 @@ def run(
         scenario = Scenario.load(scenario, overrides)
     elif overrides is not None:
         scenario = scenario.override(overrides)
+    for warning in run_warnings(scenario) if warn else ():
+        warnings.warn(warning, ScenarioWarning, stacklevel=2)
     return simulate(
         scenario,
         build_controller(scenario),

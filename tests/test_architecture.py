@@ -33,7 +33,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks chain for the start;
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
-# - analysis uses chain's inverse kinematics, which takes Pinocchio's poses; nothing below imports analysis;
+# - analysis uses chain's inverse kinematics, which takes Pinocchio's poses;
 # - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - heat_map draws a table as a page, whatever its rows are;
@@ -47,7 +47,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
-# - run_scenario runs one.
+# - run_scenario warns of what analysis finds, and runs one.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
@@ -72,9 +72,12 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
     "engine_choice": ({"batch", "description", "simulation"}, set()),
-    "run_scenario": ({"description", "engine_choice", "results", "build_controller", "simulation"}, set()),
+    "run_scenario": (
+        {"analysis", "description", "engine_choice", "results", "build_controller", "simulation"},
+        set(),
+    ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "simulation"},
+        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (

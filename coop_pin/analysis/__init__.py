@@ -3,8 +3,9 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
-from coop_pin.analysis.loop_stability import LoopStability, loop_stability
+from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
+from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.proof import theorem_monitor
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
@@ -38,6 +39,7 @@ __all__ = [
     "GainProposal",
     "JointLimitMargin",
     "LoopStability",
+    "Mode",
     "MotionWrenches",
     "NearlySingular",
     "Reachability",
@@ -53,11 +55,13 @@ __all__ = [
     "closure_problem",
     "fewest_steps",
     "gain_proposal",
+    "implausible_numbers",
     "loop_stability",
     "maximum_reach",
     "motion_stability",
     "motion_wrenches",
     "reachability",
+    "run_warnings",
     "sampled_stability",
     "start_stability",
     "start_torques",

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.reachability import Reachability, reachability
+from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.statics import StaticTorques, statics_along
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.inverse_kinematics import ik_branches
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import InfeasibleMotionError
+from coop_pin.errors import InfeasibleMotionError, JointLimitError, UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.schema.pose import Pose
+from coop_pin.spatial import make_pose
 from coop_pin.spatial.task_rows import joint_shortage
 
 _NEARBY = 0.1
@@ -26,6 +29,10 @@ _BRANCHES = 8
 """Branches of each arm that are followed along the motion, the nearest to its posture."""
 _POSES = 41
 """Largest number of poses on each branch."""
+_NARROW, _OPENED = 0.1, 0.05
+"""Part of a joint's range below which turns of the grasp are tried, and what they must open."""
+_ROLLS = (np.pi, np.pi / 2.0, -np.pi / 2.0)
+"""Turns of a grasp about its own z axis, rad."""
 
 
 def require_rank(scenario: Scenario) -> None:
@@ -154,45 +161,70 @@ def posture_margins(
         )
 
 
-def with_best_postures(scenario: Scenario, poses: int) -> Scenario:
-    """Return the scenario with each arm on the branch with the largest margin; stated angles are kept.
+def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[str, ...]]:
+    """Return the scenario with each arm on the branch with the largest margin, and the grasps turned for it.
+
+    A grasp is turned about its own z axis where less than a tenth of a joint's range is left and more is left
+    then, first by half a turn, which a gripper's jaws do not see. Stated angles are kept.
 
     Raises:
         InfeasibleMotionError: cause "reach": an arm cannot hold the start, or no branch reaches a pose.
     """
     if scenario.start_angles:
-        return scenario
-    count = min(poses, _POSES)
-    _require_reach(reachability(scenario, poses=count))
-    postures: dict[str, list[tuple[float, ...]]] = {}
-    for name, arm in scenario.cell.arms.items():
-        model = CellArm(scenario.cell, name)
-        branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
-        postures[name] = [tuple(model.joint_angles(q).tolist()) for q in branches[:_BRANCHES]]
-    best: dict[str, tuple[float, int]] = {}
-    for index in range(max(map(len, postures.values()))):
-        tried = _with_postures(
-            scenario, {name: table[index % len(table)] for name, table in postures.items()}
-        )
-        cell_reach = reachability(tried, poses=count)
-        for margin in posture_margins(tried, cell_reach, statics_along(tried, cell_reach)):
-            best[margin.arm] = max(best.get(margin.arm, (-np.inf, 0)), (margin.least, -index))
-    return _with_postures(
-        scenario, {name: table[-best[name][1] % len(table)] for name, table in postures.items()}
-    )
+        return scenario, ()
+    count, turned = min(poses, _POSES), list[str]()
+    for name, reach in zip(scenario.cell.arms, reachability(scenario, poses=count).arms, strict=True):
+        if not isinstance(reach.start_error, JointLimitError):  # a turn may help against limits only
+            _require_reach(reach)
+        best, stated = _best_posture(scenario, name, count)
+        for roll in _ROLLS if stated.position < _NARROW else ():
+            tried, margin = _best_posture(_rolled(scenario, name, roll), name, count)
+            if margin.position > max(stated.position, 0.0) + _OPENED and margin.least > stated.least:
+                best = tried
+                before = f"{max(100.0 * stated.position, 0.0):.0f}"
+                turned.append(
+                    f"grasp of {name} TURNED by {np.degrees(roll):.0f} degrees about its own z axis:"
+                    f" {100.0 * margin.position:.0f} % of the joint range are left, {before} % as stated"
+                )
+                break
+        if best is None:
+            _require_reach(reach)
+        scenario = best or scenario
+    return scenario, tuple(turned)
 
 
-def _require_reach(cell_reach: Reachability) -> None:
+def _best_posture(scenario: Scenario, name: str, poses: int) -> tuple[Scenario | None, PostureMargin]:
+    """Return the scenario with an arm on its branch with the largest margin; None if it has no branch."""
+    best, largest = None, PostureMargin(name, -np.inf, -np.inf, -np.inf)
+    model, posture = CellArm(scenario.cell, name), scenario.cell.arms[name].posture
+    with contextlib.suppress(UnreachablePoseError):
+        branches = ik_branches(model, scenario.start.matrix, posture=posture or _middle(model))
+        for q in branches[:_BRANCHES]:
+            tried = _with_arm(scenario, name, posture=tuple(model.joint_angles(q).tolist()))
+            reach = reachability(tried, poses=poses, arms=[name])
+            (margin,) = posture_margins(tried, reach, statics_along(tried, reach))
+            if best is None or margin.least > largest.least:
+                best, largest = tried, margin
+    return best, largest
+
+
+def _require_reach(reach: ArmReach) -> None:
     """Refuse poses that no branch of an arm reaches: the search among them would be long."""
-    for reach in cell_reach.arms:
-        gap = reach.unreachable
-        if reach.start_error is not None or (gap is not None and not gap.other_branch):
-            raise InfeasibleMotionError("reach", f"arm {reach.arm!r} {'; '.join(reach.problems())}")
+    gap = reach.unreachable
+    if reach.start_error is not None or (gap is not None and not gap.other_branch):
+        raise InfeasibleMotionError("reach", f"arm {reach.arm!r} {'; '.join(reach.problems())}")
 
 
-def _with_postures(scenario: Scenario, postures: dict[str, tuple[float, ...]]) -> Scenario:
-    arms = {name: arm.replace(posture=postures[name]) for name, arm in scenario.cell.arms.items()}
+def _with_arm(scenario: Scenario, name: str, **fields: Any) -> Scenario:
+    arms = {**scenario.cell.arms, name: scenario.cell.arms[name].replace(**fields)}
     return scenario.replace(cell=scenario.cell.replace(arms=arms))
+
+
+def _rolled(scenario: Scenario, name: str, roll: float) -> Scenario:
+    """Return the scenario with the grasp of an arm turned about its own z axis."""
+    X_PE = scenario.cell.grasps[name].matrix @ make_pose((0.0, 0.0, 0.0), (0.0, 0.0, roll))
+    grasps = {**scenario.cell.grasps, name: Pose.from_matrix(X_PE)}
+    return scenario.replace(cell=scenario.cell.replace(grasps=grasps))
 
 
 def _middle(model: CellArm) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,7 +143,9 @@ class Reachability:
         return "\n".join(lines)
 
 
-def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
+def reachability(
+    scenario: Scenario, *, poses: int = 401, arms: Collection[str] | None = None
+) -> Reachability:
     """Return the reachability of a scenario's reference, on the branches that a run would start on.
 
     The path leads from the scenario's start straight to the beginning of the reference, and then along the
@@ -154,6 +156,7 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
         scenario: scenario that would be run.
         poses: number of poses of the reference to check, evenly spaced in time; anything shorter than the
             spacing is missed.
+        arms: names of the arms to look at; all when omitted.
 
     Raises:
         WrongTypeError, OutOfRangeError: poses is not a whole number of at least two.
@@ -166,8 +169,9 @@ def reachability(scenario: Scenario, *, poses: int = 401) -> Reachability:
     path = payload_path(scenario, poses)
     if scenario.cell.rows == "positional":
         path = with_free_turn(scenario, path)
-    arms = tuple(_arm_reach(scenario, name, path) for name in scenario.cell.arms)
-    return Reachability(scenario.name, scenario.duration, poses, arms)
+    names = scenario.cell.arms if arms is None else arms
+    found = tuple(_arm_reach(scenario, name, path) for name in names)
+    return Reachability(scenario.name, scenario.duration, poses, found)
 
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:

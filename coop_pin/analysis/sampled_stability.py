@@ -133,13 +133,19 @@ def motion_stability(simulation: Simulation, cell_reach: Reachability) -> Sample
         simulation: Simulation of a law.
         cell_reach: Reachability of its scenario, in which every arm holds the start.
     """
+    poses = configurations_along(simulation, cell_reach)
+    along = [_stability_at(simulation, q, time) for time, q in poses.items()]
+    return max(along, key=lambda stability: stability.value)
+
+
+def configurations_along(simulation: Simulation, cell_reach: Reachability) -> dict[float, Array]:
+    """Return the configurations of the cell on the reference by time, s; arguments as of motion_stability."""
     model, reaches = simulation.plant.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
     poses = dict[float, Array]()  # of those at t = 0, which lead to the reference, the last
     for time, *angles in zip(reaches[0].times.tolist(), *(reach.q for reach in reaches), strict=True):
         poses[time] = model.configuration(angles, lead.payload_pose(angles[0]))
-    along = [_stability_at(simulation, q, time) for time, q in poses.items()]
-    return max(along, key=lambda stability: stability.value)
+    return poses
 
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
@@ -148,7 +154,7 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     clock = simulation.scenario.clock
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    joints = _fastest_joints(simulation, np.abs(modes[:, worst]))
+    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
     return SampledStability(float(values[worst]), clock.rate_hz, joints, time)
 
 
@@ -163,7 +169,7 @@ def step_stability(simulation: Simulation) -> StepStability:
     worst = int(np.argmax(np.abs(eigenvalues)))
     steps = scenario.clock.steps_per_tick
     value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
-    joints = _fastest_joints(simulation, np.abs(modes[:, worst]))
+    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
     return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints)
 
 
@@ -205,7 +211,7 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
     return torque
 
 
-def _fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
+def fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move fastest in a mode, the fastest first."""
     speeds = {
         name: float(speed)

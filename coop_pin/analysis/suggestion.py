@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from coop_pin.analysis.feasibility import (
     PostureMargin,
@@ -14,83 +18,140 @@ from coop_pin.analysis.feasibility import (
     squeeze_part,
     with_best_postures,
 )
-from coop_pin.analysis.reachability import reachability
+from coop_pin.analysis.loop_stability import LoopStability, loop_stability
+from coop_pin.analysis.plausibility import implausible_numbers
+from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import statics_along
+from coop_pin.analysis.task_inertia import with_spare_motion
 from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import InfeasibleMotionError, ScenarioWarning
 from coop_pin.simulation import Simulation
+
+_SPARE_RATE = 1.0
+"""Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""
+_SOFTEST, _STIFFEST = 5.0, 640.0
+"""Springs of the posture that are tried, N m/rad."""
+_AWAY = 0.3
+"""Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """A scenario with proposed rate, gains, postures and squeeze, and what limits each.
+    """A scenario with proposed rate, gains, grasps, postures and squeeze, and what limits each.
 
     Attributes:
         scenario: ready to run.
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
+        changes: what differs from what is stated: squeeze, grasps; one sentence each.
     """
 
     scenario: Scenario
     proposal: GainProposal
     limits: tuple[str, ...]
+    changes: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        """Return the values and what limits each, as text."""
+        """Return the changes, the values and what limits each, as text."""
         return "\n".join(
-            (f"{self.scenario.name}: {self.proposal.summary()}", *(f"  {s}" for s in self.limits))
+            (
+                *(f"! {sentence}" for sentence in self.changes),
+                f"{self.scenario.name}: {self.proposal.summary()}",
+                *(f"  {sentence}" for sentence in self.limits),
+            )
         )
 
 
-def suggest(scenario: Scenario, *, poses: int = 101) -> Suggestion:
+def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
 
     The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2.
     The rate is the scenario's, or the first multiple of it up to 1000 Hz at which the error to expect while
     moving is below 0.2 mm and 0.2 N. The integral is anchored where the scenario has a force path, or a wrist
     sensor on every arm; otherwise it leaks (the law of an arm's own wrist is not proposed). The postures are
-    the branches of the inverse kinematics with the largest margin of torque, position limits and singularity.
-    The scenario's own gains are not used; collisions are not considered.
+    the branches of the inverse kinematics with the largest margin of torque, position limits and singularity;
+    a grasp is turned about its own z axis where that opens the range of a joint. The spring of spare joints
+    is raised until the sampled loop brings them to rest along the motion. The scenario's own gains are not
+    used; collisions are not considered. Implausible numbers of the scenario are told as ScenarioWarnings.
 
     Args:
-        scenario: cell, motion and squeeze; its controller gives force_path and zero_at_grasp only.
+        scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
+            controller gives force_path and zero_at_grasp only.
         poses: number of poses looked at along the motion.
 
     Raises:
-        InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits or
-            torque.
+        InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
+            or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
     """
+    if isinstance(scenario, str | Path):
+        scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
+    for number in implausible_numbers(scenario):
+        warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario)
-    scenario = with_best_postures(scenario, poses)
+    scenario, turned = with_best_postures(scenario, poses)
     cell_reach = reachability(scenario, poses=poses)
     statics = statics_along(scenario, cell_reach)
     require_feasible(scenario, cell_reach, statics)
     part = squeeze_part(statics)
     if part < 1.0:
         scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
-    proposal = gain_proposal(scenario, cell_reach)
-    suggested = _with_gains(scenario, proposal)
+    proposal, suggested, loop = _held(scenario, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation)
     if not steps.ok:
         count = math.ceil(steps.steps_per_tick * steps.value / steps.limit)
         suggested = suggested.override({"clock.steps_per_tick": count})
+    cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *_gain_limits(scenario, proposal),
+        *_null_space(proposal, loop),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
-        "squeeze: as stated"
-        if part == 1.0
-        else f"squeeze: {part:.2f} of what is stated, all the drives can hold",
+        "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
-    return Suggestion(suggested, proposal, lines)
+    changes = (*([cut] if part < 1.0 else []), *turned)
+    return Suggestion(suggested, proposal, lines, changes)
+
+
+def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, Scenario, LoopStability]:
+    """Return the proposal whose spring holds the spare joints along the motion, its scenario and its loop.
+
+    Raises:
+        InfeasibleMotionError: cause "stability": the sampled motion grows, or no spring holds them.
+    """
+    stiffness = 0.0
+    while True:
+        proposal = gain_proposal(scenario, cell_reach, least_stiffness=stiffness)
+        suggested = _with_gains(scenario, proposal)
+        simulation = Simulation(suggested, build_controller(suggested))
+        loop = loop_stability(simulation, cell_reach)
+        if (
+            loop.ok
+            and loop.spare_rate >= _SPARE_RATE
+            and _spare_angle(suggested, cell_reach, proposal) < _AWAY
+        ):
+            return proposal, suggested, loop
+        stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
+        if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
+            detail = loop.summary().removeprefix("! ")
+            if loop.ok:
+                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the {loop.spare.name} on its path"
+            raise InfeasibleMotionError("stability", detail)
+
+
+def _spare_angle(scenario: Scenario, cell_reach: Reachability, proposal: GainProposal) -> float:
+    """Return by how much spare joints move away from the path of the inverse kinematics, rad."""
+    moved = with_spare_motion(scenario, cell_reach, proposal.posture)
+    pairs = zip(cell_reach.arms, moved.arms, strict=True)
+    return max(float(np.abs(path.q - reach.q).max()) for reach, path in pairs)
 
 
 def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
@@ -118,10 +179,23 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
         f" 1 / (4 T) = {0.25 / T:.3g} /s; gamma by a quarter of lambda_min"
     )
     if proposal.anchor_bound is None:
-        yield "force path: none, so that the integral leaks; weight and bias leave an internal force"
+        yield (
+            "force path: none, so that the integral leaks; weight and bias leave an internal force. Where a"
+            " wrist wrench is measured, add --controller.force-path.kind late: the law is anchored then"
+        )
     else:
         kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
         yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
+
+
+def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:
+    """Yield what limits the posture's gains, where there are spare joints."""
+    if loop.spare is not None:
+        posture = proposal.posture
+        yield (
+            f"null space: stiffness {posture.stiffness:g}, damping {posture.damping:g}; the"
+            f" {loop.spare.name} decays with {loop.spare_rate:.3g} /s or faster along the motion"
+        )
 
 
 def _posture_limit(margin: PostureMargin) -> str:

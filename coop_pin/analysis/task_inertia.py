@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import NamedTuple
@@ -9,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.reachability import Reachability
+from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array
 from coop_pin.control.law import PostureGains
 from coop_pin.description.scenario import Scenario
@@ -105,6 +106,20 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     )
 
 
+def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> Reachability:
+    """Return a reachability with the configurations to which the payload-space law lets spare joints move.
+
+    On full rows; arguments as of motion_wrenches.
+    """
+    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+    arms = list[ArmReach]()
+    for reach in cell_reach.arms:
+        held = _HeldArm(scenario, reach.arm, reach.q[first], posture)
+        moved = held.path(reach.times[first:], reach.q[first:])
+        arms.append(dataclasses.replace(reach, q=np.concatenate((reach.q[:first], moved))))
+    return dataclasses.replace(cell_reach, arms=tuple(arms))
+
+
 def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
     """Return M_0 at every pose, shape (n, 6, 6)."""
     first = CellArm(scenario.cell, cell_reach.arms[0].arm)
@@ -145,11 +160,14 @@ class _HeldArm:
             torque = torque + drive.T @ arm.null_space(q) @ (arm.from_drive.T @ self.held + pull)
         return torque
 
+    def path(self, t: Array, q: Array) -> Array:
+        """Return a path of configurations with the motion of spare joints, shape (n, nq)."""
+        moves = self.is_redundant and self.rows.size == 6 and self.damping > 0.0
+        return self._with_spare_motion(t, q) if moves else q
+
     def wrenches(self, t: Array, q: Array) -> Array:
         """Return a_i along a path of configurations, shape (n, k_0)."""
-        model = self.model
-        if self.is_redundant and self.rows.size == 6 and self.damping > 0.0:
-            q = self._with_spare_motion(t, q)
+        model, q = self.model, self.path(t, q)
         steps = [pin.difference(model.model, *pair) for pair in itertools.pairwise(q)]
         positions = np.concatenate((np.zeros((1, model.nv)), np.cumsum(steps, axis=0)))
         v = np.gradient(positions, t, axis=0)

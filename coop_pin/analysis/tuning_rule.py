@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
@@ -26,8 +25,6 @@ _POSE_PART = 20.0
 _ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
 _LEAK = 0.2
 """The law's own leak where nothing is measured, 1/s."""
-_PULL_PART = 0.1
-"""Part of the torque limit that the posture's spring may take."""
 _FASTEST_HZ = 1000.0
 """What the torque interfaces of common robots take."""
 _TRACKING, _FORCE = 2e-4, 0.2
@@ -73,7 +70,9 @@ class GainProposal(NamedTuple):
         )
 
 
-def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
+def gain_proposal(
+    scenario: Scenario, cell_reach: Reachability, *, least_stiffness: float = 0.0
+) -> GainProposal:
     """Return the gains by the tuning rule at the configurations of a scenario's reachability.
 
     K is diagonal, with the entries 1 / max (A^-1)_jj along the motion times one factor: the condition of
@@ -82,6 +81,7 @@ def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     Args:
         scenario: cell, motion, sensors and clock.
         cell_reach: reachability of the scenario, in which every arm holds the start.
+        least_stiffness: of the posture's spring, N m/rad: what holds the spare joints against gravity.
     """
     inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
@@ -90,7 +90,7 @@ def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     for rate in _rates(scenario):
-        proposal = _at_rate(scenario, cell_reach, scale, spread, rate)
+        proposal = _at_rate(scenario, cell_reach, scale, spread, rate, least_stiffness)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
     return _anchored_faster(proposal)
@@ -113,10 +113,11 @@ def _at_rate(
     scale: Array,
     spread: tuple[float, float],
     rate: float,
+    least_stiffness: float,
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    posture = _posture_gains(scenario, cell_reach, T)
+    posture = _posture_gains(scenario, cell_reach, T, least_stiffness)
     wrenches = motion_wrenches(scenario, cell_reach, posture)
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
@@ -177,30 +178,28 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     return path
 
 
-def _posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> PostureGains:
-    """Return null-space gains, at most the default ones.
+def _posture_gains(
+    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
+) -> PostureGains:
+    """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9; the spring, which pulls spare joints back along the motion, takes at
-    most a tenth of the torque of each drive.
+    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At
+    rest the spring takes no more torque than gravity asks for, however stiff it is.
     """
-    usual, decay, pull = PostureGains(), 0.0, 0.0
+    usual, decay = PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:
             continue
-        away = [arm.drive @ pin.difference(arm.model, arm.posture_configuration, q) for q in reach.q]
-        pull = max(pull, float((np.abs(away) / arm.limits.torque).max()))
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            M_inverse = arm.drive @ np.linalg.solve(arm.mass_matrix(q), arm.drive.T)
-            N = arm.null_space(q)
-            decay = max(decay, float(np.linalg.eigvalsh(N @ M_inverse @ N)[-1]))
+            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
+            spare = arm.from_drive @ U  # joint rates with the payload held
+            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
-        damping = min(damping, _rounded_down(_T_LAMBDA / (T * decay)))
+        damping = min(damping, _rounded_down(_T_LAMBDA / ((T + 2.0 * _lag(scenario)) * decay)))
     stiffness *= damping / float(np.max(usual.damping))
-    if pull > 0.0:
-        stiffness = min(stiffness, _rounded_down(_PULL_PART / pull))
-    return PostureGains(stiffness=stiffness, damping=damping)
+    return PostureGains(stiffness=max(stiffness, least_stiffness), damping=damping)
 
 
 def _rounded_down(value: float) -> float:

@@ -40,8 +40,8 @@ class Compare:
         size: points in a generation of the search, whatever the number of gains.
         list: only print the names of controllers and trials.
         replay: only write the replay of a cell of the table in the output folder, or of up to four side by
-            side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a random
-            trial.
+            side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
+            random trial.
         execution: workers, engine and folders to merge.
     """
 

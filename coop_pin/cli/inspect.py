@@ -118,9 +118,10 @@ class Check:
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
     closed chain whose closures lose rank at the start is told.
-    For the built-in controllers, also check at the initial pose that the damping gains are stable at the
-    control rate, all gains with the lag of the drives, and the joint friction in the plant's steps; say what
-    the law measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
+    Numbers in a likely wrong unit, and starts, postures and grasps that do not fit, are told first.
+    For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
+    with the lag of the drives along the motion, and the joint friction in the plant's steps; say what the law
+    measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
     for these postures follows. Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -142,6 +143,7 @@ class Check:
         from coop_pin.analysis import (
             closure_problem,
             gain_proposal,
+            implausible_numbers,
             loop_stability,
             reachability,
             start_stability,
@@ -154,7 +156,7 @@ class Check:
 
         scenario = load_scenario(self.scenario, self.fields)
         found = reachability(scenario, poses=self.poses)
-        print(found.summary())
+        print(*(f"! {number}" for number in implausible_numbers(scenario)), found.summary(), sep="\n")
         torques = statics_along(scenario, found)
         print(textwrap.indent(torques.summary(), "  "))
         singular = closure_problem(scenario) if found.ok else ""
@@ -164,7 +166,7 @@ class Check:
         if not found.ok or scenario.controller.user_code:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
-        stable = start_stability(simulation), loop_stability(simulation), step_stability(simulation)
+        stable = start_stability(simulation), loop_stability(simulation, found), step_stability(simulation)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, found).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
@@ -179,7 +181,8 @@ class Suggest:
     limits or torque. Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file; the gains of its controller are not used.
+        scenario: a name listed by 'coop-pin list', or a TOML file; the gains of its controller are not used,
+            and may be missing.
         out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
         poses: number of poses looked at along the motion.
         fields: fields of the scenario, as typed.
@@ -198,7 +201,7 @@ class Suggest:
         """
         from coop_pin.analysis import suggest
 
-        suggested = suggest(load_scenario(self.scenario, self.fields), poses=self.poses)
+        suggested = suggest(load_scenario(self.scenario, self.fields, draft=True), poses=self.poses)
         print(suggested.summary())
         if self.out is not None:
             suggested.scenario.save(self.out)

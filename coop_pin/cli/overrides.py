@@ -17,15 +17,15 @@ TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppre
 _FLAGS = {"beyond_bound", "project_start"}
 
 
-def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]]) -> Any:
-    """Return a Scenario of the catalogue or of a TOML file with the typed fields.
+def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, draft: bool = False) -> Any:
+    """Return a Scenario of the catalogue or of a TOML file with the typed fields; a draft may lack gains.
 
     Raises:
         NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
     """
     from coop_pin.description import Scenario  # slow to load
 
-    scenario = Scenario.load(name_or_file)
+    scenario = Scenario.load(name_or_file, draft=draft)
     return scenario.override(changes(fields, scenario.cell.arms))
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from coop_pin import viz
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario
-from coop_pin.errors import CoopPinError, RunInterruptedError, ScenarioWarning
+from coop_pin.errors import CoopPinError, RunInterruptedError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,22 +59,18 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
-        from coop_pin.build_controller import build_controller
-        from coop_pin.engine_choice import plant_of
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
-        from coop_pin.simulation import Simulation, simulate
+        from coop_pin.run_scenario import run
 
         scenario = load_scenario(self.scenario, self.fields)
         folder = RunFolder(self.out or Path("out") / scenario.name)
         folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
-        controller, plant = build_controller(scenario), plant_of(self.engine)
-        _warn_of_start(Simulation(scenario, controller))
         watch = Stopwatch()
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
                 advance, stop = bar.advance_to, self.stop_at_breach
-                result = simulate(scenario, controller, progress=advance, stop_at_breach=stop, plant=plant)
+                result = run(scenario, progress=advance, stop_at_breach=stop, engine=self.engine)
         except (CoopPinError, RunInterruptedError) as error:
             if error.result is None:
                 raise
@@ -105,18 +99,3 @@ class Run:
         if self.verbose:
             return [f"  {breach}" for breach in breaches]
         return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []
-
-
-def _warn_of_start(simulation: Any) -> None:
-    """Warn of drives too weak at the start, of gains unstable when sampled, and of friction in long steps."""
-    from coop_pin.analysis import start_stability, start_torques, step_stability
-
-    findings: list[str] = []
-    with contextlib.suppress(Exception):  # what fails here fails in the run, which tells it with its time
-        findings += map(str, start_torques(simulation).overloaded)
-        if not simulation.scenario.controller.user_code and not (held := start_stability(simulation)).ok:
-            findings.append(held.summary().removeprefix("! "))
-        if not (steps := step_stability(simulation)).ok:
-            findings.append(steps.summary().removeprefix("! "))
-    for finding in findings:
-        warnings.warn(finding, ScenarioWarning, stacklevel=2)

@@ -117,6 +117,8 @@ class Law(Description):
 
     uses: ClassVar[tuple[str, ...]] = ()
     """What the law uses besides kinematics where it is measured."""
+    spare_spring: ClassVar[str] = ""
+    """Path of the field with the spring of spare joints; empty if the law has none."""
     _stored_as: Any = PrivateAttr(default=None)
 
     kind: str

@@ -124,6 +124,8 @@ class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
 
     uses: ClassVar[tuple[str, ...]] = ("own wrench", "role")
 
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
+
     kind: Literal["leader-follower"] = "leader-follower"
     gains: LeaderFollowerGains = LeaderFollowerGains()
 

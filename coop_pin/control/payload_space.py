@@ -251,6 +251,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         "anchor_gain": "else the anchors move the payload: it needs one g",
     }
 
+    spare_spring: ClassVar[str] = "controller.posture.stiffness"
+
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)
     posture: PostureGains = PostureGains()

@@ -111,6 +111,8 @@ def _push(error: Array, rho: Array) -> Array:
 class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
     """The model-free prescribed-performance law: PrescribedPerformanceController."""
 
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
+
     kind: Literal["prescribed-performance"] = "prescribed-performance"
     gains: PrescribedPerformanceGains = PrescribedPerformanceGains()
 

@@ -184,6 +184,8 @@ class RedundantSlidingMode(SurfaceLaw[SlidingModeGains]):
         inverse_damping: Damping of the pseudo-inverse; 0 is exact, anything else biases the tracking.
     """
 
+    spare_spring: ClassVar[str] = "controller.posture.stiffness"
+
     kind: Literal["sliding-mode-redundant"] = "sliding-mode-redundant"
     posture: PostureGains = PostureGains()
     inverse_damping: NotNegative = 0.0

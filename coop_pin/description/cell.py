@@ -136,6 +136,11 @@ class Cell(Description):
         return Surroundings(mass, inertia, np.array(self.gravity), np.zeros(6))
 
     @property
+    def controls_turns(self) -> bool:
+        """Whether the task rows have a rotation."""
+        return self.rows != "positional"
+
+    @property
     def shares(self) -> Array:
         """Load shares c_i in the order of the arms, shape (m,)."""
         if self.load_shares is None:

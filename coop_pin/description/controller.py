@@ -112,6 +112,8 @@ class ComputedTorque(ModelBasedLaw[ComputedTorqueGains]):
     controller: ClassVar[str] = "coop_pin.model_based.computed_torque:ComputedTorqueController"
     uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench")
 
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
+
     kind: Literal["computed-torque"] = "computed-torque"
     gains: ComputedTorqueGains = ComputedTorqueGains()
     model: ModelFactors = ModelFactors()
@@ -150,6 +152,8 @@ class Adaptive(ModelBasedLaw[AdaptiveGains]):
     controller: ClassVar[str] = "coop_pin.model_based.adaptive:AdaptiveController"
     uses: ClassVar[tuple[str, ...]] = ("regressor", "internal wrench")
 
+    spare_spring: ClassVar[str] = "controller.gains.spare_gain"
+
     kind: Literal["adaptive"] = "adaptive"
     gains: AdaptiveGains = AdaptiveGains()
     model: ModelFactors | None = None
@@ -179,6 +183,8 @@ class ObjectImpedance(CentralisedLaw[ObjectImpedanceGains]):
     controller: ClassVar[str] = "coop_pin.model_based.object_impedance:ObjectImpedanceController"
     uses: ClassVar[tuple[str, ...]] = ("model", "wrenches of all arms", "internal wrench")
 
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
+
     kind: Literal["object-impedance"] = "object-impedance"
     gains: ObjectImpedanceGains = ObjectImpedanceGains()
 
@@ -193,6 +199,8 @@ class TorqueQp(CentralisedLaw[ComputedTorqueGains]):
 
     controller: ClassVar[str] = "coop_pin.model_based.torque_qp:TorqueQpController"
     uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench", "states of all arms")
+
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
 
     kind: Literal["torque-qp"] = "torque-qp"
     gains: ComputedTorqueGains = ComputedTorqueGains()

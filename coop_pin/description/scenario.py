@@ -227,13 +227,16 @@ class Scenario(Description):
                 yield from differences(getattr(self, name), getattr(base, name), (*path, name))
 
     @classmethod
-    def load(cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Self:
+    def load(
+        cls, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None, *, draft: bool = False
+    ) -> Self:
         """Return a scenario of the catalogue or of a TOML file.
 
         Args:
             name_or_path: name in the catalogue ("adept-paper") or path of a file. Paths of URDF, mesh and CSV
                 files in it are relative to its folder.
             overrides: fields to change, by dotted path.
+            draft: whether gains may be missing, see ``draft``.
 
         Raises:
             NameNotFoundError: there is no such name or file.
@@ -247,8 +250,28 @@ class Scenario(Description):
             raise _missing(path)
         data = read_toml(path, kind="a scenario")
         anchor_files(data, path.parent)
-        scenario = cls(**data)
+        scenario = cls.draft(**data) if draft else cls(**data)
         return scenario if overrides is None else scenario.override(overrides)
+
+    @classmethod
+    def draft(cls, **fields: Any) -> Self:
+        """Return a scenario whose gains may be missing: ``cp.suggest`` proposes some.
+
+        A controller without gains, or none, becomes the payload-space law with all gains 1 and the stated
+        force path.
+
+        Args:
+            fields: of the scenario; tables, as in a TOML file, or values.
+
+        Raises:
+            ScenarioError: another field has mistakes.
+        """
+        stated = fields.get("controller", {})
+        if isinstance(stated, Mapping) and "gains" not in stated and stated.get("kind") != "user":
+            kept = {name: stated[name] for name in ("force_path", "zero_at_grasp") if name in stated}
+            gains = dict.fromkeys(("pose_gain", "sliding_gain", "sign_gain", "transient_rate"), 1.0)
+            fields["controller"] = {"kind": "payload-space", "gains": gains, **kept}
+        return cls(**fields)
 
     @classmethod
     def from_toml(cls, text: str) -> Self:

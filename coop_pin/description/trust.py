@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Any
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.schema.base import Description, NotNegative, Positive
 
@@ -21,6 +23,9 @@ class TrustThresholds(Description):
         energy_floor: energy error that is accepted without any work, J.
         joint_slack: how far a joint may go beyond its position limits, rad or m; the plant has no stops.
         torque_cut: how long a drive torque may stay at its limit without a break, s.
+        joint_drift: largest mean speed of a joint over the last second of a run whose payload and reference
+            rest, rad/s or m/s: spare joints of redundant arms that nothing holds. It is written only where it
+            is not the default, so that keys of stored runs stay as they are.
         jacobian_condition: largest condition number of an arm's payload Jacobian; the catalogue's reach 12,
             and at 100 the torques of an arm that passes a singular pose are many times their usual size.
     """
@@ -31,3 +36,10 @@ class TrustThresholds(Description):
     joint_slack: NotNegative = 1e-6
     torque_cut: NotNegative = 0.1
     jacobian_condition: float = Field(default=100.0, ge=1.0)
+    joint_drift: NotNegative = 0.01
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = fields_of(self)
+        usual = type(self).model_fields["joint_drift"].default
+        return {name: value for name, value in fields.items() if (name, value) != ("joint_drift", usual)}

@@ -13,6 +13,7 @@ from xarray.indexes import PandasIndex
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError, suggestion
 from coop_pin.results.quantities import Samples, computed, quantities
 
 AXES = ["x", "y", "z", "rx", "ry", "rz"]
@@ -99,8 +100,36 @@ def _variable(dims: tuple[str, ...], values: NDArray[Any], attributes: Mapping[s
     return xr.Variable(dims, values, attributes, fastpath=True)
 
 
+class _Names(pd.Index):  # type: ignore[misc]
+    """Index of names, such as those of the arms, that tells which there are."""
+
+    def get_loc(self, key: Any) -> Any:
+        """Return the place of a name.
+
+        Raises:
+            ArgumentError: there is none; no KeyError, in whose place xarray would raise one of its own.
+        """
+        try:
+            return super().get_loc(key)
+        except KeyError:
+            names = self.tolist()
+            raise ArgumentError(f"no {key!r} in the result; {suggestion(str(key), names)}") from None
+
+
+def with_names(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset that was read, with the indexes of names of a new one."""
+    names = {str(dim): data[dim].values for dim in data.dims if data[dim].dtype.kind in "OU"}
+    return data.assign_coords(_coordinates(names))
+
+
+def _index(values: NDArray[Any]) -> pd.Index[Any]:
+    """Return the index of labels: times and numbers, or names."""
+    index = pd.Index(values)
+    return _Names._simple_new(index._values) if values.dtype.kind in "OU" else index
+
+
 def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:
     """Return the coordinates of dimensions with labels, without dask as well."""
-    indexes = {dim: PandasIndex(pd.Index(values), dim, values.dtype) for dim, values in labels.items()}
+    indexes = {dim: PandasIndex(_index(values), dim, values.dtype) for dim, values in labels.items()}
     variables = {dim: index.create_variables()[dim] for dim, index in indexes.items()}
     return xr.Coordinates(variables, indexes)

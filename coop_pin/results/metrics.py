@@ -27,6 +27,8 @@ from coop_pin.spatial.internal_wrench import (
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
+DRIFT_S, REST = 1.0, 1e-3
+"""Time over which drift is a mean, s, and speed at which the payload rests in any case, m/s and rad/s."""
 NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
 
 STEADY_METRICS = (
@@ -50,6 +52,7 @@ METRIC_TEXTS = {
     "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
     "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
     "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
+    "joint_drift_rad_s": ("drift of the joints while the payload rests, over the last second", "mrad/s", 1e3),
     "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
     "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
@@ -66,18 +69,19 @@ _SLACK = 1e-9
 """Differences below it beyond a limit are rounding."""
 
 
-def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
-    """Return all metrics by name but ``trustworthy``; see RunResult.metrics."""
+def all_metrics(data: Arrays, windows: Windows, *, turns: bool) -> dict[str, Any]:
+    """Return all metrics by name but ``trustworthy``; see RunResult.metrics, and in_band for ``turns``."""
     after, (distance, angle) = windows.after_event, closure_error_max(data)
     return {
-        "settling_time_s": settling_time(data, Window(0.0, windows.event.start)),
-        "resettling_time_s": resettling_time(data, windows),
+        "settling_time_s": settling_time(data, Window(0.0, windows.event.start), turns=turns),
+        "resettling_time_s": resettling_time(data, windows, turns=turns),
         "event_peak_position_error_m": event_peak_position_error(data, windows),
         **steady_metrics(data, windows.steady),
         "closure_error_max_m": distance,
         "closure_error_max_rad": angle,
         "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
         "torque_peak_Nm": torque_peak(data),
+        "joint_drift_rad_s": np.fmax.reduce(joint_drift(data, windows), axis=(-2, -1)),
         "window_start_s": windows.steady.start,
         "window_end_s": windows.steady.end,
         **{f"after_event_{name}": value for name, value in steady_metrics(data, after).items()},
@@ -89,10 +93,15 @@ def all_metrics(data: Arrays, windows: Windows) -> dict[str, Any]:
 # ------------------------------------------------------------ tracking
 
 
-def in_band(data: Arrays) -> Mask:
-    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (..., n)."""
+def in_band(data: Arrays, *, turns: bool) -> Mask:
+    """Return the mask of the samples with errors of at most 5 mm and 5 mrad, shape (..., n).
+
+    Args:
+        data: arrays of a run.
+        turns: whether the task rows control the orientation; otherwise its error does not count.
+    """
     distances, angles = error_norms(data)
-    return np.asarray((distances <= POSITION_BAND_M) & (angles <= ORIENTATION_BAND_RAD))
+    return np.asarray((distances <= POSITION_BAND_M) & ((angles <= ORIENTATION_BAND_RAD) | (not turns)))
 
 
 def error_norms(data: Arrays) -> tuple[Array, Array]:
@@ -101,20 +110,20 @@ def error_norms(data: Arrays) -> tuple[Array, Array]:
     return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
 
 
-def settling_time(data: Arrays, window: Window) -> Array:
+def settling_time(data: Arrays, window: Window, *, turns: bool) -> Array:
     """Return the time from the window's start after which the errors stay in the band; inf if they do not."""
     inside, time = samples_of(data, window), np.asarray(data["time"])
-    out = inside & ~in_band(data)
+    out = inside & ~in_band(data, turns=turns)
     times = np.append(np.where(inside, time - window.start, np.inf), np.inf)
     return np.where(out.any(axis=-1), times[len(time) - np.argmax(out[..., ::-1], axis=-1)], 0.0)
 
 
-def resettling_time(data: Arrays, windows: Windows) -> Array:
+def resettling_time(data: Arrays, windows: Windows, *, turns: bool) -> Array:
     """Return the settling time after the first event, s; NaN without one, or if the band is not left."""
     if not windows.has_events:
         return np.array(np.nan)
-    is_left = np.any(samples_of(data, windows.event) & ~in_band(data), axis=-1)
-    return np.where(is_left, settling_time(data, windows.event), np.nan)
+    is_left = np.any(samples_of(data, windows.event) & ~in_band(data, turns=turns), axis=-1)
+    return np.where(is_left, settling_time(data, windows.event, turns=turns), np.nan)
 
 
 def event_peak_position_error(data: Arrays, windows: Windows) -> Array:
@@ -190,6 +199,23 @@ def closure_error_max(data: Arrays) -> tuple[Array, Array]:
 def torque_peak(data: Arrays) -> Array:
     """Return the largest drive torque, N m."""
     return np.asarray(np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)))
+
+
+def joint_drift(data: Arrays, windows: Windows) -> Array:
+    """Return the mean speeds of all joints over the last second, rad/s or m/s, shape (..., m, k).
+
+    NaN unless the reference rests since 4 s, after all events, and the payload moves at less than a tenth of
+    what the joints do: joints that move are then the spare ones of redundant arms.
+    """
+    time, speeds = np.asarray(data["time"]), np.asarray(data["joint_velocity"])
+    settled = windows.after_event if windows.has_events else windows.steady
+    late, last = (time >= time[-1] - span - _SLACK for span in (SETTLING_S, DRIFT_S))
+    wanted, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
+    rests = ~np.compress(late, wanted, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    drift = np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
+    moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)
+    rests &= moved <= REST + np.fmax.reduce(drift, axis=(-2, -1)) / 10.0
+    return np.where(rests[..., None, None], drift, np.nan)
 
 
 # ------------------------------------------------------------ limits

@@ -14,8 +14,9 @@ from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
-from coop_pin.results.dataset import labelled
+from coop_pin.results.dataset import labelled, with_names
 from coop_pin.results.metrics import (
+    DRIFT_S,
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
@@ -24,7 +25,7 @@ from coop_pin.results.metrics import (
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
 from coop_pin.results.quantities import Arrays, Samples, quantities
-from coop_pin.results.trust import Breach, TrustMonitor
+from coop_pin.results.trust import Breach, TrustMonitor, in_time
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -101,6 +102,12 @@ class RunResult:
         joints = list(zip(map(str, arrays["arm"]), names, strict=True))
         limits = arrays["position_lower"], arrays["position_upper"]
         found = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
+        allowed, drift = self.scenario.trust.joint_drift, metrics.joint_drift(self.arrays, self.windows)
+        found += tuple(
+            Breach("joint drift", joints[a][0], joints[a][1][j], self.end - DRIFT_S, drift[a, j], allowed)
+            for a, j in np.argwhere(drift > allowed).tolist()
+        )
+        found = in_time(found)
         if self.ENDED_BY in getattr(self._data, "attrs", ()):
             found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return found
@@ -120,8 +127,12 @@ class RunResult:
     # ------------------------------------------------------------ metrics
 
     def settling_time(self) -> float:
-        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not."""
-        return float(metrics.settling_time(self.arrays, Window(0.0, self.windows.event.start)))
+        """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not.
+
+        On positional rows nothing controls the orientation, and the position alone counts.
+        """
+        window = Window(0.0, self.windows.event.start)
+        return float(metrics.settling_time(self.arrays, window, turns=self.scenario.cell.controls_turns))
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -171,7 +182,7 @@ class RunResult:
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there.
         """
-        found = metrics.all_metrics(self.arrays, self.windows)
+        found = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
         return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in found.items()}
 
     def summary(self) -> str:
@@ -199,8 +210,8 @@ class RunResult:
         advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
         if any(violation.kind == "torque" for violation in self.limit_violations()):
             advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-        position, turn = np.linalg.norm(last[:3]), np.linalg.norm(last[3:])
-        return f"did not settle: errors of {position:.3g} m and {turn:.3g} rad at the end; {advice}"
+        turn = f" and {np.linalg.norm(last[3:]):.3g} rad" if self.scenario.cell.controls_turns else ""
+        return f"did not settle: errors of {np.linalg.norm(last[:3]):.3g} m{turn} at the end; {advice}"
 
     def _steady_metrics(self, given: tuple[float, float] | None) -> dict[str, float]:
         window = self.windows.steady if given is None else checked_window(given, self.end)
@@ -236,4 +247,4 @@ class RunResult:
         if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
             advice = "it was written by another version of coop_pin: run its scenario again"
             raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")
-        return cls(scenario, data)
+        return cls(scenario, with_names(data))

@@ -12,7 +12,9 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.quantities import WORK
 
-Cause = Literal["joint limit", "jacobian condition", "torque cut", "closure error", "energy", "error"]
+Cause = Literal[
+    "joint limit", "jacobian condition", "torque cut", "closure error", "energy", "joint drift", "error"
+]
 """What was breached. Of breaches at the same time, causes come before what usually follows from them."""
 
 _TEXTS: dict[Cause, str] = {
@@ -22,6 +24,8 @@ _TEXTS: dict[Cause, str] = {
     "torque cut": "{who} torque at its limit from {time:.4g} s (for {value:.3g} s, allowed {allowed:.3g} s)",
     "closure error": "{who} grasp open from {time:.4g} s (by {value:.2g} m or rad, allowed {allowed:.2g})",
     "energy": "energy not explained by work from {time:.4g} s (by {value:.2g} J, allowed {allowed:.2g} J)",
+    "joint drift": "{who} drifts while the payload rests, from {time:.4g} s on"
+    " (at {value:.3g} rad/s, allowed {allowed:.3g}): hold spare joints with a stiffer posture",
     "error": "ended by an error at {time:.4g} s of {allowed:.4g} s",
 }
 

@@ -216,7 +216,7 @@ def sweep(
             memory_limit_gb, keep, engine, repeats.
 
     Raises:
-        ScenarioError: the plan has mistakes.
+        ScenarioError: the plan has mistakes, or the scenario of every run has.
         FieldError: the plan names code that has no file or that workers cannot import, or the scheduler's
             address is malformed.
         MissingExtraError: dask is not installed.
@@ -236,6 +236,7 @@ def sweep(
     if execution.engine is not None:
         fields = {**fields, "engine": execution.engine}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
+    _require_runs(chosen)
     with open_session(out, execution, len(chosen)) as session:
         chosen = with_engine(chosen, session.store)
         session.store.write_plan(chosen)
@@ -243,6 +244,19 @@ def sweep(
         result = SweepResult(chosen, session.store, session.keys)
         result.write_tables()
     return result
+
+
+def _require_runs(plan: SweepPlan) -> None:
+    """Refuse a plan in which no scenario is valid; one in which some are not may search for a limit.
+
+    Raises:
+        ScenarioError: with the mistakes of the first run.
+    """
+    first = plan.resolved(0)
+    if isinstance(first, ScenarioError) and all(
+        isinstance(plan.resolved(run), ScenarioError) for run in range(1, len(plan))
+    ):
+        raise first
 
 
 class Estimate(NamedTuple):
@@ -294,5 +308,5 @@ def _run_s(scenario: Scenario) -> float:
         stop(tick, total)
 
     with contextlib.suppress(RunTimeoutError):
-        run(scenario, progress=note)
+        run(scenario, progress=note, warn=False)
     return (time.perf_counter() - start) * ticks[0] / len(ticks)

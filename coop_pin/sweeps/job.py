@@ -163,7 +163,7 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        return run(separate(job.scenario), progress=deadline(job.time_limit_s))
+        return run(separate(job.scenario), progress=deadline(job.time_limit_s), warn=False)
 
     return outcome_of(job, compute)
 

@@ -301,7 +301,7 @@ class SweepResult:
         """
         number = self._number(number)
         kept = self.store.read_result(self.table["key"][number])
-        return kept if kept is not None else run(self.plan.scenario(number))
+        return kept if kept is not None else run(self.plan.scenario(number), warn=False)
 
     def _number(self, number: int) -> int:
         require_type("number", number, int, np.integer)

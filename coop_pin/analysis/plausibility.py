@@ -1,0 +1,170 @@
+"""Warnings before a run: implausible numbers of a scenario, and what ``coop-pin check`` finds."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from coop_pin.analysis.loop_stability import loop_stability
+from coop_pin.analysis.reachability import reachability
+from coop_pin.analysis.sampled_stability import start_stability, step_stability
+from coop_pin.analysis.statics import start_torques
+from coop_pin.arrays import Array, require_type
+from coop_pin.build_controller import build_controller
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.schema.base import Description
+from coop_pin.schema.pose import Pose
+from coop_pin.simulation import Simulation
+from coop_pin.spatial import inverse_pose, pose_error
+
+_WHOLE_TURN = 2.0 * np.pi
+_LARGEST_M = 10.0
+"""Positions and sizes beyond it are likely millimetres, m."""
+_OFF_START = 0.02
+"""Distance and angle between the start and the motion's start that are told, m and rad."""
+_OUTSIDE_M = 0.01
+"""Distance of a tip from the payload's shape that is told: pads and flanges have some, m."""
+_PATH_POSES, _LOOP_POSES = 41, 3
+"""Poses at which a run looks for reach, and for stability."""
+
+
+def run_warnings(scenario: Scenario) -> Iterator[str]:
+    """Yield what makes a run doubtful before it starts, one sentence each: what ``coop-pin check`` tells.
+
+    Implausible numbers, drives too weak at the start, a path that leaves the reach, motion that grows from
+    tick to tick, friction in long plant steps. What cannot be looked at fails in the run, which tells it with
+    its time.
+
+    Args:
+        scenario: scenario that would be run.
+    """
+    yield from implausible_numbers(scenario)
+    with contextlib.suppress(Exception):
+        simulation = Simulation(scenario, build_controller(scenario))
+        yield from map(str, start_torques(simulation).overloaded)
+        path = reachability(scenario, poses=_PATH_POSES)
+        yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
+        stable: list[Any] = [step_stability(simulation)]
+        if not scenario.controller.user_code:
+            reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
+            stable += [start_stability(simulation), loop_stability(simulation, reach)]
+        yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
+
+
+def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
+    """Return numbers of a scenario that are likely mistakes, one sentence each with the likely unit.
+
+    Angles that look like degrees, positions and sizes beyond 10 m, postures beyond joint limits, a start away
+    from the motion's start, grasps outside the payload's shape, and no squeeze.
+
+    Args:
+        scenario: scenario that would be run.
+    """
+    require_type("scenario", scenario, Scenario)
+    return (
+        *_units(scenario, ""),
+        *_postures(scenario),
+        *_start(scenario),
+        *_grasps(scenario),
+        *_squeeze(scenario),
+    )
+
+
+def _units(value: Any, path: str) -> Iterator[str]:
+    """Yield poses and sizes in a likely wrong unit, in all fields below one."""
+    if isinstance(value, Description):
+        fields = {name: getattr(value, name) for name in type(value).model_fields}
+        if isinstance(value, Pose):
+            yield from _pose(value, path)
+        elif "size" in fields and max(value.size) > _LARGEST_M:  # type: ignore[attr-defined]
+            yield f"{path}.size is {_row(value.size)} m; is it in mm?"  # type: ignore[attr-defined]
+    elif isinstance(value, Mapping):
+        fields = dict(value)
+    elif isinstance(value, tuple):
+        fields = {str(index): entry for index, entry in enumerate(value)}
+    else:
+        return
+    for name, entry in fields.items():
+        if isinstance(entry, Description | Mapping | tuple):
+            yield from _units(entry, f"{path}.{name}".lstrip("."))
+
+
+def _pose(pose: Pose, path: str) -> Iterator[str]:
+    if max(map(abs, pose.rpy)) > _WHOLE_TURN:
+        rad = _row(np.radians(pose.rpy))
+        yield f"{path}.rpy is {_row(pose.rpy)} rad, beyond a whole turn; are these degrees? Then write {rad}"
+    if max(map(abs, pose.xyz)) > _LARGEST_M:
+        yield f"{path}.xyz is {_row(pose.xyz)} m; is it in mm?"
+
+
+def _postures(scenario: Scenario) -> Iterator[str]:
+    """Yield postures beyond the limits of their joints."""
+    for name, arm in scenario.cell.arms.items():
+        limits = JointLimits(arm, name)
+        angles = np.array(arm.posture or ())
+        if len(angles) != len(limits.lower):
+            continue  # without a posture; a wrong number of angles is refused by the model
+        beyond = np.flatnonzero((angles < limits.lower - 1e-9) | (angles > limits.upper + 1e-9))
+        if beyond.size:
+            k, unit = int(beyond[0]), " Are these degrees?" if np.abs(angles).max() > _WHOLE_TURN else ""
+            yield (
+                f"cell.arms.{name}.posture is beyond joint limits ({beyond.size}):"
+                f" {limits.joints.names[k]} at {angles[k]:.4g}, allowed {limits.lower[k]:.4g} to"
+                f" {limits.upper[k]:.4g} {limits.joints.units[k]}.{unit} The arm starts on another branch"
+            )
+
+
+def _start(scenario: Scenario) -> Iterator[str]:
+    """Yield a start away from that of a motion from rest: a jump of the reference at the first tick.
+
+    A motion that moves at t = 0 cannot be met from rest at all.
+    """
+    with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
+        target = scenario.motion.replace().at(0.0)
+        if np.any(target.V_WP_d):
+            return
+        error = pose_error(scenario.start.matrix, np.array(target.X_WP_d))
+        linear, angular = (np.linalg.norm(part) for part in (error[:3], error[3:]))
+        if max(linear, angular if scenario.cell.controls_turns else 0.0) > _OFF_START:
+            yield (
+                f"start is {1e3 * linear:.3g} mm and {angular:.3g} rad away from the motion's start:"
+                " the reference jumps at the first tick. Make start and motion agree"
+            )
+
+
+def _grasps(scenario: Scenario) -> Iterator[str]:
+    """Yield tips outside the payload's shape."""
+    payload = scenario.cell.payload
+    for name, grasp in scenario.cell.grasps.items():
+        gap = _outside(inverse_pose(payload.shape_pose.matrix) @ (*grasp.xyz, 1.0), payload)
+        if gap > _OUTSIDE_M:
+            yield f"the tip of arm {name!r} is {1e3 * gap:.3g} mm outside the payload's shape: see its grasp"
+
+
+def _outside(point: Array, payload: Any) -> float:
+    """Return the distance of a point in the shape's frame from its box or cylinder, m."""
+    x, y, z = np.abs(point[:3])
+    half = np.array(payload.size) / 2.0
+    if payload.shape == "cylinder":
+        return float(np.linalg.norm(np.maximum((np.hypot(x, y) - half[0], z - half[2]), 0.0)))
+    return float(np.linalg.norm(np.maximum((x, y, z) - half, 0.0)))
+
+
+def _squeeze(scenario: Scenario) -> Iterator[str]:
+    """Yield that several arms do not squeeze."""
+    with contextlib.suppress(Exception):  # a user's squeeze may fail: the run tells it
+        times = np.linspace(0.0, scenario.duration, 5).tolist()
+        wrenches = [scenario.squeeze.at(time, scenario.cell.grasps) for time in times]
+        if len(scenario.cell.arms) > 1 and not np.any(wrenches):
+            yield (
+                "squeeze is zero: the arms do not press the payload. Where grasps hold by friction, add"
+                " --squeeze.kind tip-force --squeeze.force 10"
+            )
+
+
+def _row(values: Any) -> str:
+    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
