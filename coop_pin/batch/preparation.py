@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.constants import run_constants, start
+from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
+from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.model.cell_arm import CellArm
@@ -30,8 +31,8 @@ class PreparedPlant:
     Attributes:
         run: simulation of the first run, at its start.
         models: models of the arms, for controllers.
-        constants: numbers of the first run, the controller's last.
-        values: leaves of the constants, the controller's apart.
+        constants: numbers of the runs, without a controller.
+        values: leaves of the constants.
         start: initial state of the runs.
         desired: desired motion and squeeze at all ticks.
         example: signals of a tick.
@@ -53,10 +54,9 @@ class PreparedPlant:
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.models = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
-        self.constants, self.start = run_constants(scenario, self.run), start(scenario, self.run)
-        others = self.constants._replace(controller=None)
-        self.values = leaves(others)
-        self.kind = structure(others), tuple(scenario.cell.arms), _times(scenario)
+        self.constants = run_constants(scenario, self.run)._replace(controller=None)
+        self.start, self.values = start(scenario, self.run), leaves(self.constants)
+        self.kind = structure(self.constants), tuple(scenario.cell.arms), _times(scenario)
         self.desired = desired_of(self.run)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         drawn = run_signals(scenario, self.desired, self._joints)
@@ -80,15 +80,27 @@ class Prepared(NamedTuple):
         scenarios: scenarios to run.
         plants: plant of each; runs with equal plants share one.
         signals: signals of each at all ticks, shape (ticks + 1, entries).
-        values: leaves of the constants, shape (runs, leaves).
+        controller: controller of the first run.
+        values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: family of the runs: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
     plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
+    controller: CellController
     values: Array
     kind: Hashable
+
+    @property
+    def constants(self) -> RunConstants:
+        """Numbers of the first run."""
+        return self.plants[0].constants._replace(controller=self.controller)
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether the law of the runs is a user's."""
+        return bool(self.scenarios[0].controller.user_code)
 
     @classmethod
     def of_run(cls, scenario: Scenario, plant: PreparedPlant) -> Prepared:
@@ -101,7 +113,7 @@ class Prepared(NamedTuple):
         controller = build_controller(scenario, plant.models)
         values = np.array([[*plant.values, *leaves(controller)]], dtype=np.float64)
         kind = plant.kind, structure(controller)
-        return cls([scenario], [plant], [plant.signals(scenario)], values, kind)
+        return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:
@@ -115,7 +127,8 @@ class Prepared(NamedTuple):
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
         scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
-        return cls(scenarios, plants, [run.signals[0] for run in runs], values, runs[0].kind)
+        signals = [run.signals[0] for run in runs]
+        return cls(scenarios, plants, signals, runs[0].controller, values, runs[0].kind)
 
 
 def plant_fields(scenario: Scenario) -> list[object]:

@@ -191,7 +191,7 @@ class BatchSimulator:
         differs = ~same.all(axis=0)
         is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
         if known is None:
-            require_traceable(first.scenarios[0], first.plants[0].run, first.plants[0].constants)
+            require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
         else:
             differs, is_loaded = differs | known.differs, is_loaded | known.is_loaded
         if known is None or (differs != known.differs).any() or (is_loaded != known.is_loaded).any():

@@ -66,7 +66,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         return
     try:
         ticks = random_ticks(scenario, run, constants)
-        code = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
+        controller, rows = build_controller(scenario), scenario.cell.task_rows
+        code = trace_law(controller, constants.arms, rows, ticks[0], exact=True)
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None

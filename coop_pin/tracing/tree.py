@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import PurePath
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from coop_pin.errors import TracingError
 from coop_pin.schema.base import Description
 from coop_pin.tracing.tape import Subroutine, Tape, Traced, operands
-from coop_pin.tracing.traced_array import inputs, scalar, traced
+from coop_pin.tracing.traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
 
 Tree = TypeVar("Tree")
 
@@ -58,11 +58,11 @@ def leaves(tree: Any) -> list[Any]:
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
     if is_number(tree):
-        return next(numbers)
+        return cast(Tree, _like(tree, next(numbers)))
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
         entries = np.empty(tree.size, dtype=object)
-        for index in range(tree.size):
-            entries[index] = next(numbers)
+        for index, entry in enumerate(tree.ravel().tolist()):
+            entries[index] = _like(entry, next(numbers))
         return traced(entries.reshape(tree.shape))
     kind, parts = _read(tree)
     made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in parts})
@@ -72,12 +72,19 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
 def structure(tree: Any) -> Hashable:
     """Return what two trees must share to differ in their numbers only; raises as leaves."""
     if is_number(tree):
-        return float
+        return "mask" if isinstance(tree, TracedMask) else float
     if isinstance(tree, np.ndarray):
+        if tree.dtype.kind == "O" and any(map(is_truth, tree.flat)):
+            return tree.shape, tuple(map(is_truth, tree.flat))
         return tree.shape if _has_numbers(tree) else (tree.shape, tree.tobytes())
     if isinstance(tree, _CONSTANTS):
         return type(tree), repr(tree)
     return (type(tree), *((name, structure(part)) for name, part in _read(tree)[1]))
+
+
+def _like(tree: Any, number: Any) -> Any:
+    """Return a number in place of a leaf, as a truth value if that is one."""
+    return as_truth(number) if isinstance(tree, TracedMask) else number
 
 
 def is_number(value: Any) -> bool:
