@@ -83,6 +83,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "model",
             "results",
             "build_controller",
+            "schema",
             "simulation",
             "tracing",
         },

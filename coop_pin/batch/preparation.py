@@ -9,6 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.hidden_state import digest, of_surroundings
 from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller
@@ -90,7 +91,7 @@ class Prepared(NamedTuple):
     signals: Sequence[Array]
     controller: CellController
     values: Array
-    kind: Hashable
+    kind: tuple[Hashable, ...]
 
     @property
     def constants(self) -> RunConstants:
@@ -102,6 +103,19 @@ class Prepared(NamedTuple):
         """Whether the law of the runs is a user's."""
         return bool(self.scenarios[0].controller.user_code)
 
+    def require_surroundings(self) -> None:
+        """Refuse to trace a user's law whose classes or modules have changed since the runs were prepared.
+
+        Raises:
+            TracingError: They have.
+        """
+        law = self.scenarios[0].controller
+        if law.user_code and self.kind[-1] != _surroundings(self.scenarios[0]):
+            raise TracingError(
+                f"its controller {law.user_code[0]!r} cannot be traced: its class or module has"
+                " attributes that differ between runs; keep them in the object"
+            )
+
     @classmethod
     def of_run(cls, scenario: Scenario, plant: PreparedPlant) -> Prepared:
         """Return the batch of a single run.
@@ -112,7 +126,7 @@ class Prepared(NamedTuple):
         """
         controller = build_controller(scenario, plant.models)
         values = np.array([[*plant.values, *leaves(controller)]], dtype=np.float64)
-        kind = plant.kind, structure(controller)
+        kind = plant.kind, structure(controller), _surroundings(scenario)
         return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
 
     @classmethod
@@ -129,6 +143,11 @@ class Prepared(NamedTuple):
         scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
         signals = [run.signals[0] for run in runs]
         return cls(scenarios, plants, signals, runs[0].controller, values, runs[0].kind)
+
+
+def _surroundings(scenario: Scenario) -> str:
+    """Return a digest of what a law may read besides its object and its arguments."""
+    return digest(of_surroundings(scenario.controller.user_code))
 
 
 def plant_fields(scenario: Scenario) -> list[object]:

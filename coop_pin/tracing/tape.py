@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from typing import NamedTuple, NoReturn, Self, TypeAlias
+from typing import NamedTuple, NoReturn, TypeAlias
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
@@ -230,7 +230,7 @@ class Traced(NDArrayOperatorsMixin):
         self.tape.refusals.append(error)
         raise error
 
-    def apply(self, name: str, *numbers: Number) -> Self | float:
+    def apply(self, name: str, *numbers: Number) -> Number:
         """Return the result of an operation of FOLD on the tape of this scalar."""
         result = self.tape.apply(name, *operands(self.tape, numbers))
         return result if isinstance(result, float) else type(self)(self.tape, result)
