@@ -50,8 +50,8 @@ def choose_engines(
     """
     if engine == "single":
         return [EngineChoice("single")] * len(scenarios)
-    if engine == "auto" and runs is not None and runs < _WORTH_A_BATCH:
-        few = f"{runs} runs are fewer than {_WORTH_A_BATCH}"
+    if engine == "auto" and runs is not None and runs < (enough := _enough(scenarios)):
+        few = f"{runs} runs are fewer than {enough}"
         return [EngineChoice("single", "few runs", few)] * len(scenarios)
     from coop_pin.batch import require_compiler  # slow to load
 
@@ -62,6 +62,20 @@ def choose_engines(
     return [_choice(scenario, traces_user_code) for scenario in scenarios]
 
 
+def _enough(scenarios: Sequence[Scenario | ScenarioError]) -> int:
+    """Return the number of runs worth a batch, which saves the single runs that check a user's law, too."""
+    if not any(map(_is_foreign, scenarios)):
+        return _WORTH_A_BATCH
+    from coop_pin.batch.single_runs import CHECKED  # slow to load
+
+    return _WORTH_A_BATCH + CHECKED
+
+
+def _is_foreign(scenario: Scenario | ScenarioError) -> bool:
+    """Return whether a scenario's law is a user's."""
+    return isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
+
+
 def _choice(scenario: Scenario | ScenarioError, traces_user_code: bool) -> EngineChoice:
     """Return the engine of a run that had better be in a batch."""
     from coop_pin.batch import plant_reason, support
@@ -70,7 +84,7 @@ def _choice(scenario: Scenario | ScenarioError, traces_user_code: bool) -> Engin
         return EngineChoice("single", "scenario", str(scenario))
     if text := plant_reason(scenario.plant):
         return EngineChoice("single", "plant", text)
-    if scenario.controller.user_code and not traces_user_code:
+    if _is_foreign(scenario) and not traces_user_code:
         return EngineChoice("batch")
     try:
         text = support(scenario)

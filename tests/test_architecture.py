@@ -88,6 +88,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "model",
             "results",
             "build_controller",
+            "schema",
             "simulation",
             "tracing",
         },

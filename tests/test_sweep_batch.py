@@ -127,7 +127,7 @@ def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
 
 @pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])
 def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
+    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", -1)
     wanted = plan(changes=changes | {"plant.payload": "free"}, axes={})
     with caplog.at_level(logging.WARNING):
         assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"

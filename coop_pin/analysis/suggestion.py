@@ -142,7 +142,7 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
         stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
         if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
             detail = loop.summary().removeprefix("! ")
-            if loop.ok:
+            if loop.ok and loop.spare is not None:
                 detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the {loop.spare.name} on its path"
             raise InfeasibleMotionError("stability", detail)
 

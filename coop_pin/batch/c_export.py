@@ -93,7 +93,8 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     constants = [arm_constants(scenario, place) for place in run.plant.chain.model.arms if place.name == arm]
     cell_ticks, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
     try:
-        code = trace_law(DecentralisedController(alone), constants, scenario.cell.task_rows, cell_ticks[0])
+        law, rows = DecentralisedController(alone), scenario.cell.task_rows
+        code = trace_law(law, constants, rows, cell_ticks[0], exact=bool(scenario.controller.user_code))
         require_agreement(*code, cell_ticks)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None

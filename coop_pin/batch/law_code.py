@@ -18,7 +18,7 @@ from coop_pin.simulation.sensing import measurement
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, operands
-from coop_pin.tracing.traced_array import inputs, plain
+from coop_pin.tracing.traced_array import inputs, masks, plain
 from coop_pin.tracing.tree import leaves, rebuilt, require_state, structure
 
 _AGREEMENT = 1e-12
@@ -103,7 +103,12 @@ def fields(tick: LawTick) -> tuple[Values, Values]:
 
 
 def trace_law(
-    controller: CellController, arms: Sequence[ArmConstants], rows: TaskRows, first: Sequence[LawTick]
+    controller: CellController,
+    arms: Sequence[ArmConstants],
+    rows: TaskRows,
+    first: Sequence[LawTick],
+    *,
+    exact: bool,
 ) -> tuple[LawCode, LawCode]:
     """Return the traced start and step of a controller, with the kinematics of its arms.
 
@@ -112,6 +117,7 @@ def trace_law(
         arms: Numbers of each arm.
         rows: Task rows of the cell.
         first: Tick of each arm, whose fields that are not None become inputs.
+        exact: As of law_code.
 
     Raises:
         TracingError: The controller cannot be traced.
@@ -125,18 +131,19 @@ def trace_law(
                 for values in fields(tick)
             )
             q, v = measured.pop("q"), measured.pop("v")
-            others = {"internal_wrench": None, **measured}
+            others = {"internal_wrench": None, **measured, "saturated": masks(measured["saturated"])}
             measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others))
             references.append(ArmReference(**desired))
         return tape, measurements, references
 
     tape, measurements, references = record()
-    with only_tracing_errors():
+    with law_code(tape, exact=exact):
         first_state = controller.init(measurements, references)
         require_state(first_state)
         start = LawCode.of(tape, first_state, ())
-        tape, measurements, references = record()
-        state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
+    tape, measurements, references = record()
+    state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
+    with law_code(tape, exact=exact):
         measurements = [measurement._replace(holding_torque=None) for measurement in measurements]
         torques, state = controller.step(measurements, references, state)
         require_state(state)
@@ -147,10 +154,21 @@ def trace_law(
 
 
 @contextlib.contextmanager
-def only_tracing_errors() -> Iterator[None]:
-    """Raise a TracingError for whatever code raises that does not know traced numbers."""
+def law_code(tape: Tape, *, exact: bool) -> Iterator[None]:
+    """Record a law on a tape.
+
+    Args:
+        tape: Tape.
+        exact: Whether NaN and inf must pass as in numpy; of the package's laws, tests show that they do not.
+
+    Raises:
+        TracingError: The law raises anything, or it caught what refused to be traced.
+    """
     try:
-        yield
+        with tape.exact(exact):
+            yield
+            if tape.refusals:
+                raise tape.refusals[0]
     except TracingError:
         raise
     except Exception as error:  # of libraries, and of users

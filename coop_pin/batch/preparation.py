@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.batch.constants import run_constants, start
+from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.hidden_state import digest, of_surroundings
 from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.results.dataset import without_time
@@ -29,8 +31,8 @@ class PreparedPlant:
     Attributes:
         run: simulation of the first run, at its start.
         arms: numbers of the arms that controllers know.
-        constants: numbers of the first run, the controller's last.
-        values: leaves of the constants, the controller's apart.
+        constants: numbers of the runs, without a controller.
+        values: leaves of the constants.
         start: initial state of the runs.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks.
@@ -53,9 +55,9 @@ class PreparedPlant:
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
-        self.constants, self.start = run_constants(scenario, self.run), start(self.run)
-        others = self.constants._replace(controller=None)
-        self.values, structure = flattened(others)
+        self.constants = run_constants(scenario, self.run)._replace(controller=None)
+        self.start = start(self.run)
+        self.values, structure = flattened(self.constants)
         self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
@@ -82,15 +84,40 @@ class Prepared(NamedTuple):
         scenarios: scenarios to run.
         plants: plant of each; runs with equal plants share one.
         signals: signals of each at all ticks, shape (ticks + 1, entries).
-        values: leaves of the constants, shape (runs, leaves).
+        controller: controller of the first run.
+        values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: family of the runs: what they share besides numbers.
     """
 
     scenarios: Sequence[Scenario]
     plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
+    controller: CellController
     values: Array
-    kind: Hashable
+    kind: tuple[Hashable, ...]
+
+    @property
+    def constants(self) -> RunConstants:
+        """Numbers of the first run."""
+        return self.plants[0].constants._replace(controller=self.controller)
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether the law of the runs is a user's."""
+        return bool(self.scenarios[0].controller.user_code)
+
+    def require_surroundings(self) -> None:
+        """Refuse to trace a user's law whose classes or modules have changed since the runs were prepared.
+
+        Raises:
+            TracingError: They have.
+        """
+        law = self.scenarios[0].controller
+        if law.user_code and self.kind[-1] != _surroundings(self.scenarios[0]):
+            raise TracingError(
+                f"its controller {law.user_code[0]!r} cannot be traced: its class or module has"
+                " attributes that differ between runs; keep them in the object"
+            )
 
     @classmethod
     def of_run(cls, scenario: Scenario, plant: PreparedPlant) -> Prepared:
@@ -103,7 +130,8 @@ class Prepared(NamedTuple):
         controller = scenario.controller.build(scenario, plant.arms)
         numbers, structure = flattened(controller)
         values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        return cls([scenario], [plant], [plant.signals(scenario)], values, (plant.kind, structure))
+        kind = plant.kind, structure, _surroundings(scenario)
+        return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:
@@ -117,7 +145,13 @@ class Prepared(NamedTuple):
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
         scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
-        return cls(scenarios, plants, [run.signals[0] for run in runs], values, runs[0].kind)
+        signals = [run.signals[0] for run in runs]
+        return cls(scenarios, plants, signals, runs[0].controller, values, runs[0].kind)
+
+
+def _surroundings(scenario: Scenario) -> str:
+    """Return a digest of what a law may read besides its object and its arguments."""
+    return digest(of_surroundings(scenario.controller.user_code))
 
 
 def plant_fields(scenario: Scenario) -> list[object]:

@@ -35,8 +35,8 @@ class RunProgram:
         plant, signals = first.plants[0], first.signals[0]
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
-        self._block = RunBlock(plant.constants, plant.start, differs, split, plant.read)
-        self._differs, kernels = differs, TickCode(self._block).kernels()
+        self._block = RunBlock(first.constants, plant.start, differs, split, plant.read)
+        self._differs, kernels = differs, TickCode(self._block, exact=first.is_foreign).kernels()
         schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
         self.uniforms, block = np.array(schedule.rows), self._block
         self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)

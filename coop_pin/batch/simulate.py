@@ -13,6 +13,7 @@ from coop_pin.arrays import Array, Mask, require_memory, require_type
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram
+from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
@@ -128,12 +129,22 @@ class BatchSimulator:
         self._free = list[Array]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
-        """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds."""
+        """Return the results of scenarios; see simulate_batch. Those of other calls may be of other kinds.
+
+        Of a user's law, some of the runs are repeated singly.
+        """
         if not scenarios:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        return self.run_prepared([self.prepare(scenario) for scenario in scenarios])
+        batch = self.run_prepared([self.prepare(scenario) for scenario in scenarios])
+        valid = np.flatnonzero(batch.is_valid).tolist()
+        if scenarios[0].controller.user_code and valid:
+            for index in checked(valid):
+                require_agreement(
+                    scenarios[index], {name: batch.samples[name][index] for name in batch.samples}
+                )
+        return batch
 
     def prepare(self, scenario: Scenario) -> Prepared:
         """Return a run before it runs; raises as Plant and Prepared.of_run."""
@@ -192,10 +203,11 @@ class BatchSimulator:
         differs = ~same.all(axis=0)
         is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
         if known is None:
-            require_traceable(first.scenarios[0], first.plants[0].run, first.plants[0].constants)
+            require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
         else:
             differs, is_loaded = differs | known.differs, is_loaded | known.is_loaded
         if known is None or (differs != known.differs).any() or (is_loaded != known.is_loaded).any():
+            first.require_surroundings()
             code = RunProgram(first, differs, is_loaded)
             known = Family(first, differs, is_loaded, code, self._new_machine(code.program))
         self._families = [*self._families, known][-_KEPT:]
@@ -207,7 +219,8 @@ def simulate_batch(
 ) -> BatchResult:
     """Return the results of scenarios that differ in numbers only.
 
-    Numbers in which they differ become inputs of the traced code, all others fold into it.
+    Numbers in which they differ become inputs of the traced code, all others fold into it. Of a user's law,
+    two of the runs are repeated singly.
 
     Args:
         scenarios: scenarios with equal kinds of everything and equal times of ticks and events.
@@ -215,7 +228,8 @@ def simulate_batch(
 
     Raises:
         ArgumentError: there are none.
-        TracingError: one cannot run in a batch, or they differ in more than numbers.
+        TracingError: one cannot run in a batch, or they differ in more than numbers; or the first run or a
+            random one, which are repeated singly if the law is a user's, differ from single runs.
         MissingExtraError: llvmlite is not installed.
         NotEnoughMemoryError: the samples do not fit.
         CoopPinError: a run cannot start.

@@ -7,8 +7,10 @@ from functools import partial
 import numpy as np
 
 from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.hidden_state import Contents, of_objects, of_surroundings, require_unchanged
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
+from coop_pin.control import CellController
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -17,8 +19,8 @@ from coop_pin.simulation.sensing import Truth
 from coop_pin.simulation.signals import SensorSignals
 from coop_pin.tracing.tree import structure
 
-_TICKS = 3
-"""At which a user's controller is compared with its traced code."""
+_TICKS = 16
+"""At which a user's controller is compared with its traced code, the first and random ones."""
 _SPREAD = 0.1
 """Of the joint positions there about those of the start, and of their rates, rad or m and 1/s of it."""
 _WRENCH = 10.0
@@ -68,7 +70,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         return
     try:
         ticks = random_ticks(scenario, run, constants)
-        code = trace_law(build_controller(scenario), constants.arms, scenario.cell.task_rows, ticks[0])
+        controller, rows = build_controller(scenario), scenario.cell.task_rows
+        code = trace_law(controller, constants.arms, rows, ticks[0], exact=True)
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
@@ -76,14 +79,22 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
 
 
 def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
-    """Return successive ticks of all arms under a controller, at random states near the start."""
+    """Return ticks of all arms under a controller, the first and random ones, at states near the start.
+
+    Raises:
+        TracingError: The controller fails there, or changes attributes.
+    """
     rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
+    before = _attributes(scenario, controller)
     begun, sensors = start(run), constants.sensors
     sizes = [len(arm.drive) for arm in constants.arms]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
-    signals, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
-    for tick in range(_TICKS):
-        time = tick * scenario.clock.period
+    rows, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
+    chosen = {0, *rng.integers(run.timeline.ticks + 1, size=_TICKS - 1).tolist()}
+    for tick, signals in zip(range(max(chosen) + 1), rows, strict=False):
+        if tick not in chosen:
+            continue
+        time = run.timeline.time(tick)
         references, angles = run.references(time), split(begun.q + _SPREAD * rng.normal(size=sum(sizes)))
         truth = Truth(
             time=time,
@@ -93,7 +104,7 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             reported=split(_TORQUE * rng.normal(size=sum(sizes))),
             wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
             R_WP=np.eye(3),
-            signals=next(signals),
+            signals=signals,
         )
         view = partial(constants.view, angles)
         sensed = sensors.start(truth, view, references) if sensed is None else sensed
@@ -110,4 +121,10 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
         except Exception as error:  # whatever a user's class raises
             raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
         ticks.append([LawTick(*parts) for parts in zip(first, references, torques, strict=True)])
+    require_unchanged(before, _attributes(scenario, controller))
     return ticks
+
+
+def _attributes(scenario: Scenario, controller: CellController) -> Contents:
+    """Return the attributes of a user's law, of its classes and of their modules."""
+    return of_objects(controller) | of_surroundings(scenario.controller.user_code)

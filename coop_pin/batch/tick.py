@@ -15,7 +15,7 @@ from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.block import RunBlock
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, energy_gain
 from coop_pin.batch.constants import RunConstants
-from coop_pin.batch.law_code import only_tracing_errors
+from coop_pin.batch.law_code import law_code
 from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
@@ -27,15 +27,16 @@ from coop_pin.spatial.generic_numbers import inverse
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number
-from coop_pin.tracing.traced_array import traced
+from coop_pin.tracing.traced_array import masks, traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
 
 class TickCode:
     """Kernels of the runs of a block."""
 
-    def __init__(self, block: RunBlock) -> None:
-        self._block = block
+    def __init__(self, block: RunBlock, *, exact: bool) -> None:
+        """Begin without code; ``exact`` as of law_code."""
+        self._block, self._exact = block, exact
         self._functions = SharedFunctions()
         self._sensors: Any = None
         self._law: Any = None
@@ -71,7 +72,7 @@ class TickCode:
         self._sensors = constants.sensors.start(truth, view, references)
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = constants.cell.by_arm(kernel.read("holding"))
-        with only_tracing_errors():
+        with law_code(kernel.tape, exact=self._exact):
             self._law = constants.controller.init(
                 [
                     measurement._replace(holding_torque=torque)
@@ -94,7 +95,7 @@ class TickCode:
             angles=q,
             rates=v,
             signals=signals.sensors,
-            saturated=saturated,
+            saturated=[masks(cut) for cut in saturated],
             reported=reported,
             wrenches=kernel.read("wrenches"),
             R_WP=kernel.read("R_WP"),
@@ -119,7 +120,7 @@ class TickCode:
             for name, state in (("sensors", self._sensors), ("law", self._law))
         )
         measurements, sensors = constants.sensors.step(sensors, *self._truth(kernel, constants, signals))
-        with only_tracing_errors():
+        with law_code(kernel.tape, exact=self._exact):
             command = constants.controller.step(measurements, self._block.references(signals.desired), law)
             kernel.write("law", command.state)
         commanded = [traced(torque) for torque in command.torques]

@@ -250,7 +250,9 @@ class ParametricLaw(Law, Generic[G]):
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
         gains = [self.gains_of(name) for name in cell.arms]
-        largest = {name: max(getattr(g, name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")}
+        largest: dict[str, Any] = {
+            name: max(getattr(g, name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")
+        }
         return sampled_loop(self.force_path, cell.wrists, cell.lag)._replace(**largest)
 
     def problems(self, cell: CellTiming) -> list[FieldError]:

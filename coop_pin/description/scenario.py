@@ -220,7 +220,7 @@ class Scenario(Description):
         if not self.events and base.events:
             yield "no events"
         elif self.events != base.events:
-            told = [f"{event.text(self.payload_at(0.0))} at {event.time:g} s" for event in self.events]
+            told = [f"{event.text(self.surroundings_at(0.0))} at {event.time:g} s" for event in self.events]
             yield f"events: {', '.join(told)}"
         for name in type(self).model_fields:
             if name not in ("name", "summary", "events"):

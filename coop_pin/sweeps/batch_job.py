@@ -11,6 +11,7 @@ from collections.abc import Hashable, Iterator, Sequence
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
+from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate, times
@@ -108,6 +109,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
             return [None]
         parts = slice(half), slice(half, None)
         return [each for part in parts for each in _together(jobs[part], runs[part], preparation)]
+    family = digest((*runs[0].kind, jobs[0].code)) if runs[0].is_foreign else ""
     shared, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
     for index, job in enumerate(jobs):
         if not batch.is_valid[index]:
@@ -117,7 +119,8 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         if job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index))
         wall_s, cpu_s = outcome.record.wall_s + float(shared[0]), outcome.record.cpu_s + float(shared[1])
-        record = dataclasses.replace(outcome.record, engine="batch", wall_s=wall_s, cpu_s=cpu_s)
+        made = dataclasses.replace(outcome.record, engine="batch", family=family)
+        record = dataclasses.replace(made, wall_s=wall_s, cpu_s=cpu_s)
         outcomes.append(outcome._replace(record=record))
     batch.release()
     return outcomes

@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
@@ -31,7 +31,7 @@ from coop_pin.sweeps.execution import HERE, Execution
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
-from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.run_key import KeyedPoint, keyed_points
 from coop_pin.sweeps.store import TRANSIENT, SweepStore
 from coop_pin.sweeps.table import require_own_names
 
@@ -107,6 +107,7 @@ class Session:
         for folder in self._execution.merge:
             self.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(plan)))
         self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
+        self._is_foreign = False
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
@@ -118,6 +119,48 @@ class Session:
                         for _ in range(under_way.pop(record.key)):
                             self.bar.count(bool(record.failure))
         self.store.append(refused)
+        if self._is_foreign and plan.engine == "batch":
+            self._check_batches(plan)
+
+    def _check_batches(self, plan: SweepPlan) -> None:
+        """Repeat two runs of each new family of a user's law singly; if one differs, all of the family.
+
+        A family that agrees is kept in the folder, as a record of its own, and never checked again.
+        """
+        from coop_pin.batch.single_runs import checked, told  # slow to load
+
+        numbers = {key: number for number, key in reversed([*enumerate(self.keys)])}
+        families = dict[str, list[int]]()
+        for key, family in self.store.families().items():
+            if key in numbers and family not in self.store.known:
+                families.setdefault(family, []).append(numbers[key])
+        for family, members in families.items():
+            members.sort()
+            singles = self._singly(plan, checked(members))
+            if reason := self._difference([outcome.record for outcome in singles]):
+                scenario = plan.scenario(members[0])
+                _LOG.warning("runs of %r are repeated one by one: %s", scenario.name, told(scenario, reason))
+                self.store.append(self._singly(plan, members))
+            elif not {outcome.record.failure for outcome in singles} & {*TRANSIENT}:
+                self.store.append([Outcome(Record(family))])
+
+    def _singly(self, plan: SweepPlan, numbers: Sequence[int]) -> list[Outcome]:
+        """Return the outcomes of single runs of a plan's points."""
+        jobs = (self._job(plan, keyed)._replace(engine="single") for keyed in keyed_points(plan, numbers))
+        with contextlib.closing(self._outcomes(jobs)) as batches:
+            return list(itertools.chain.from_iterable(batches))
+
+    def _difference(self, singles: Sequence[Record]) -> str:
+        """Return how stored runs of a batch differ from single ones; nothing of those that cannot be told."""
+        from coop_pin.batch.single_runs import difference  # slow to load
+
+        batch = self.store.read_records([single.key for single in singles])
+        for single in singles:
+            if single.failure and single.failure not in TRANSIENT:
+                return f"a single run ends with {single.failure}: {single.message}"
+            if reason := difference(batch[single.key].metrics, single.metrics):
+                return reason
+        return ""
 
     @functools.cached_property
     def _outcomes(self) -> Callable[[Iterator[Job]], Generator[list[Outcome]]]:
@@ -136,10 +179,11 @@ class Session:
         self, plan: SweepPlan, retry_failed: bool, under_way: Counter[str], refused: list[Outcome]
     ) -> Iterator[Job]:
         """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
-        limits = plan.time_limit_s, int(plan.memory_limit_gb * 1e9)
-        for point, key, scenario, code in keyed_points(plan):
+        for keyed in keyed_points(plan):
+            point, key, scenario, code = keyed
             self._require_files(code)
             self.keys.append(key)
+            self._is_foreign |= isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
             again = retry_failed and kind in TRANSIENT
             if isinstance(scenario, ScenarioError):
@@ -151,7 +195,14 @@ class Session:
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
-                    yield Job(key, scenario, point.changes, plan.metrics, *limits, keep, code, plan.engine)
+                    yield self._job(plan, keyed)
+
+    @staticmethod
+    def _job(plan: SweepPlan, keyed: KeyedPoint) -> Job:
+        """Return the job of a point whose scenario has no mistakes."""
+        point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
+        keep, scenario = plan.keeps(point.number), cast(Scenario, keyed.scenario)
+        return Job(keyed.key, scenario, point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""

@@ -58,6 +58,8 @@ class Record:
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
         engine: what simulated it: "single", or "batch" together with others.
+        family: digest of the family and the code of a run of a user's law in a batch; some of its runs are
+            repeated singly.
         wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
         cpu_s: processor time.
     """
@@ -70,6 +72,7 @@ class Record:
     failed_at_s: float | None = None
     trace: str = ""
     engine: str = "single"
+    family: str = ""
     wall_s: float = 0.0
     cpu_s: float = 0.0
 

@@ -9,7 +9,7 @@ import importlib.util
 import json
 import sys
 import sysconfig
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -198,10 +198,10 @@ class KeyedPoint(NamedTuple):
     code: Code = ()
 
 
-def keyed_points(plan: SweepPlan) -> Iterator[KeyedPoint]:
-    """Yield all points of a plan with their keys; every file is looked at once."""
+def keyed_points(plan: SweepPlan, numbers: Iterable[int] | None = None) -> Iterator[KeyedPoint]:
+    """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
-    for point in plan.points():
+    for point in plan.points() if numbers is None else map(plan.__getitem__, numbers):
         scenario = plan.resolved(point.number)
         if isinstance(scenario, ScenarioError):
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)

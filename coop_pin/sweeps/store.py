@@ -123,6 +123,15 @@ class SweepStore:
                     else:
                         yield record
 
+    def families(self) -> dict[str, str]:
+        """Return the families of runs of users' laws in batches, by key."""
+        last = {record.key: record.family for record in self.records()}
+        return {key: family for key, family in last.items() if family}
+
+    def read_records(self, keys: Collection[str]) -> dict[str, Record]:
+        """Return the records of some runs by key."""
+        return {record.key: record for record in self.records() if record.key in keys}
+
     def append(self, outcomes: Sequence[Outcome]) -> None:
         """Store outcomes, first the full results that belong to them; one write and one sync for all.
 

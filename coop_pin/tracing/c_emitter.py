@@ -21,6 +21,7 @@ _EXPRESSIONS = {
     "abs": "fabs({})",
     "sqrt": "sqrt({})",
     "less": "{} < {} ? 1.0 : 0.0",
+    "less_equal": "{} <= {} ? 1.0 : 0.0",
     "select": "{} != 0.0 ? {} : {}",
     "power_of_two": "power_of_two({})",
 }

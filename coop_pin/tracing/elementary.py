@@ -69,6 +69,8 @@ _ARC_TANGENT_Q = (
     1.945506571482613964425e2,
 )
 _SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
+_ZERO_EXPONENT = -746.0
+"""Of e, below which the exponential is 0."""
 
 
 def apply(name: str, *numbers: Number) -> Number:
@@ -101,24 +103,55 @@ def select(mask: Number, a: Number, b: Number) -> Number:
     return apply("select", mask, a, b)
 
 
-def differs(a: Number, b: Number) -> Number:
-    """Return whether a < b or a > b, as a mask."""
-    return less(a, b) + less(b, a)
+def less_equal(a: Number, b: Number) -> Number:
+    """Return whether a <= b, as a mask; false for NaN."""
+    return apply("less_equal", a, b)
+
+
+def equal(a: Number, b: Number) -> Number:
+    """Return whether a == b, as a mask; false for NaN."""
+    return both(less_equal(a, b), less_equal(b, a))
+
+
+def both(a: Number, b: Number) -> Number:
+    """Return whether two masks hold, as a mask."""
+    return select(a, b, 0.0)
+
+
+def either(a: Number, b: Number) -> Number:
+    """Return whether one of two masks holds, as a mask."""
+    return select(a, 1.0, b)
+
+
+def opposite(mask: Number) -> Number:
+    """Return whether a mask does not hold, as a mask."""
+    return apply("sub", 1.0, mask)
 
 
 def minimum(a: Number, b: Number) -> Number:
-    """Return the lesser of two numbers."""
-    return select(less(b, a), b, a)
+    """Return the lesser of two numbers, NaN if one of them is; of equal ones the first."""
+    return _first_if(less_equal(a, b), less(b, a), a, b)
 
 
 def maximum(a: Number, b: Number) -> Number:
-    """Return the greater of two numbers."""
-    return select(less(a, b), b, a)
+    """Return the greater of two numbers, NaN if one of them is; of equal ones the first."""
+    return _first_if(less_equal(b, a), less(a, b), a, b)
+
+
+def _first_if(is_first: Number, is_second: Number, a: Number, b: Number) -> Number:
+    """Return a or b by masks that both fail for NaN; one that is no NaN for sure saves operations."""
+    if _is_number(b):
+        return select(is_second, b, a)
+    return select(is_first, a, b if _is_number(a) else select(is_second, b, a + b))
+
+
+def _is_number(x: Number) -> bool:
+    return not isinstance(x, Traced) and not math.isnan(x)
 
 
 def sign(x: Number) -> Number:
-    """Return -1, 0 or 1."""
-    return less(0.0, x) - less(x, 0.0)
+    """Return -1, 0 or 1; NaN of NaN."""
+    return select(less_equal(x, x), less(0.0, x) - less(x, 0.0), x)
 
 
 def sin(x: Number) -> Number:
@@ -132,7 +165,7 @@ def cos(x: Number) -> Number:
 
 
 def exp(x: Number) -> Number:
-    """Return e^x, with x limited to -700 to 709."""
+    """Return e^x; inf for x > 709, and 0 for x < -746."""
     if not isinstance(x, Traced):
         return math.exp(x)
     r, power = _exponent(x)
@@ -140,7 +173,7 @@ def exp(x: Number) -> Number:
 
 
 def expm1(x: Number) -> Number:
-    """Return e^x - 1, with x limited to -700 to 709."""
+    """Return e^x - 1; no finite number for x > 709."""
     if not isinstance(x, Traced):
         return math.expm1(x)
     r, power = _exponent(x)
@@ -148,7 +181,7 @@ def expm1(x: Number) -> Number:
 
 
 def log(x: Number) -> Number:
-    """Return the natural logarithm of x = m 2^n, by the series of atanh (m - 1) / (m + 1); NaN for x <= 0."""
+    """Return the natural logarithm of x = m 2^n, by the series of atanh (m - 1) / (m + 1); NaN for x < 0."""
     if not isinstance(x, Traced):
         return math.log(x)
     m: Number = x
@@ -160,7 +193,8 @@ def log(x: Number) -> Number:
     m, n = select(is_far, 0.5 * m, m), select(is_far, n + 1.0, n)
     s = (m - 1.0) / (m + 1.0)
     small = 2.0 * s * _polynomial(s * s, _INVERSE_TANGENT) + n * _LOG_2[1]
-    return select(less(0.0, x), n * _LOG_2[0] + small, math.nan)
+    positive = select(less(x, math.inf), n * _LOG_2[0] + small, x)
+    return select(less(0.0, x), positive, select(equal(x, 0.0), -math.inf, math.nan))
 
 
 def tanh(x: Number) -> Number:
@@ -181,7 +215,7 @@ def atan2(y: Number, x: Number) -> Number:
         return math.atan2(y, x)
     is_steep = less(abs(x), abs(y))
     longer, shorter = select(is_steep, abs(y), abs(x)), select(is_steep, abs(x), abs(y))
-    first = _arc_tangent(shorter / select(less(0.0, longer), longer, 1.0))
+    first = _arc_tangent(shorter / select(less_equal(longer, 0.0), 1.0, longer))
     octants = select(is_steep, 0.5 * math.pi - first, first)
     half = select(less(x, 0.0), math.pi - octants, octants)
     return select(less(y, 0.0), -half, half)
@@ -246,10 +280,11 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
 
 
 def _exponent(x: Number) -> tuple[Number, Number]:
-    """Return r and 2^n with e^x = e^r 2^n."""
-    x = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
-    n = rounded(x * (1.0 / math.log(2.0)))
-    return _reduced(x, n, _LOG_2), apply("power_of_two", n)
+    """Return r and 2^n with e^x = e^r 2^n; 2^n is inf or 0 where e^x is beyond what doubles can hold."""
+    bounded = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
+    n = rounded(bounded * (1.0 / math.log(2.0)))
+    power = select(less(_LARGEST_EXPONENT, x), math.inf, apply("power_of_two", n))
+    return _reduced(bounded, n, _LOG_2), select(less(x, _ZERO_EXPONENT), 0.0, power)
 
 
 def _arc_tangent(x: Number) -> Number:

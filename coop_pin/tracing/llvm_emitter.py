@@ -13,6 +13,7 @@ from coop_pin.tracing.kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
 from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_COMPARISONS = {"less": "olt", "less_equal": "ole"}
 
 
 def llvm_text(program: Program, width: int) -> str:
@@ -100,8 +101,8 @@ class LlvmEmitter(Emitter):
             case "sqrt" | "abs":
                 intrinsic = "fabs" if name == "abs" else name
                 yield f"%v{index} = call {vector} @llvm.{intrinsic}.v{width}f64({vector} {a})"
-            case "less":
-                yield f"%m{index} = fcmp olt {vector} {a}, {rest[0]}"
+            case "less" | "less_equal":
+                yield f"%m{index} = fcmp {_COMPARISONS[name]} {vector} {a}, {rest[0]}"
                 yield f"%v{index} = uitofp <{width} x i1> %m{index} to {vector}"
             case "select":
                 yield f"%m{index} = fcmp une {vector} {a}, zeroinitializer"

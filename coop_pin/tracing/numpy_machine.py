@@ -20,6 +20,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "abs": np.abs,
     "sqrt": np.sqrt,
     "less": lambda a, b: np.less(a, b) * 1.0,
+    "less_equal": lambda a, b: np.less_equal(a, b) * 1.0,
     "select": lambda mask, a, b: np.where(np.not_equal(mask, 0.0), a, b),
     "power_of_two": lambda n: np.ldexp(1.0, np.asarray(n).astype(np.int64)),
 }

@@ -6,9 +6,10 @@ IEEE 754 (+, -, *, /, sqrt), so that every emitter that keeps to it gives the sa
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import NamedTuple, Self, TypeAlias
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from typing import NamedTuple, NoReturn, TypeAlias
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
@@ -29,6 +30,7 @@ FOLD: dict[str, Callable[..., float]] = {
     "abs": abs,
     "sqrt": math.sqrt,
     "less": lambda a, b: float(a < b),
+    "less_equal": lambda a, b: float(a <= b),
     "select": lambda mask, a, b: a if mask else b,
     "power_of_two": lambda n: math.ldexp(1.0, int(n)),
 }
@@ -72,13 +74,27 @@ class Tape:
         operations: Code.
         inputs: Number of inputs.
         guards: Conditions, as masks, that hold for every valid run.
+        refusals: Errors of what cannot be traced, also of those that the traced code caught.
+        is_exact: Whether NaN and inf pass through products and differences as in numpy. Otherwise ``0 x`` and
+            ``x - x`` are 0: a run that diverged is refused anyway.
     """
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
         self.inputs = 0
         self.guards: list[Number] = []
+        self.refusals: list[Exception] = []
+        self.is_exact = False
         self._indices: dict[Hashable, int] = {}
+
+    @contextlib.contextmanager
+    def exact(self, is_exact: bool) -> Iterator[None]:
+        """Record code with another ``is_exact``."""
+        before, self.is_exact = self.is_exact, is_exact
+        try:
+            yield
+        finally:
+            self.is_exact = before
 
     def input(self) -> int:
         """Return the index of a new input."""
@@ -131,8 +147,7 @@ class Tape:
     def _simpler(self, name: str, operands: tuple[Operand, ...]) -> Operand | None:
         """Return an equal operand that needs no operation or a cheaper one, None if there is none.
 
-        ``0 x`` is 0, also for x = inf and NaN: a run that diverged is refused anyway. Patterns name float or
-        int because an index may equal a constant.
+        Patterns name float or int because an index may equal a constant.
         """
         match name, operands:
             case (
@@ -142,7 +157,7 @@ class Tape:
                 | ("select", (int(x), float(1.0), float(0.0)))
             ):
                 return x
-            case ("mul", (_, float(0.0))) | ("mul" | "div", (float(0.0), _)):
+            case ("mul", (_, float(0.0))) | ("mul" | "div", (float(0.0), _)) if not self.is_exact:
                 return 0.0
             case ("sub", (float(0.0), x)) | ("mul", (x, float(-1.0)) | (float(-1.0), x)):
                 return self.apply("neg", x)
@@ -158,7 +173,7 @@ class Tape:
                 return self.apply("add", x, self.operations[y].operands[0])
             case "mul", ((int(x), float(c)) | (float(c), int(x))) if self.operations[x].name == "neg":
                 return self.apply("mul", self.operations[x].operands[0], -c)
-            case "sub" | "less", (int(a), int(b)) if a == b:
+            case "sub" | "less", (int(a), int(b)) if a == b and not (name == "sub" and self.is_exact):
                 return 0.0
             case ("less", (float(math.inf), _)):
                 return 0.0
@@ -195,17 +210,27 @@ class Traced(NDArrayOperatorsMixin):
         self.tape, self.index = tape, index
 
     def __bool__(self) -> bool:
-        raise TracingError("branches on a value; choose with where(condition, a, b) instead")
+        self._refuse("branches on a value; choose with where(condition, a, b) instead")
 
     def __float__(self) -> float:
-        raise TracingError(
+        self._refuse(
             "turns a value into a plain float, which Pinocchio, scipy and math need;"
             " use numpy's functions or coop_pin.spatial.generic_numbers"
         )
 
-    __int__ = __index__ = __complex__ = __float__
+    __int__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = __float__
 
-    def apply(self, name: str, *numbers: Number) -> Self | float:
+    def __getattr__(self, name: str) -> NoReturn:
+        if not name.startswith("__"):  # numpy looks for those of its protocols
+            self.tape.refusals.append(TracingError(f"asks a value for {name!r}, which a traced one has not"))
+        raise AttributeError(f"a traced value has no attribute {name!r}", name=name, obj=self)
+
+    def _refuse(self, message: str) -> NoReturn:
+        error = TracingError(message)
+        self.tape.refusals.append(error)
+        raise error
+
+    def apply(self, name: str, *numbers: Number) -> Number:
         """Return the result of an operation of FOLD on the tape of this scalar."""
         result = self.tape.apply(name, *operands(self.tape, numbers))
         return result if isinstance(result, float) else type(self)(self.tape, result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -20,16 +21,47 @@ class Recording:
     __slots__ = ()
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        return _ufunc(ufunc, method, inputs, options)
+        with _refusals(inputs):
+            return _ufunc(ufunc, method, inputs, options)
 
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return _function(func, args, kwargs)
+        with _refusals(args):
+            return _function(func, args, kwargs)
+
+
+@contextlib.contextmanager
+def _refusals(values: Any) -> Iterator[None]:
+    """Note errors on the tapes of traced scalars among values: the code that is traced may catch them."""
+    try:
+        yield
+    except Exception as error:
+        for tape in _tapes(values):
+            tape.refusals.append(error)
+        raise
+
+
+def _tapes(values: Any) -> Iterator[Tape]:
+    if isinstance(values, Traced):
+        yield values.tape
+    elif isinstance(values, list | tuple | np.ndarray):
+        for value in values.ravel().tolist() if isinstance(values, np.ndarray) else values:
+            yield from _tapes(value)
 
 
 class TracedScalar(Recording, Traced):
     """Traced scalar that records numpy's ufuncs and functions."""
 
     __slots__ = ()
+
+
+class TracedMask(TracedScalar):
+    """Traced truth value, 0 or 1: a number together with others; among themselves, only logic is defined."""
+
+    __slots__ = ()
+
+    def apply(self, name: str, *numbers: Number) -> Number:
+        """Return the result of an operation of FOLD, which is a number."""
+        return TracedScalar(self.tape, self.index).apply(name, *numbers)
 
 
 class TracedArray(Recording, np.ndarray[Any, np.dtype[np.object_]]):
@@ -50,8 +82,8 @@ def traced(values: ArrayLike) -> Any:
     """Return numbers as a TracedArray, or as a float array if all are constants, or as the number itself."""
     array = plain(values)
     if not any(isinstance(value, Traced) for value in array.flat):
-        constants = array.astype(np.float64)
-        return constants if constants.ndim else float(constants)
+        constants = array.astype(bool if array.size and all(map(is_truth, array.flat)) else np.float64)
+        return constants if constants.ndim else constants.item()
     return array.view(TracedArray) if array.ndim else array[()]
 
 
@@ -64,6 +96,21 @@ def plain(values: Any) -> NDArray[Any]:
         scalar[()] = values if isinstance(values, Traced) else float(values)
         return scalar
     return np.asarray(values, dtype=object).view(np.ndarray)
+
+
+def is_truth(value: Any) -> bool:
+    """Return whether a value is a truth value, traced or not."""
+    return isinstance(value, TracedMask | bool | np.bool_)
+
+
+def as_truth(value: Number) -> Any:
+    """Return a number that is 0 or 1 as a truth value."""
+    return TracedMask(value.tape, value.index) if isinstance(value, Traced) else bool(value)
+
+
+def masks(values: Any) -> Any:
+    """Return numbers that are 0 or 1 as truth values."""
+    return traced(np.frompyfunc(as_truth, 1, 1)(plain(values)))
 
 
 def parts(values: Any, sizes: Sequence[int]) -> list[Any]:
@@ -81,7 +128,7 @@ def inputs(tape: Tape, *shape: int) -> Any:
 
 # ---------------------------------------------------------------- numpy's ufuncs and functions
 
-_ENTRYWISE: dict[np.ufunc, Callable[..., Number]] = {
+_ARITHMETIC: dict[np.ufunc, Callable[..., Number]] = {
     np.add: partial(elementary.apply, "add"),
     np.subtract: partial(elementary.apply, "sub"),
     np.multiply: partial(elementary.apply, "mul"),
@@ -102,28 +149,63 @@ _ENTRYWISE: dict[np.ufunc, Callable[..., Number]] = {
     np.sign: elementary.sign,
     np.minimum: elementary.minimum,
     np.maximum: elementary.maximum,
+}
+_COMPARISONS: dict[np.ufunc, Callable[..., Number]] = {
     np.less: elementary.less,
     np.greater: lambda a, b: elementary.less(b, a),
-    np.less_equal: lambda a, b: 1.0 - elementary.less(b, a),
-    np.greater_equal: lambda a, b: 1.0 - elementary.less(a, b),
-    np.not_equal: elementary.differs,
-    np.equal: lambda a, b: 1.0 - elementary.differs(a, b),
-    np.invert: lambda mask: 1.0 - mask,
-    np.logical_not: lambda mask: 1.0 - mask,
-    np.bitwise_and: lambda a, b: a * b,
-    np.logical_and: lambda a, b: a * b,
-    np.bitwise_or: elementary.maximum,
-    np.logical_or: elementary.maximum,
+    np.less_equal: elementary.less_equal,
+    np.greater_equal: lambda a, b: elementary.less_equal(b, a),
+    np.not_equal: lambda a, b: elementary.opposite(elementary.equal(a, b)),
+    np.equal: elementary.equal,
 }
+_LOGIC: dict[np.ufunc, Callable[..., Number]] = {
+    np.invert: elementary.opposite,
+    np.logical_not: elementary.opposite,
+    np.bitwise_and: elementary.both,
+    np.logical_and: elementary.both,
+    np.bitwise_or: elementary.either,
+    np.logical_or: elementary.either,
+}
+
+
+_KNOWN = {*_ARITHMETIC, *_COMPARISONS, *_LOGIC}
+
+
+def _entrywise(ufunc: np.ufunc, *values: Any) -> Any:
+    """Return the result of a ufunc for scalars."""
+    if ufunc in _COMPARISONS:
+        return as_truth(_COMPARISONS[ufunc](*values))
+    are_truths = all(map(is_truth, values))
+    if ufunc in _LOGIC:
+        if not are_truths:
+            raise TracingError(f"calls numpy.{ufunc.__name__} with numbers; give it comparisons")
+        return as_truth(_LOGIC[ufunc](*values))
+    if not are_truths:
+        return _ARITHMETIC[ufunc](*values)
+    if ufunc is np.multiply:
+        return as_truth(elementary.both(*values))
+    raise TracingError(
+        f"calls numpy.{ufunc.__name__} with truth values only; write & | numpy.logical_not, or"
+        " where(condition, 1.0, 0.0) for a number"
+    )
+
+
+def _of_scalars(ufunc: np.ufunc, *values: Any) -> Any:
+    """Return the result of a ufunc for scalars that may be Python's, which differ from those of arrays."""
+    if ufunc is np.invert:
+        raise TracingError("writes ~ before a single truth value, -2 of Python's True; use numpy.logical_not")
+    if ufunc is np.divide and isinstance(values[1], Traced) and values[1].tape.is_exact:
+        values[1].tape.guards.append(elementary.opposite(elementary.equal(values[1], 0.0)))
+    return _entrywise(ufunc, *values)
 
 
 def _ufunc(ufunc: np.ufunc, method: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """Return the result of a ufunc; matmul and sums are numpy's own, by Python's operators on the entries."""
-    if method == "__call__" and ufunc in _ENTRYWISE and not options:
-        if all(isinstance(argument, Traced | float) for argument in arguments):
-            return _ENTRYWISE[ufunc](*arguments)
+    if method == "__call__" and ufunc in _KNOWN and not options:
+        if all(isinstance(argument, Traced | float | int | np.bool_) for argument in arguments):
+            return _of_scalars(ufunc, *arguments)
         arrays = [plain(argument) for argument in arguments]
-        return traced(np.frompyfunc(_ENTRYWISE[ufunc], len(arrays), 1)(*arrays))
+        return traced(np.frompyfunc(partial(_entrywise, ufunc), len(arrays), 1)(*arrays))
     if method == "reduce" and ufunc is np.logical_or:
         return _any(arguments[0])
     is_sum = method == "reduce" and ufunc in (np.add, np.multiply)
@@ -132,15 +214,20 @@ def _ufunc(ufunc: np.ufunc, method: str, arguments: Sequence[Any], options: Mapp
     raise TracingError(f"calls numpy.{ufunc.__name__} ({method}), which cannot be traced")
 
 
-def _any(masks: Any) -> Number:
-    result: Number = 0.0
+def _any(masks: Any) -> Any:
+    result: Any = False
     for mask in plain(masks).flat:
-        result = elementary.maximum(result, mask)
+        result = _entrywise(np.logical_or, result, mask)
     return result
 
 
 def _where(mask: Any, a: Any, b: Any) -> Any:
-    return traced(np.frompyfunc(elementary.select, 3, 1)(plain(mask), plain(a), plain(b)))
+    return traced(np.frompyfunc(_chosen, 3, 1)(plain(mask), plain(a), plain(b)))
+
+
+def _chosen(mask: Number, a: Number, b: Number) -> Any:
+    value = elementary.select(mask, a, b)
+    return as_truth(value) if is_truth(a) and is_truth(b) else value
 
 
 def _vdot(a: Any, b: Any) -> Number:

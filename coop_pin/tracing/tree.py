@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from coop_pin.errors import TracingError
 from coop_pin.schema.base import Description
 from coop_pin.tracing.tape import Subroutine, Tape, Traced, operands
-from coop_pin.tracing.traced_array import inputs, scalar, traced
+from coop_pin.tracing.traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
 
 Tree = TypeVar("Tree")
 
@@ -44,7 +44,7 @@ class _Kind(NamedTuple):
     make: Callable[[Any, dict[Any, Any]], Any]
 
 
-_NUMBER, _ARRAY, _CONSTANT = (_Kind(lambda _: (), lambda tree, _: tree) for _ in range(3))
+_NUMBER, _MASK, _ARRAY, _CONSTANT = (_Kind(lambda _: (), lambda tree, _: tree) for _ in range(4))
 """Values without parts."""
 
 
@@ -71,13 +71,15 @@ def flattened(tree: Any) -> tuple[list[Any], Hashable]:
 def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
     """Append the numbers of a tree to others, and return its structure."""
     kind = _kind(tree.__class__)
-    if kind is _NUMBER:
+    if kind is _NUMBER or kind is _MASK:
         numbers.append(tree)
-        return float
+        return float if kind is _NUMBER else "mask"
     if kind is _ARRAY:
         if not _has_numbers(tree):
             return tree.shape, tree.tobytes()
         numbers += tree.ravel().tolist()
+        if tree.dtype.kind == "O" and any(truths := tuple(map(is_truth, tree.flat))):
+            return tree.shape, truths
         return cast(Hashable, tree.shape)
     if kind is _CONSTANT:
         return type(tree), repr(tree)
@@ -86,16 +88,21 @@ def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
-    kind = _kind(tree.__class__)
-    if kind is _NUMBER:
-        return next(numbers)
+    kind = _kind(cast(Hashable, tree.__class__))
+    if kind is _NUMBER or kind is _MASK:
+        return cast(Tree, _like(tree, next(numbers)))
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
         entries = np.empty(tree.size, dtype=object)
-        for index in range(tree.size):
-            entries[index] = next(numbers)
+        for index, entry in enumerate(tree.ravel().tolist()):
+            entries[index] = _like(entry, next(numbers))
         return traced(entries.reshape(tree.shape))
     made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
     return made
+
+
+def _like(tree: Any, number: Any) -> Any:
+    """Return a number in place of a leaf, as a truth value if that is one."""
+    return as_truth(number) if isinstance(tree, TracedMask) else number
 
 
 def require_state(tree: Any) -> None:
@@ -132,6 +139,8 @@ def _parts(tree: Any) -> list[tuple[Any, Any]]:
 @functools.cache  # the checks of classes cost more than the rest
 def _kind(kind: Any) -> Any:
     """Return the _Kind of the values of a class; None if they are no trees."""
+    if issubclass(kind, TracedMask):
+        return _MASK
     if issubclass(kind, _NUMBERS) and not issubclass(kind, bool):
         return _NUMBER
     if issubclass(kind, np.ndarray):
