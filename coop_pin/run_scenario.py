@@ -53,11 +53,12 @@ def run(
         scenario = Scenario.load(scenario, overrides)
     elif overrides is not None:
         scenario = scenario.override(overrides)
-    for warning in run_warnings(scenario) if warn else ():
+    controller = build_controller(scenario)
+    for warning in run_warnings(scenario, controller) if warn else ():
         warnings.warn(warning, ScenarioWarning, stacklevel=2)
     return simulate(
         scenario,
-        build_controller(scenario),
+        controller,
         progress=progress,
         view=view,
         realtime_rate=realtime_rate,

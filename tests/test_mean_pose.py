@@ -104,14 +104,14 @@ def later(measurements):
 def test_what_it_needs_crosses_and_a_bias_leaves_no_force():
     law = mean_pose("adept-anchored", 7.2, 115.5)
     scenario = cp.Scenario.load("adept-anchored").override({"controller": law, "events": []})
-    assert scenario.controller.needs == ("poses of all arms",)
+    assert scenario.controller.needs == ("poses of all arms", "holding torque")
     found = steady_errors(scenario, bias=1e-3)
     assert found.force == 0.0
     assert found.product == 0.0
     assert found.wrenches == 0
     assert scenario.controller.active_gains["leak"] == 0.0
     measured = scenario.override({"controller.force_path": {"kind": "late"}, "sensors.wrist": {}})
-    assert measured.controller.needs == ("poses of all arms", "internal wrench")
+    assert measured.controller.needs == ("poses of all arms", "holding torque", "internal wrench")
 
 
 def test_poses_cure_a_bias_and_wrenches_cure_friction():

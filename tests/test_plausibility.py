@@ -7,9 +7,15 @@ import pytest
 
 import coop_pin as cp
 from coop_pin.analysis import implausible_numbers, run_warnings
+from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.errors import ScenarioWarning
 from coop_pin.spatial import make_pose
+
+
+def warnings_of(scenario):
+    return list(run_warnings(scenario, build_controller(scenario)))
+
 
 DEGREES = (0.0, 0.0, 0.0, 57.0, 0.0, -30.0, 0.0)
 SOUND = {"planar": "adept-anchored", "spatial": "two-pandas-box"}
@@ -139,13 +145,13 @@ def test_a_path_that_leaves_the_reach_is_told_before_the_run():
     pandas = cp.Scenario.load("two-pandas-box")
     circle = cp.CircleMotion(pose=pandas.motion.start, radius=0.6, angular_rate=0.5)
     far = pandas.replace(motion=circle, duration=8.0)
-    assert any("'left'" in said and "cannot follow" in said for said in run_warnings(far))
-    assert list(run_warnings(far.replace(duration=0.2))) == []
+    assert any("'left'" in said and "cannot follow" in said for said in warnings_of(far))
+    assert warnings_of(far.replace(duration=0.2)) == []
 
 
 def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_path, capsys):
     soft = cp.Scenario.load("two-pandas-box", SHORT | {"controller.posture.stiffness": 3.0})
-    (said,) = run_warnings(soft)
+    (said,) = warnings_of(soft)
     for part in ("elbow", "left", "controller.posture.stiffness"):
         assert part in said
     soft.save(tmp_path / "soft.toml")

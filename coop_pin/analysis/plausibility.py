@@ -13,7 +13,7 @@ from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.arrays import Array, require_type
-from coop_pin.build_controller import build_controller
+from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.base import Description
@@ -32,7 +32,7 @@ _PATH_POSES, _LOOP_POSES = 41, 3
 """Poses at which a run looks for reach, and for stability."""
 
 
-def run_warnings(scenario: Scenario) -> Iterator[str]:
+def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str]:
     """Yield what makes a run doubtful before it starts, one sentence each: what ``coop-pin check`` tells.
 
     Implausible numbers, drives too weak at the start, a path that leaves the reach, motion that grows from
@@ -41,10 +41,11 @@ def run_warnings(scenario: Scenario) -> Iterator[str]:
 
     Args:
         scenario: scenario that would be run.
+        controller: its controller.
     """
     yield from implausible_numbers(scenario)
     with contextlib.suppress(Exception):
-        simulation = Simulation(scenario, build_controller(scenario))
+        simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)
         path = reachability(scenario, poses=_PATH_POSES)
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
