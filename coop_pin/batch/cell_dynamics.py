@@ -169,8 +169,12 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         cell: Constants of the cell.
         state: traced.
     """
-    mass, inertia, gravity, F_P = cell.surroundings
-    payload, (q, v, force) = RigidInertia(mass, np.zeros(3), inertia), map(cell.by_arm, state)
+    acting, (q, v, force) = cell.surroundings, map(cell.by_arm, state)
+    payload, gravity, F_P = (
+        RigidInertia(acting.mass, np.zeros(3), acting.inertia),
+        acting.gravity,
+        acting.push,
+    )
     resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
     tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
     rows = cell.moving_rows(q)
@@ -221,9 +225,9 @@ def energy_gain(before: Surroundings, after: Surroundings, motion: CellMotion) -
 
 def _payload_energy(surroundings: Surroundings, motion: CellMotion) -> Number:
     """Return kinetic and potential energy of the payload, J."""
-    v, w = motion.V_WP[:3], motion.V_WP[3:]
-    w_P, (mass, inertia, gravity, _) = motion.R_WP.T @ w, surroundings
-    return 0.5 * (mass * (v @ v) + w_P @ (inertia @ w_P)) - mass * (gravity @ motion.p_WP)
+    v, w_P, mass = motion.V_WP[:3], motion.R_WP.T @ motion.V_WP[3:], surroundings.mass
+    kinetic = 0.5 * (mass * (v @ v) + w_P @ (surroundings.inertia @ w_P))
+    return kinetic - mass * (surroundings.gravity @ motion.p_WP)
 
 
 def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:

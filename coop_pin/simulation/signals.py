@@ -71,8 +71,8 @@ class CellSignals(NamedTuple):
     def ticks(self) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other."""
         arms = [
-            map(ArmSignals, noise, error, arrived.tolist(), age.tolist())
-            for noise, error, arrived, age in self.arms
+            map(ArmSignals, *(part if part.ndim > 1 else part.tolist() for part in signals))
+            for signals in self.arms
         ]
         return map(CellSignals, zip(*arms, strict=True), self.arrived.tolist(), self.age.tolist())
 
