@@ -77,7 +77,6 @@ ALPHAS = (0.0, 0.05, 0.2, 1.0)
     [
         (80.0, 5, 10.0, ALPHAS),
         (400.0, 1, 6.0, ALPHAS),
-        (2000.0, 1, 4.5, (0.0, 1.0)),
         pytest.param(2000.0, 1, 6.0, ALPHAS, marks=pytest.mark.slow),
     ],
 )
