@@ -452,12 +452,12 @@ def test_everyday_biases_are_as_without_a_bound(name):
 
 
 def test_steady_errors_know_the_bound():
-    """What a fixed bound leaves of a bias, the rate beyond, and how far a dead arm's force moves the payload."""
+    """What a bias leaves, the rate beyond the bound, and how far a dead arm's force moves the payload."""
     base = Scenario.load("adept-anchored")
     found = {}
     for key, changes in {"none": NONE, "default": {}, "fixed": fixed_changes(1e-3, 1e-2)}.items():
         found[key] = [steady_errors(base.override(changes), bias=bias, load=10.0) for bias in (1e-3, 2.5e-3)]
-    for small, large in found.values():
+    for small, _ in found.values():
         assert small.force == pytest.approx(0.25)
         assert small.growth == 0.0
     assert [large.force for _, large in found.values()] == pytest.approx([0.625, 0.625, np.inf])

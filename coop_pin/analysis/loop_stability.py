@@ -215,7 +215,9 @@ def _feedback(simulation: Simulation, q_0: Array, time: float) -> tuple[Array, A
     N = basis[:, singular > _NEUTRAL]
 
     def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
-        seen = [arm._replace(time=_SETTLED) for arm in sensing.start(q, v, references)]
+        # Drives cut nothing here: what the law asked for a tick ago is what acted.
+        measured = sensing.start(q, v, references)
+        seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
         command = law.step(seen, references, state)
         torque = plant.transmission.torque(simulation.actuation.commanded(command))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
