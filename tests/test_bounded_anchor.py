@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
+from coop_pin.analysis import steady_errors
 from coop_pin.batch import BatchSimulator
 from coop_pin.build_controller import build_controller
 from coop_pin.comparison.trials import benchmark_scenario
@@ -26,6 +27,10 @@ NONE = {"controller.anchor_bias": "none"}
 
 def fixed(metres, radians):
     return {"anchor_bias": (metres, radians), "anchor_bias_answered": (metres, radians)}
+
+
+def fixed_changes(metres, radians):
+    return {f"controller.{name}": bias for name, bias in fixed(metres, radians).items()}
 
 
 class LinearCell:
@@ -444,6 +449,22 @@ def test_everyday_biases_are_as_without_a_bound(name):
     for index in range(len(cases)):
         torques = [runs.result(index).data.torque for runs in (bounded, without)]
         assert_array_equal(*torques)
+
+
+def test_steady_errors_know_the_bound():
+    """What a bias leaves, the rate beyond the bound, and how far a dead arm's force moves the payload."""
+    base = Scenario.load("adept-anchored")
+    found = {}
+    for key, changes in {"none": NONE, "default": {}, "fixed": fixed_changes(1e-3, 1e-2)}.items():
+        found[key] = [steady_errors(base.override(changes), bias=bias, load=10.0) for bias in (1e-3, 2.5e-3)]
+    for small, _ in found.values():
+        assert small.force == pytest.approx(0.25)
+        assert small.growth == 0.0
+    assert [large.force for _, large in found.values()] == pytest.approx([0.625, 0.625, np.inf])
+    assert found["fixed"][1].growth == pytest.approx(1.0)  # as seen on the plant
+    assert [small.drift for small, _ in found.values()] == pytest.approx([0.02, 2e-3, 1e-3])
+    leaky = steady_errors(base.override({"controller.force_path.kind": "none"}))
+    assert np.isnan(leaky.drift)
 
 
 # ------------------------------------------------------------ records

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +10,6 @@ import pinocchio as pin
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_stability import configurations_along, fastest_joints
 from coop_pin.arrays import Array
-from coop_pin.control import CellCommand
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation import Simulation
@@ -216,17 +214,17 @@ def _feedback(simulation: Simulation, q_0: Array, time: float) -> tuple[Array, A
     )
     N = basis[:, singular > _NEUTRAL]
 
-    def step(q: Array, v: Array, state: Any, last: Sequence[Array | None]) -> tuple[Array, CellCommand]:
-        measured = zip(sensing.start(q, v, references), last, strict=True)
-        seen = [arm._replace(time=_SETTLED, reported_torque=torque) for arm, torque in measured]
+    def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
+        # Drives cut nothing here: what the law asked for a tick ago is what acted.
+        measured = sensing.start(q, v, references)
+        seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
         command = law.step(seen, references, state)
         torque = plant.transmission.torque(simulation.actuation.commanded(command))
-        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command
+        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
 
     def answer(q: Array, v: Array) -> Array:
-        now, command = step(q, v, start, [arm.reported_torque for arm in first])
-        linear = scenario.controller.has_linear_integral
-        kept = step(q_0, rest, command.state, command.torques)[0] if linear else 0.0 * now
+        now, state = step(q, v, start)
+        kept = step(q_0, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
         return np.concatenate((now, kept))
 
     start = law.init(first, references)

@@ -204,7 +204,8 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
     speed = simulation.scenario.controller.linear_speed
 
     def torque(v: Array) -> Array:
-        measurements = [seen._replace(time=time) for seen in sensing.start(q, speed * v, references)]
+        measured = sensing.start(q, speed * v, references)
+        measurements = [seen._replace(time=time, reported_torque=None) for seen in measured]
         command = simulation.controller.step(measurements, references, state)
         return plant.transmission.torque(simulation.actuation.commanded(command)) / speed
 

@@ -46,6 +46,9 @@ class SteadyErrors(NamedTuple):
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
+        growth: rate at which it grows where it does, N/s; NaN likewise.
+        drift: position error if the load is a force error that no arm can change, such as a dead arm's, m;
+            inf if the payload is lost; NaN likewise, and where no force is measured.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
             all loads up to D; force times sag of a linear one is exactly this, N m.
@@ -59,6 +62,8 @@ class SteadyErrors(NamedTuple):
     bias: float
     load: float
     force: float
+    growth: float
+    drift: float
     sag: float
     product: float
     balanced: float
@@ -73,12 +78,17 @@ class SteadyErrors(NamedTuple):
         lines = [f"the law needs {self.needs}{model}; {crossing} between the arms at each tick{stable}"]
         if not math.isnan(self.force):
             force = (
-                f"{self.force:.3g} N of internal force" if math.isfinite(self.force) else "a growing force"
+                f"{self.force:.3g} N of internal force"
+                if math.isfinite(self.force)
+                else f"a force that grows by {self.growth:.3g} N/s"
             )
             lines.append(
                 f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
             )
+        if not math.isnan(self.drift):
+            moved = f"moves it by {self.drift * 1e3:.3g} mm" if math.isfinite(self.drift) else "loses it"
+            lines.append(f"{self.load:g} N of internal force that no arm can change (a dead one's) {moved}")
         if not math.isnan(self.balanced):
             lines.append(
                 f"anchor_gain {self.balanced:.3g} lets the load sag as far as the bias itself moves it"
@@ -112,12 +122,15 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     if law.user_code:
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
     exchanges, own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
-    shares, (force, sag), balanced = scenario.cell.shares.tolist(), (math.nan, math.nan), math.nan
+    shares, balanced, (force, growth, drift, sag) = scenario.cell.shares.tolist(), math.nan, [math.nan] * 4
     loop = law.loop(scenario.timing)
     period = loop.every * scenario.clock.period
     if directions := law.steady_directions(scenario.cell.task_rows, period):
         force = max(direction.force(share, bias) for direction in directions for share in shares)
+        growth = max(direction.growth(share, bias) for direction in directions for share in shares)
         sag = max(_sag(direction, load) for direction in directions)
+        if law.measures and exchanges:
+            drift = max(direction.drift(share, load) for direction in directions for share in shares)
         if own:
             rate = min(direction.integral(min(shares) * bias) for direction in directions)
             balanced = rate / load * period
@@ -130,6 +143,8 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         bias=bias,
         load=load,
         force=force,
+        growth=growth,
+        drift=drift,
         sag=sag,
         product=0.0
         if law.force_path.measures or {"role", "poses of all arms"} & {*law.needs}

@@ -1,5 +1,6 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
@@ -38,10 +39,12 @@ from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
 
 __all__ = [
+    "AnchorState",
     "ArmCommand",
     "ArmController",
     "ArmMeasurement",
     "ArmReference",
+    "BoundedAnchor",
     "CellCommand",
     "CellController",
     "CellTiming",

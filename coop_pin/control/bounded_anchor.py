@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,8 +80,7 @@ class BoundedAnchor(NamedTuple):
             biases: b_0 and b_max, m and rad each.
             gain: G.
             forget: K k_I K^-1, 1/s, shape (k_0, k_0).
-            largest: Largest errors within the layer of the integral, m and rad, shape (k_0,); b_max is at
-                most they, and b_0 half of them.
+            largest: Largest errors within the layer of the integral, m and rad, shape (k_0,).
             rate: nu, 1/s.
             period: T, s.
         """
@@ -89,7 +88,7 @@ class BoundedAnchor(NamedTuple):
         same_kind = np.outer(positions, positions) + np.outer(angles, angles)
         edge = np.array([largest[row > 0.0].min() for row in same_kind])
         free, most = (rows.select(np.repeat(bias, 3)) for bias in biases)
-        free, most = np.minimum(free, edge / 2.0), np.minimum(most, edge)
+        free, most = within_layer(free, most, edge)
         kept = np.eye(rows.size) - period * forget
         return cls(gain, inverse(gain)[0], same_kind, free, most - free, rate, kept, period)
 
@@ -124,6 +123,11 @@ class BoundedAnchor(NamedTuple):
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
         return self._sum(values * values) ** 0.5
+
+
+def within_layer(free: Any, most: Any, largest: Any) -> tuple[Any, Any]:
+    """Return b_0, at most half of the largest error within the layer, and b_max, at most that error."""
+    return np.minimum(free, largest / 2.0), np.minimum(most, largest)
 
 
 def _part(values: Array) -> Array:

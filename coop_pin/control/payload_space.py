@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, within_layer
 from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.law import ControlledArm, LawController, PostureGains
@@ -320,14 +320,18 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             bound=self._bound(arm, gains),
         )
 
+    def _layer(self, gains: PayloadSpaceGains, rows: TaskRows) -> float | None:
+        """Return the half width of the layer of the integral; None where no bound is stated, or derived."""
+        anchors = self.force_path.measures and gains.anchor_gain > 0.0
+        if not anchors or self.anchor_bias == "none" or isinstance(self.switching, Sign):
+            return None
+        return self.switching.width if gain_vector(gains.sign_gain, rows.size).all() else None
+
     def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
-        """Return the bound of an arm's anchor; None where none is stated or none is derived."""
-        K, g, integral = gains.sliding_gain, gains.anchor_gain, gains.sign_gain.diagonal()
-        if self.anchor_bias == "none" or not self.force_path.measures or g == 0.0:
+        """Return the bound of an arm's anchor; None without one."""
+        K, g, width = gains.sliding_gain, gains.anchor_gain, self._layer(gains, arm.rows)
+        if width is None:
             return None
-        if isinstance(self.switching, Sign) or not integral.all():
-            return None
-        width = self.switching.width
         ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
         return BoundedAnchor.of_rows(
             arm.rows,
@@ -347,13 +351,19 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         )
         beta, leak = gains.anchor_gain / sample_period, self._leak(gains)
         anchored = self.measures and beta > 0.0
+        width, biases = self._layer(gains, rows), (self.anchor_bias, self.anchor_bias_answered)
 
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
+            free = most = np.inf
+            if width is not None:
+                free, most = within_layer(biases[0][0], biases[1][0], width / gamma)
             return SteadyDirection(
                 spring=lambda x: 0.0 if anchored else K * gamma * x,
                 integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
                 internal_rate=beta if self.measures else leak,
                 load_rate=0.0 if internal else beta if self.measures else leak,
+                free=free,
+                most=most,
             )
 
         linear = [row for row, index in enumerate(rows.indices) if index < 3]

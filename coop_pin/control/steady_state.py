@@ -20,12 +20,16 @@ class SteadyDirection(NamedTuple):
         integral: Rate of the integral by an error, N/s, as a function of it.
         internal_rate: Rate at which the integral loses internal force, 1/s.
         load_rate: Rate at which the integrals' sum loses the load, 1/s; 0 if it does not.
+        free: b_0 of an anchor's bound, m; inf without one.
+        most: b_max of an anchor's bound, m; inf without one.
     """
 
     spring: Callable[[float], float]
     integral: Callable[[float], float] = lambda _: 0.0
     internal_rate: float = 0.0
     load_rate: float = 0.0
+    free: float = np.inf
+    most: float = np.inf
 
     def held(self, error: float, rate: float) -> float:
         """Return spring(x) + integral(x) / rate, N: what an arm with the whole share holds."""
@@ -34,4 +38,24 @@ class SteadyDirection(NamedTuple):
 
     def force(self, share: float, bias: float) -> float:
         """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
-        return share * self.held((1.0 - share) * bias, self.internal_rate)
+        off = (1.0 - share) * bias
+        grows = self.integral(off) > self.integral(self.most)
+        return np.inf if grows else share * self.held(off, self.internal_rate)
+
+    def growth(self, share: float, bias: float) -> float:
+        """Return the rate at which that force grows where it has no bound, N/s."""
+        off = (1.0 - share) * bias
+        held = min(off, self.most) if self.internal_rate else 0.0
+        return share * (self.integral(off) - self.integral(held))
+
+    def drift(self, share: float, force: float) -> float:
+        """Return the error at which an arm rests that measures a force error it cannot change, m.
+
+        It is inf where the payload is lost.
+        """
+        from scipy.optimize import brentq  # slow to load
+
+        asked = self.internal_rate * force / share
+        if self.integral(min(self.free, LARGEST_SAG)) <= asked:
+            return self.free
+        return float(brentq(lambda x: self.integral(x) - asked, 0.0, LARGEST_SAG, xtol=1e-12))
