@@ -245,7 +245,5 @@ def _image(figure: Figure, text: str) -> str:
     content = base64.b64encode(file.getvalue()).decode("ascii")
     columns = figure.axes[0].get_subplotspec().get_gridspec().ncols
     width, height = figure.get_size_inches()
-    style = (
-        f' data-columns="{columns}" style="--shape: {width / height / columns:.3f}"' if columns > 1 else ""
-    )
-    return f'<img alt="{html.escape(text)}"{style} src="data:image/svg+xml;base64,{content}">'
+    shape = f' data-columns="{columns}" style="--shape: {width / height / columns:.3f}"' * (columns > 1)
+    return f'<img alt="{html.escape(text)}"{shape} src="data:image/svg+xml;base64,{content}">'
