@@ -25,9 +25,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin import run, viz
-from coop_pin.description import Arm, Cell, Payload, Pose, scenario_names
+from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, scenario_names
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import FieldError, UrdfWarning
+from coop_pin.figures import palette
 from coop_pin.model import geometry, visuals
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents
@@ -35,10 +36,10 @@ from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
 from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
-from coop_pin.viz.cell_scene import LINK_FACES
+from coop_pin.viz.cell_scene import LINK_FACES, cell_scene
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
-from coop_pin.viz.highlights import telling_instant, trust_text
+from coop_pin.viz.highlights import instants, telling_instant, trust_text
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names
@@ -158,16 +159,80 @@ def test_the_page_opens_at_the_largest_error_of_the_internal_force(planar: Repla
     assert text in html.unescape(planar.page)
 
 
-def test_chips_lead_to_the_extremes(planar: Replay) -> None:
+def test_chips_lead_to_the_extremes_and_one_instant_has_one_chip(planar: Replay) -> None:
     data = planar.result.data
-    chips = {chip["text"]: chip["time"] for chip in planar.data["instants"]}
     axial, shear, time = data.internal_axial.values, data.internal_shear.values, data.time.values
+    chips = {text: chip["time"] for chip in planar.data["instants"] for text in chip["text"].split(", ")}
+    times = [chip["time"] for chip in planar.data["instants"]]
+    assert len(times) == len(set(times))
     assert next(iter(chips)) == "start"
     assert chips["push"] == chips["new mass"] == 10.0
     assert chips[f"worst squeeze {-axial.min():.2g} N"] == time[axial.min(axis=1).argmin()]
     assert chips[f"worst pull {axial.max():.2g} N"] == time[axial.max(axis=1).argmax()]
     assert chips[f"worst shear {shear.max():.2g} N"] == time[shear.max(axis=1).argmax()]
+    error = np.hypot(axial - data.desired_internal_axial.values, shear).max(axis=1)
+    late = np.where(time >= 4.0, error, 0.0)
+    assert chips[f"largest error {late.max():.2g} N"] == time[late.argmax()]
     assert chips["end"] == 20.0
+
+
+def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
+    result = run("two-pandas-box", {"duration": 0.2})
+    data = result.data.copy(deep=True)
+    for name in ("axial", "shear"):
+        data[f"internal_{name}"][:] = data[f"desired_internal_{name}"]
+        data[f"internal_{name}_error"][:] = 0.0
+    data["internal_wrench"][:] = data["desired_internal_wrench"]
+    assert [chip.text for chip in instants(RunResult(result.scenario, data))] == ["start", "end"]
+    data["internal_wrench"][-1, 0, 3] += 2.0
+    moved = RunResult(result.scenario, data)
+    assert [chip.text for chip in instants(moved)] == ["start", "largest moment error 2 N m, end"]
+    assert "the internal moment is off by up to 2 N m" in telling_instant(moved).text
+    cell = result.scenario.cell.model_copy(update={"rows": "positional"})
+    free = RunResult(result.scenario.model_copy(update={"cell": cell}), data)
+    assert "which no arm controls" in telling_instant(free).text
+
+
+def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> None:
+    cell = Scenario.load("five-joint-pair").cell
+    items = cell_scene(cell, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    rods = [item for item in items if item.node == "payload" and item.colour == "#7d858f"]
+    size = np.array(cell.payload.size) / 2.0
+    for rod, X_PG in zip(rods, cell.grasps.values(), strict=True):
+        half = rod.pose[:3, 2] * rod.drawable.length / 2.0
+        assert_allclose(rod.pose[:3, 3] + half, X_PG.matrix[:3, 3], atol=1e-12)
+        end = np.abs(rod.pose[:3, 3] - half) - size
+        assert end.max() == pytest.approx(0.0, abs=1e-12)  # on the surface
+    (plate,) = (item for item in items if item.node == "floor")
+    assert 1.1 < plate.pose[2, 3] < 1.2  # above the base at 1.1 m
+    flush = Scenario.load("adept-paper").cell
+    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    assert [item.node for item in drawn if item.colour == "#7d858f"] == []
+
+
+def test_colours_of_arms_differ_for_every_eye_and_in_grey() -> None:
+    """CIELAB distances of the colours, as seen with full and with deficient colour vision (Machado 2009)."""
+    rows = {
+        "full": (1, 0, 0, 0, 1, 0, 0, 0, 1),
+        "protan": (0.1523, 1.0526, -0.2049, 0.1145, 0.7863, 0.0992, -0.0039, -0.0481, 1.052),
+        "deutan": (0.3673, 0.8606, -0.228, 0.2801, 0.6725, 0.0474, -0.0118, 0.0429, 0.9689),
+        "tritan": (1.2555, -0.0767, -0.1788, -0.0784, 0.9308, 0.1476, 0.0047, 0.6914, 0.3039),
+    }
+    eyes = {name: np.reshape(row, (3, 3)) for name, row in rows.items()}
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+    def seen(colour: str, eye: str) -> np.ndarray:
+        rgb = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)]) / 255.0
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        x, y, z = np.cbrt(to_xyz @ np.clip(eyes[eye] @ linear, 0.0, 1.0) / (0.9505, 1.0, 1.089))
+        return np.array((116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)))
+
+    for one, other in itertools.combinations([palette.arm(number) for number in range(4)], 2):
+        assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
+        assert abs(seen(one, "full")[0] - seen(other, "full")[0]) > 10.0
+    payload = (palette.ACTUAL, "#06263d", "#f0883e")
+    for one, other in itertools.combinations(payload, 2):
+        assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
 
 
 def test_a_force_that_the_motion_hides_is_called_so(spatial: Replay) -> None:
@@ -231,11 +296,13 @@ def test_curves_are_the_recorded_quantities_and_mirrored_ones_appear_once(replay
     error = data["pose_error"].values[samples]
     assert_allclose(replay.curve("tracking"), 1e3 * np.linalg.norm(error[:, :3], axis=1), rtol=1e-6)
     torque = data["torque"].values[samples].reshape(len(samples), -1)
+    limits = data["torque_limit"].values.ravel()
+    key, wanted = ("share", 100.0 * torque / limits) if np.isfinite(limits).all() else ("torque", torque)
     for number in range(torque.shape[1]):
-        assert_allclose(replay.curve("torque", number=number), torque[:, number], rtol=1e-6)
-    (plot,) = (one for one in replay.data["plots"] if one["key"] == "torque")
-    limits = [curve["limit"] or np.nan for curve in plot["curves"]]
-    assert_allclose(limits, data["torque_limit"].values.ravel())
+        assert_allclose(replay.curve(key, number=number), wanted[:, number], rtol=1e-6)
+    (plot,) = (one for one in replay.data["plots"] if one["key"] in ("torque", "share"))
+    limit = 100.0 if key == "share" else None
+    assert [curve["limit"] for curve in plot["curves"]] == [limit] * torque.shape[1]
 
 
 def test_thinned_curves_keep_their_extremes_and_ends() -> None:

@@ -55,12 +55,13 @@ _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_ma
 def metrics_table(result: RunResult) -> list[MetricRow]:
     """Return the metrics of a result as rows of a table: of the control first, then of the computation.
 
-    The verdict and the ends of the windows are not among them.
+    The verdict, the ends of the windows and metrics that do not apply to the run are not among them.
     """
     metrics = result.metrics()
     return [
         MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
         for name, (text, unit, scale) in METRIC_TEXTS.items()
+        if not math.isnan(metrics[name])
     ]
 
 
@@ -133,6 +134,7 @@ def report_html(result: RunResult) -> str:
         tiles=_tiles(result),
         facts=_facts(result),
         metrics=_metrics(metrics_table(result)),
+        left_out=_left_out(result),
         replay=html.escape(replay_html(result)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
         tracking=_image(
@@ -212,6 +214,13 @@ def _metrics(rows: list[MetricRow]) -> str:
     )
 
 
+def _left_out(result: RunResult) -> str:
+    """Return the metrics that the table leaves out, as a sentence."""
+    metrics = result.metrics()
+    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics[name]))
+    return f"Left out, because it does not apply to this run: {html.escape(texts)}." if texts else ""
+
+
 def _limits(result: RunResult) -> str:
     rows = "".join(
         f"<tr><td>{html.escape(exceeded.arm)}</td><td>{html.escape(exceeded.joint)}</td>"
@@ -234,4 +243,7 @@ def _image(figure: Figure, text: str) -> str:
     with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure
         figure.savefig(file, format="svg", metadata={"Date": None})
     content = base64.b64encode(file.getvalue()).decode("ascii")
-    return f'<img alt="{html.escape(text)}" src="data:image/svg+xml;base64,{content}">'
+    columns = figure.axes[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+    width, height = figure.get_size_inches()
+    shape = f' data-columns="{columns}" style="--shape: {width / height / columns:.3f}"' * (columns > 1)
+    return f'<img alt="{html.escape(text)}"{shape} src="data:image/svg+xml;base64,{content}">'

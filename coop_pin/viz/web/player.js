@@ -27,7 +27,7 @@
   });
   const plots = coopPinPlots(element("plots"), page, runs, (to) => seek(to));
   const axial = page.plots.find(({ key }) => key === "axial") ?? page.plots[0];
-  plots.add(element("scrub"), axial.curves.filter(({ role }) => role === "actual"), { bare: true });
+  plots.add(element("scrub"), axial.curves.filter(({ role }) => role === "actual"), { bare: true, name: "internal force along, over time" });
 
   function showTiles() {
     for (const { key, tile, unit, box, actual, wanted } of tiles) {
