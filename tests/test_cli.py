@@ -38,7 +38,7 @@ METRICS = [
     "closure_error_max_rad",
     "energy_balance_max_J",
     "torque_peak_Nm",
-    "joint_drift_rad_s",
+    "joint_drift_rad",
     "window_start_s",
     "window_end_s",
     "after_event_position_rms_m",

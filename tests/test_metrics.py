@@ -359,9 +359,51 @@ def test_a_run_that_did_not_settle_states_its_last_errors_and_saturated_drives()
 def test_the_band_has_its_edges():
     data = made([0.0, 1.0]).data
     data["pose_error"][:, 0] = data["pose_error"][:, 4] = 5e-3
-    assert metrics.in_band(data).all()
+    assert metrics.in_band(data, turns=True).all()
     data["pose_error"][1, 4] = math.nextafter(5e-3, 1.0)
-    assert metrics.in_band(data).tolist() == [True, False]
+    assert metrics.in_band(data, turns=True).tolist() == [True, False]
+    assert metrics.in_band(data, turns=False).all()
+
+
+def test_on_positional_rows_the_position_alone_settles():
+    """A turn that nothing controls, of 0.1 rad at the end; then one of the position."""
+    scenario = SCENARIO.replace(cell=SCENARIO.cell.replace(rows="positional"))
+    turned = along_z([0.0] * 6, np.array([0, 0, 0, 0, 0, 0.1]))
+    result = made(STEADY, scenario=scenario, payload_pose=turned)
+    assert result.settling_time() == result.metrics()["settling_time_s"] == 0.0
+    assert "did not settle" not in result.summary()
+    away = made(STEADY, scenario=scenario, payload_pose=along_z([0, 0, 0, 0, 0, 0.02])).summary()
+    assert "errors of 0.02 m at the end" in away
+
+
+DRIFTING = np.linspace(0.0, 8.0, 17)
+
+
+@pytest.mark.parametrize(
+    ("changes", "drift"),
+    [
+        ({}, 0.03),
+        ({"payload_twist": (0.0, 0.0, 9e-3, 0.0, 0.0, 0.0)}, math.nan),  # the payload moves as well
+        ({"payload_twist": (0.0, 0.0, 3e-3, 0.0, 0.0, 0.0)}, 0.03),
+        ({"desired_twist": np.where(DRIFTING[:, None] == 4.0, 1e-9, 0.0)}, math.nan),
+        ({"desired_twist": np.where(DRIFTING[:, None] == 3.5, 1.0, 0.0)}, 0.03),
+        ({"events": (event(3.5),)}, math.nan),
+        ({"events": (event(3.0),)}, 0.03),
+    ],
+)
+def test_joints_drift_where_the_payload_rests_in_the_last_second(changes, drift):
+    """The second joint of the last arm at -0.03 rad/s on average; earlier speeds do not count."""
+    speeds = np.zeros((len(DRIFTING), 2, 2))
+    speeds[:-3] = 1.0
+    speeds[-3:, 1, 1] = (-0.01, -0.07, -0.01)
+    result = made(DRIFTING, joint_velocity=speeds, **changes)
+    assert_close(result.metrics()["joint_drift_rad"], drift, atol=1e-15)
+    breaches = [breach for breach in result.breaches() if breach.cause == "joint drift"]
+    assert [(breach.arm, breach.joint, breach.time) for breach in breaches] == [
+        ("right", "two", 7.0) for _ in range(not math.isnan(drift))
+    ]
+    patient = cp.RunResult(result.scenario.override({"trust.joint_drift": 0.04}), result.data)
+    assert not [breach for breach in patient.breaches() if breach.cause == "joint drift"]
 
 
 def test_a_summary_says_how_long_the_run_was_and_whether_that_was_all():
@@ -510,6 +552,7 @@ def test_every_metric_stands_under_its_own_name():
         "closure_error_max_rad": 2e-9,
         "energy_balance_max_J": 6.0,
         "torque_peak_Nm": 11.0,
+        "joint_drift_rad": math.nan,
         "window_start_s": 4.0,
         "window_end_s": 6.0,
     }
@@ -521,6 +564,8 @@ def test_every_metric_stands_under_its_own_name():
     ]
     assert list(found) == list(expected)
     assert found.pop("settling_time_s") == expected.pop("settling_time_s")
+    assert math.isnan(found.pop("joint_drift_rad"))
+    del expected["joint_drift_rad"]
     assert_close(list(found.values()), list(expected.values()), atol=1e-13)
 
 
@@ -529,7 +574,8 @@ def test_a_run_shorter_than_the_window_has_no_steady_metrics():
     steady = [
         name for name, value in found.items() if math.isnan(value) and not name.startswith("after_event_")
     ]
-    assert steady == ["resettling_time_s", "event_peak_position_error_m", *metrics.STEADY_METRICS]
+    expected = ["resettling_time_s", "event_peak_position_error_m", *metrics.STEADY_METRICS]
+    assert steady == [*expected, "joint_drift_rad"]
 
 
 def test_every_metric_is_shown_with_the_scale_of_its_unit():

@@ -88,7 +88,7 @@ class BatchResult:
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
             metrics = all_metrics(data, Windows.of(first, float(time[-1])), turns=first.cell.controls_turns)
-            trustworthy &= ~(metrics["joint_drift_rad_s"] > first.trust.joint_drift)
+            trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
         for index, scenario in enumerate(self.scenarios):
             if scenario.trust != first.trust:
                 trustworthy[index] = self.result(index).trustworthy

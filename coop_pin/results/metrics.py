@@ -28,7 +28,7 @@ from coop_pin.spatial.internal_wrench import (
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
 DRIFT_S, REST = 1.0, 1e-3
-"""Time over which drift is a mean, s, and speed at which the payload rests in any case, m/s and rad/s."""
+"""Time over which joints drift, s, and speed at which the payload rests in any case, m/s and rad/s."""
 NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
 
 STEADY_METRICS = (
@@ -52,7 +52,7 @@ METRIC_TEXTS = {
     "internal_shear_rms_N": ("internal force across the line, rms of its error", "N", 1.0),
     "internal_moment_rms_error_Nm": ("internal moment about P, rms of its error", "N m", 1.0),
     "torque_peak_Nm": ("largest drive torque", "N m", 1.0),
-    "joint_drift_rad_s": ("drift of the joints while the payload rests, over the last second", "mrad/s", 1e3),
+    "joint_drift_rad": ("drift of a joint in the last second, the payload at rest", "mrad", 1e3),
     "closure_error_max_m": ("closure error, largest distance", "m", 1.0),
     "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
@@ -81,7 +81,7 @@ def all_metrics(data: Arrays, windows: Windows, *, turns: bool) -> dict[str, Any
         "closure_error_max_rad": angle,
         "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
         "torque_peak_Nm": torque_peak(data),
-        "joint_drift_rad_s": np.fmax.reduce(joint_drift(data, windows), axis=(-2, -1)),
+        "joint_drift_rad": np.fmax.reduce(joint_drift(data, windows), axis=(-2, -1)),
         "window_start_s": windows.steady.start,
         "window_end_s": windows.steady.end,
         **{f"after_event_{name}": value for name, value in steady_metrics(data, after).items()},
@@ -202,7 +202,7 @@ def torque_peak(data: Arrays) -> Array:
 
 
 def joint_drift(data: Arrays, windows: Windows) -> Array:
-    """Return the mean speeds of all joints over the last second, rad/s or m/s, shape (..., m, k).
+    """Return how far all joints drift in the last second, rad or m, shape (..., m, k).
 
     NaN unless the reference rests since 4 s, after all events, and the payload moves at less than a tenth of
     what the joints do: joints that move are then the spare ones of redundant arms.
@@ -212,7 +212,7 @@ def joint_drift(data: Arrays, windows: Windows) -> Array:
     late, last = (time >= time[-1] - span - _SLACK for span in (SETTLING_S, DRIFT_S))
     wanted, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
     rests = ~np.compress(late, wanted, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
-    drift = np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
+    drift = DRIFT_S * np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
     moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)
     rests &= moved <= REST + np.fmax.reduce(drift, axis=(-2, -1)) / 10.0
     return np.where(rests[..., None, None], drift, np.nan)

@@ -25,7 +25,7 @@ _TEXTS: dict[Cause, str] = {
     "closure error": "{who} grasp open from {time:.4g} s (by {value:.2g} m or rad, allowed {allowed:.2g})",
     "energy": "energy not explained by work from {time:.4g} s (by {value:.2g} J, allowed {allowed:.2g} J)",
     "joint drift": "{who} drifts while the payload rests, from {time:.4g} s on"
-    " (at {value:.3g} rad/s, allowed {allowed:.3g}): hold spare joints with a stiffer posture",
+    " (by {value:.3g} in 1 s, allowed {allowed:.3g}): hold spare joints with a stiffer posture",
     "error": "ended by an error at {time:.4g} s of {allowed:.4g} s",
 }
 
