@@ -44,8 +44,8 @@ def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
         scale = max(1.0, np.abs(wanted[np.isfinite(wanted)]).max(initial=0.0))
         if not np.allclose(found[name], wanted, rtol=0.0, atol=_AGREEMENT * scale, equal_nan=True):
             with np.errstate(invalid="ignore"):
-                error = np.nanmax(np.abs(np.asarray(found[name]) - wanted), initial=0.0)
-            return f"{name} differs by {error:.3g}"
+                errors = np.nan_to_num(np.abs(np.asarray(found[name]) - wanted), nan=np.inf)
+            return f"{name} differs by {errors.max():.3g}"
     return ""
 
 
