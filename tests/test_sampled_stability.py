@@ -12,7 +12,14 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eigvalsh
 
 import coop_pin as cp
-from coop_pin.analysis import SampledStability, loop_stability, sampled_stability, step_stability
+from coop_pin.analysis import (
+    SampledStability,
+    loop_stability,
+    motion_stability,
+    reachability,
+    sampled_stability,
+    step_stability,
+)
 from coop_pin.analysis.sampled_stability import REAL_STABILITY
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain, solve_ik
@@ -178,6 +185,44 @@ class Following(ArmController):
 
     def step(self, measurement, reference, state):
         return ArmCommand(-reference.pose[0, 3] * measurement.v, None)
+
+
+def along(scenario, poses=9):
+    simulation = Simulation(scenario, build_controller(scenario))
+    return motion_stability(simulation, reachability(scenario, poses=poses))
+
+
+def test_along_the_motion_it_is_the_closed_form_where_that_is_largest():
+    scenario = with_damping(1.0)
+    gains = dict.fromkeys(scenario.cell.arms, np.diag([60.0, 60.0, 10.0]))
+    times = np.linspace(0.0, scenario.duration, 9).tolist()
+    expected = [
+        closed_form(scenario.cell, np.array(scenario.motion.at(t).X_WP_d), gains, scenario.clock.period)
+        for t in times
+    ]
+    found, worst = along(scenario), int(np.argmax(expected))
+    assert_allclose([found.value, found.time], [expected[worst], times[worst]], rtol=1e-6)
+    assert f"t = {found.time:.3g} s" in found.summary()
+
+
+def test_in_space_it_is_that_of_a_cell_that_starts_there():
+    scenario = SCENARIOS["spatial"]().override({"events": []})
+    found = along(scenario)
+    X = cp.Pose.from_matrix(scenario.motion.at(found.time).X_WP_d)
+    there = scenario.replace(start=X, motion={"kind": "hold", "pose": X})
+    assert_allclose(sampled_stability(there).value, found.value, rtol=1e-4)
+    assert found.value >= sampled_stability(scenario).value - 1e-9
+
+
+def test_a_funnel_is_looked_at_until_its_end():
+    """The damping goes with one over the square of the width, and a little with the pose."""
+    gains = {"velocity_funnel": 5.0, "velocity_floor": 0.5, "velocity_gain": [80.0, 80.0, 4.0]}
+    scenario = SCENARIOS["planar"]().override(
+        {"events": [], "duration": 10.0, "controller": {"kind": "prescribed-performance", "gains": gains}}
+    )
+    start, found = sampled_stability(scenario), along(scenario)
+    assert found.time == 10.0
+    assert_allclose(found.value / start.value, 100.0, rtol=0.1)
 
 
 def test_it_is_that_of_the_start():

@@ -120,8 +120,7 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     """
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
-        along = list(configurations_along(simulation, cell_reach).items())
-        poses += [along[k] for k in np.unique(np.linspace(0, len(along) - 1, _POSES).astype(int))[1:]]
+        poses += configurations_along(simulation, cell_reach, _POSES)[1:]
     found, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in poses:
         found.append(_PoseLoop(simulation, q, time).stability(bound))

@@ -25,6 +25,7 @@ REAL_STABILITY = {"rk4": 2.785293563405282, "semi-implicit-euler": 2.0}
 x^3 - 4 x^2 + 12 x - 24."""
 
 _UNDAMPED = 1e-6
+_POSES = 9
 _SLOW = 1e-6
 """A speed at which Coulomb friction is linear, rad/s or m/s."""
 _SHARE_OF_MODE = 0.3
@@ -126,26 +127,35 @@ def start_stability(simulation: Simulation) -> SampledStability:
 def motion_stability(simulation: Simulation, cell_reach: Reachability) -> SampledStability:
     """Return the sampled stability where it is least along the motion of a simulation that has not begun.
 
-    At each pose as ``sampled_stability`` at the start, with the law's state of the start: gains that change
-    with time, such as those of a funnel, are those of the pose's time.
+    At up to nine poses as ``sampled_stability`` at the start, with the law's state of the start. Gains that
+    change with time, such as those of a funnel, are those of the pose's time.
 
     Args:
         simulation: Simulation of a law.
         cell_reach: Reachability of its scenario, in which every arm holds the start.
     """
-    poses = configurations_along(simulation, cell_reach)
-    along = [_stability_at(simulation, q, time) for time, q in poses.items()]
-    return max(along, key=lambda stability: stability.value)
+    along = configurations_along(simulation, cell_reach, _POSES)
+    found = [_stability_at(simulation, q, time) for time, q in along]
+    return max(found, key=lambda stability: stability.value)
 
 
-def configurations_along(simulation: Simulation, cell_reach: Reachability) -> dict[float, Array]:
-    """Return the configurations of the cell on the reference by time, s; arguments as of motion_stability."""
+def configurations_along(
+    simulation: Simulation, cell_reach: Reachability, most: int
+) -> list[tuple[float, Array]]:
+    """Return times, s, and configurations of the cell on the reference, evenly chosen, both ends among them.
+
+    Args:
+        simulation: As of motion_stability.
+        cell_reach: Likewise.
+        most: Number of poses, at most.
+    """
     model, reaches = simulation.plant.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
     poses = dict[float, Array]()  # of those at t = 0, which lead to the reference, the last
     for time, *angles in zip(reaches[0].times.tolist(), *(reach.q for reach in reaches), strict=True):
         poses[time] = model.configuration(angles, lead.payload_pose(angles[0]))
-    return poses
+    chosen = np.unique(np.linspace(0, len(poses) - 1, most).astype(int)).tolist()
+    return [list(poses.items())[k] for k in chosen]
 
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:

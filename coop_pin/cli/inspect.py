@@ -145,8 +145,8 @@ class Check:
             gain_proposal,
             implausible_numbers,
             loop_stability,
+            motion_stability,
             reachability,
-            start_stability,
             statics_along,
             steady_errors,
             step_stability,
@@ -166,7 +166,8 @@ class Check:
         if not found.ok or scenario.controller.user_code:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
-        stable = start_stability(simulation), loop_stability(simulation, found), step_stability(simulation)
+        sampled = motion_stability(simulation, found)
+        stable = sampled, loop_stability(simulation, found), step_stability(simulation)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, found).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
