@@ -148,6 +148,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
+            "engine_choice",
             "run_scenario",
             "figures",
             "progress_bar",

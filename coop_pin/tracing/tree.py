@@ -86,7 +86,7 @@ def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
-    kind = _kind(tree.__class__)
+    kind = _kind(cast(Any, tree).__class__)
     if kind is _NUMBER:
         return next(numbers)
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
