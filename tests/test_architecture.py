@@ -157,6 +157,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
+            "engine_choice",
             "run_scenario",
             "figures",
             "heat_map",

@@ -250,10 +250,11 @@ class ParametricLaw(Law, Generic[G]):
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
         gains = [self.gains_of(name) for name in cell.arms]
-        largest: dict[str, Any] = {
-            name: max(getattr(g, name, 0.0) for g in gains) for name in ("force_gain", "anchor_gain")
-        }
-        return sampled_loop(self.force_path, cell.wrists, cell.lag)._replace(**largest)
+        force_gain, anchor_gain = (
+            max(getattr(gain, name, 0.0) for gain in gains) for name in ("force_gain", "anchor_gain")
+        )
+        loop = sampled_loop(self.force_path, cell.wrists, cell.lag)
+        return loop._replace(force_gain=force_gain, anchor_gain=anchor_gain)
 
     def problems(self, cell: CellTiming) -> list[FieldError]:
         """Return what is wrong with the law for a cell."""

@@ -88,7 +88,7 @@ def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
-    kind = _kind(cast(Hashable, tree.__class__))
+    kind = _kind(cast(Any, tree).__class__)
     if kind is _NUMBER or kind is _MASK:
         return cast(Tree, _like(tree, next(numbers)))
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
