@@ -51,7 +51,6 @@ class TracedPlant(Plant):
         }
         self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)
-        self._at["surroundings"][:] = leaves(self.surroundings)
 
     @property
     def q(self) -> Array:

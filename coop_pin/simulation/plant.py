@@ -50,13 +50,13 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        self.q, self.v = q, np.zeros(model.nv)
-        self.surroundings, self.work = chain.cell.surroundings, np.zeros(len(WORK))
-        self._forces, self._pushed = np.zeros((len(_ALL), model.nv)), False
+        self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(WORK))
+        self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self._solve = chain.mechanism.solver.acceleration
+        self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
         """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
