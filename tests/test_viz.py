@@ -157,6 +157,9 @@ def test_the_page_opens_at_the_largest_error_of_the_internal_force(planar: Repla
     assert "a squeeze of 10 N" in text
     assert "push" in text
     assert text in html.unescape(planar.page)
+    moment = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values[..., 3:])
+    late = np.linalg.norm(moment, axis=2).max(axis=1)[data.time.values >= 4.0]
+    assert f"the internal moment is off by up to {late.max():.2g} N m" in text
 
 
 def test_chips_lead_to_the_extremes_and_one_instant_has_one_chip(planar: Replay) -> None:

@@ -84,7 +84,7 @@ def _moment(result: RunResult) -> tuple[int, float, str]:
     """
     is_wanted = result.scenario.cell.task_rows.has_moments
     wrench, wanted = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
-    error = np.nan_to_num(np.linalg.norm(wrench - is_wanted * wanted, axis=2)).max(axis=1)
+    error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * wanted), axis=2).max(axis=1)
     worst = int(np.argmax(np.where(_is_late(result), error, -1.0)))
     verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
     text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
