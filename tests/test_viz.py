@@ -329,18 +329,19 @@ def test_what_was_measured_and_the_rate_of_the_proof_are_plotted_where_recorded(
     assert "V_rate_3" not in [plot["key"] for plot in planar.data["plots"]]
 
 
-@pytest.mark.parametrize("others", [1, 3])
-def test_runs_side_by_side_have_one_copy_of_scripts_and_meshes_and_one_scale(spatial: Replay, others) -> None:
-    second = run(spatial_scenario().override({"cell.payload.mass": 4.0}))
-    runs = [spatial.result, second, *[spatial.result] * (others - 1)]
+def test_runs_side_by_side_have_one_copy_of_scripts_and_meshes_and_one_scale(spatial: Replay) -> None:
+    runs = [
+        spatial.result,
+        run(spatial_scenario().replace(duration=0.2).override({"cell.payload.mass": 4.0})),
+    ]
     page = replay_html(*runs)
     assert page.count(page_scripts()) == 1
     data = json.loads(
         re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1]
     )
-    assert data["names"] == run_names(runs) == [f"run {number}" for number in range(1, others + 2)]
+    assert data["names"] == run_names(runs) == ["run 1", "run 2"]
     panes = [pane for _, pane in data["panes"]]
-    assert [pane["runs"][0]["scene"]["meshes"] is None for pane in panes] == [False, *[True] * others]
+    assert [pane["runs"][0]["scene"]["meshes"] is None for pane in panes] == [False, True]
     scales = {json.dumps(pane["scales"]) for pane in panes}
     least = min(recorded_scales(each.scenario.cell, each.data).newtons_per_metre for each in runs)
     assert len(scales) == 1

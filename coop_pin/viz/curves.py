@@ -145,7 +145,7 @@ def plot_table(curves: Sequence[Curve]) -> list[dict[str, Any]]:
     table = [{**plot._asdict(), "curves": []} for plot in PLOTS]
     for column, curve in enumerate(curves, start=1):
         (plot,) = (plot for plot in table if plot["key"] == curve.plot)
-        entry = {"column": column, "other": None} | curve._asdict()
+        entry = {"column": column} | curve._asdict()
         plot["curves"].append({name: value for name, value in entry.items() if name != "values"})
     return [plot for plot in table if plot["curves"]]
 

@@ -31,7 +31,6 @@ _COLOURS = {
     "wanted": palette.DESIRED,
     "load": palette.LOAD,
     "external": palette.EXTERNAL,
-    "other": palette.EVENT,
     "saturated": palette.SATURATED,
     "singular": palette.SINGULAR,
     "floor": palette.FLOOR,

@@ -15,13 +15,12 @@
     };
   });
   let time = 0, spoken = "", playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
-  const clockRun = runs.reduce((a, b) => (b.frames.at(-1)[0] > a.frames.at(-1)[0] ? b : a));
   const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
   // ---------------------------------------------------------------- tiles and clock
   const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
     const box = document.createElement("div");
-    box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;${runs[1] ? "<br>&nbsp;" : ""}`;
+    box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;`;
     element("tiles").append(box);
     return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.find(({ role }) => role === "desired") };
   });
@@ -33,9 +32,7 @@
     for (const { key, tile, unit, box, actual, wanted } of tiles) {
       const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
-      const { other } = actual[values.indexOf(worst)];
-      const second = other === null ? "" : `<br><s>${coopPinNumber(plots.value(runs[1], other))}</s>`;
-      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}${second}`;
+      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}`;
       if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${worst < 0 ? "squeeze" : "pull apart"}`; }
       if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
@@ -50,7 +47,6 @@
   }
   function show() {
     stage.show(...around(runs[0]));
-    if (runs[1]) { stage.showOther(...around(runs[1])); }
     plots.moveTo(time);
     showTiles();
     slider.max = end();
@@ -68,7 +64,7 @@
   function seek(to, steps = 0) {
     setPlaying(false);
     goTo(to);
-    const times = clockRun.frames.map(([first]) => first), k = holding(clockRun), nearer = times[k + 1] - time < time - times[k];
+    const times = runs[0].frames.map(([first]) => first), k = holding(runs[0]), nearer = times[k + 1] - time < time - times[k];
     goTo(Math.round(1e5 * (times[k + (steps || nearer)] ?? time)) / 1e5);
     if (!page.live && self === top) { history.replaceState(null, "", `#t=${time}`); }
   }
@@ -95,8 +91,7 @@
     }
   }
   function trails() {
-    stage.trail("path", stage.travelled(runs[0].frames, 0), page.colours.payload, 0.0025);
-    if (runs[1]) { stage.trail("other", stage.travelled(runs[1].frames, 1), "#6b7280", 0.002); }
+    stage.trail("path", stage.travelled(runs[0].frames), page.colours.payload, 0.0025);
   }
 
   // ---------------------------------------------------------------- controls
@@ -129,7 +124,7 @@
   }
   told.forEach((sentence) => sentence.addEventListener("click", () => seek(Number(sentence.dataset.time))));
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
-  const absent = { other: !runs[1], external: !page.pushes, moments: page.scales.moments === null };
+  const absent = { external: !page.pushes, moments: page.scales.moments === null };
   document.querySelectorAll("[data-layer]").forEach((button) => { button.parentNode.hidden = absent[button.dataset.layer] ?? false; });
   document.querySelectorAll("[data-layer]").forEach((button) => button.addEventListener("click", () => {
     const on = button.getAttribute("aria-pressed") !== "true";

@@ -111,17 +111,12 @@ function coopPinPlots(place, page, runs, seek) {
   }
 
   function add(holder, curves, { bare = false, first = false, last = false, unit = "", name = "" } = {}) {
-    const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual")), others = runs.length > 1;
-    const styled = (curve, of) => ({
-      stroke: of ? "#6b7280" : curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
-      dash: of ? [6, 4] : curve.role === "desired" ? [4, 3] : curve.role === "measured" ? [1, 2] : undefined,
+    const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual"));
+    const styled = (curve) => ({
+      stroke: curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
+      dash: curve.role === "desired" ? [4, 3] : curve.role === "measured" ? [1, 2] : undefined,
     });
-    // Of a second run the actual curves are shown, found by plot and label.
-    const second = (others ? drawn : []).filter((curve) => curve.role === "actual" && curve.other !== null);
-    const tables = () => {
-      const own = [runs[0].columns[0], ...drawn.map(({ column }) => runs[0].columns[column])];
-      return others ? uPlot.join([own, [runs[1].columns[0], ...second.map(({ other }) => runs[1].columns[other])]]) : own;
-    };
+    const tables = () => [runs[0].columns[0], ...drawn.map(({ column }) => runs[0].columns[column])];
     let y = { low: 0, high: 1, lower: 0, upper: 1 };
     const range = (u) => {
       const [from, to] = u.series[0].idxs ?? [0, u.data[0].length - 1];
@@ -142,7 +137,7 @@ function coopPinPlots(place, page, runs, seek) {
         { ...axis, show: !bare, size: last ? 22 : 4, values: (_, all) => all.map((time) => (last ? `${time} s` : "")) },
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
-      series: [{}, ...drawn.map((curve) => styled(curve, false)), ...second.map((curve) => styled(curve, true))],
+      series: [{}, ...drawn.map(styled)],
       hooks: { drawClear: [(one) => shade(one, y)], draw: [(one) => mark(one, curves, first), cursor] },
     }, tables(), holder);
     u.over.append(line);
@@ -177,8 +172,7 @@ function coopPinPlots(place, page, runs, seek) {
   function caption(curves) {
     const actual = curves.filter(({ role }) => role === "actual");
     if (!curves.some(({ plot }) => ofDrives(plot))) {
-      const second = ({ other }) => (other === null ? "" : ` <s>${coopPinNumber(value(runs[1], other))}</s>`);
-      return (curves.length < 6 ? curves : actual).map((curve) => `${plain(curve.label)} ${shown(curve)}${second(curve)}`).join(" · ");
+      return (curves.length < 6 ? curves : actual).map((curve) => `${plain(curve.label)} ${shown(curve)}`).join(" · ");
     }
     const armOf = ({ label }) => plain(label.slice(0, label.lastIndexOf(" "))), arms = [...new Set(actual.map(armOf))];
     return arms.map((arm) => `${arm} ${actual.filter((curve) => armOf(curve) === arm).map(shown).join(" ")}`).join("<br>");

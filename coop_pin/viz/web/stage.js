@@ -9,7 +9,7 @@ function coopPinStage(pane, labels, page) {
     said.className = "none";
     said.textContent = "No 3-D view: this browser has no WebGL. Plots and numbers need none.";
     pane.prepend(said);
-    return { show: nothing, showOther: nothing, tint: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
+    return { show: nothing, tint: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
   }
 }
 
@@ -33,7 +33,7 @@ function coopPinScene(pane, labels, page) {
     box: ({ size }) => new three.BoxGeometry(...size),
     cylinder: ({ size: [radius, length] }) => new three.CylinderGeometry(radius, radius, length, 40).rotateX(Math.PI / 2),
     sphere: ({ size: [radius] }) => new three.SphereGeometry(radius, 32, 16),
-    mesh: ({ mesh }, meshes) => meshes[mesh],
+    mesh: ({ mesh }) => meshes[mesh],
   };
   const nodes = {}, layers = { moments: false }, layered = [];
   function node(path) {
@@ -46,48 +46,40 @@ function coopPinScene(pane, labels, page) {
     return object;
   }
 
-  function draw(item, meshes, ghost) {
+  function draw(item) {
     const { kind, size } = item.drawable;
     // Software rendering pays for every fragment: no hidden sides of solids, light computed at vertices, the floor last.
-    const options = { color: item.colour, opacity: ghost ? 0.28 : item.opacity, side: kind === "mesh" ? three.DoubleSide : three.FrontSide };
+    const options = { color: item.colour, opacity: item.opacity, side: kind === "mesh" ? three.DoubleSide : three.FrontSide };
     options.transparent = options.opacity < 1;
     let drawn;
-    const geometry = () => shapes[kind](item.drawable, meshes);
+    const geometry = () => shapes[kind](item.drawable);
     if (kind === "axes") {
       drawn = new three.AxesHelper(...size);
-    } else if (item.lit || ghost) {
+    } else if (item.lit) {
       const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
-      material.depthWrite = !ghost;
       drawn = new three.Mesh(geometry(), material);
-      drawn.castShadow = drawn.receiveShadow = !ghost;
+      drawn.castShadow = drawn.receiveShadow = true;
       drawn.renderOrder = /^floor/.test(item.node) ? 1 : 0;
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
-    drawn.userData.tinted = item.node === "payload" && item.colour === page.colours.payload && !ghost;
+    drawn.userData.tinted = item.node === "payload" && item.colour === page.colours.payload;
     drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
-    node((ghost ? "ghost/" : "") + item.node).add(inLayer(ghost ? "other" : item.layer, drawn));
+    node(item.node).add(inLayer(item.layer, drawn));
   }
 
-  function meshesOf(scene) {
-    return scene.meshes.map(({ vertices, faces }) => {
-      const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
-      return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
-    });
-  }
-  const [first, other] = page.runs, meshes = meshesOf(first.scene);
-  first.scene.items.forEach((item) => draw(item, meshes, false));
+  const [first] = page.runs, meshes = first.scene.meshes.map(({ vertices, faces }) => {
+    const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
+    return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
+  });
+  first.scene.items.forEach(draw);
   // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
   const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
   const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
-  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true }, meshes, false);
+  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
   const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
   grid.position.set(x, y, first.scene.floor);
   viewer.scene.add(grid);
-  if (other) {
-    const own = other.scene.meshes ? meshesOf(other.scene) : meshes;
-    other.scene.items.filter(({ node: on }) => /^arms|^payload/.test(on)).forEach((item) => draw(item, own, true));
-  }
 
   // ---------------------------------------------------------------- arrows
   // Shape and colour tell the parts apart, in greyscale too: [shaft radius, head radius, pieces of the shaft].
@@ -202,18 +194,17 @@ function coopPinScene(pane, labels, page) {
 
   // Poses are interpolated between two frames; wrenches are held, because they are constant between ticks.
   const turned = new three.Quaternion();
-  function pose(run, at, from, to, share, prefix) {
-    run.nodes.forEach((path, k) => {
-      const target = node(prefix + path), c = at.poses + 7 * k;
+  function pose(at, from, to, share) {
+    first.nodes.forEach((path, k) => {
+      const target = node(path), c = at.poses + 7 * k;
       target.position.fromArray(from, c).lerp(vector().fromArray(to, c), share);
       target.quaternion.fromArray(from, c + 3).slerp(turned.fromArray(to, c + 3), share);
     });
   }
-  const places = page.runs.map(blocksOf);
-  function showOther(from, to, share) { pose(other, places[1], from, to, share, "ghost/"); }
+  const at = blocksOf(first);
   function show(from, to, share) {
-    const [at] = places, centre = vector(), nowhere = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
-    pose(first, at, from, to, share, "");
+    const centre = vector(), nowhere = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
+    pose(at, from, to, share);
     centre.fromArray(from, at.poses + 7 * first.nodes.indexOf("payload"));
     const tips = first.arms.map((_, k) => vector().fromArray(from, at.tips + 3 * k)), all = tips.reduce((sum, tip) => sum.add(tip), vector());
     groups.forEach((group, g) => {
@@ -241,9 +232,9 @@ function coopPinScene(pane, labels, page) {
   }
 
   const trails = {};
-  const travelled = (rows, run) => {
-    const at = places[run].poses + 7 * page.runs[run].nodes.indexOf("payload"), step = Math.max(Math.floor(rows.length / 240), 1);
-    return rows.filter((_, k) => k % step === 0).map((row) => vector().fromArray(row, at));
+  const travelled = (rows) => {
+    const from = at.poses + 7 * first.nodes.indexOf("payload"), step = Math.max(Math.floor(rows.length / 240), 1);
+    return rows.filter((_, k) => k % step === 0).map((row) => vector().fromArray(row, from));
   };
   function trail(name, all, colour, radius) {
     const path = [];
@@ -314,5 +305,5 @@ function coopPinScene(pane, labels, page) {
   }
   view("reset");
   trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
-  return { viewer, node, arrows, layers, show, showOther, tint, trail, travelled, view, setLayer };
+  return { viewer, node, arrows, layers, show, tint, trail, travelled, view, setLayer };
 }
