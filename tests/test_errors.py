@@ -4,6 +4,8 @@ import copy
 import inspect
 import pickle
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,17 @@ def test_every_error_class_is_used():
 )
 def test_a_wrong_name_is_told_the_closest_ones_or_all(known, said):
     assert said in errors.suggestion("lefft", known)
+
+
+@pytest.mark.parametrize("error", ["RunInterruptedError(1.0, None)", "SweepInterruptedError('out', 1, 2)"])
+def test_a_script_ends_after_ctrl_c_with_the_message_alone_and_130(error):
+    """The shell's code of the signal; other errors keep their traceback."""
+    script = f"from coop_pin import errors\nraise errors.{error}"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert "interrupted" in done.stderr
+    assert "Traceback" not in done.stderr
+    caught = f"from coop_pin import errors\ntry: raise errors.{error}\nexcept KeyboardInterrupt: 1 / 0"
+    done = subprocess.run([sys.executable, "-c", caught], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr

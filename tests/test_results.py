@@ -8,7 +8,7 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.errors import FileReadError, FileWriteError
+from coop_pin.errors import ArgumentError, FileReadError, FileWriteError
 from coop_pin.results import netcdf
 from coop_pin.results.quantities import Quantity, allocate, bytes_per_sample, computed, quantities
 from coop_pin.spatial import make_pose
@@ -254,3 +254,18 @@ def test_continuous_joints_are_counted_from_the_posture_on():
             np.abs(first.joint_position[0, index] - np.array(list(arms.values())[index].posture)).max()
             < np.pi
         )
+
+
+def test_a_wrong_name_in_a_result_is_told_with_the_names_there_are(result, tmp_path):
+    """In a new result, in one that was read, and in a part of one; right names are found as always."""
+    result.save(tmp_path / "result.nc")
+    read = cp.RunResult.load(tmp_path / "result.nc")
+    one, *_ = result.scenario.cell.arms
+    for data in (result.data, read.data, result.data["torque"], read.data.isel(time=slice(1))):
+        for wrong in (f"{one}t", 3):
+            with pytest.raises(ArgumentError, match=one if wrong == f"{one}t" else "3"):
+                data.sel(arm=wrong)
+        assert str(data.sel(arm=one).arm.values) == one
+        assert data.sel(arm=[one]).sizes["arm"] == 1
+    shared = xr.DataArray([2.0] * result.data.sizes["arm"], {"arm": result.data.arm.values.tolist()}, "arm")
+    assert_allclose((result.data.torque * shared).values, 2.0 * result.data.torque.values)

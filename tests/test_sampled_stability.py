@@ -365,6 +365,41 @@ def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):
     assert "without any lag" in slow.summary()
 
 
+def pandas_with(stiffness, **fields):
+    return cp.Scenario.load("two-pandas-box", {"controller.posture.stiffness": stiffness, **fields})
+
+
+def test_an_elbow_that_its_spring_does_not_hold_is_named_with_its_field():
+    """Gravity pushes the elbow over: without it, or with a stiffer spring, the same gains hold it."""
+    soft = loop_of(pandas_with(3.0))
+    assert not soft.ok
+    assert soft.mode.is_spare
+    assert soft.spare_rate < 0.0
+    assert {joint.partition("/")[0] for joint in soft.mode.joints} == {"left", "right"}
+    assert all(word in soft.summary() for word in ("elbow", "left and right", "controller.posture.stiffness"))
+    assert loop_of(pandas_with(3.0, **{"cell.gravity": [0.0, 0.0, 0.0]})).ok
+    held = loop_of(pandas_with(40.0))
+    assert held.ok
+    assert held.spare_rate > 1.0
+    planar = loop_of(pushed("planar", 0.2))
+    assert (planar.mode.is_spare, planar.spare, planar.spare_rate) == (False, None, np.inf)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [3.0, 5.0])
+def test_the_elbow_drifts_as_fast_as_its_mode_says(stiffness):
+    """Growth of its speed over two seconds of a run at rest; started by a push of the payload."""
+    push = {"kind": "wrench-pulse", "time": 0.1, "duration": 0.1, "wrench": (3.0, 5.0, 0.0, 0.0, 0.0, 0.5)}
+    start = cp.Scenario.load("two-pandas-box").start.model_dump()
+    still = {"motion": {"kind": "hold", "pose": start}, "events": [push], "duration": 6.0, "squeeze": {}}
+    scenario = pandas_with(stiffness, **still)
+    frictionless = {f"cell.arms.{arm}.friction": "none" for arm in scenario.cell.arms}
+    scenario = scenario.override(frictionless)
+    speed = np.linalg.norm(np.nan_to_num(cp.run(scenario).data.joint_velocity.values), axis=(1, 2))
+    growth = np.log(speed[-1] / speed[-1001]) / 2.0
+    assert_allclose(growth, -loop_of(scenario).spare_rate, rtol=0.2)
+
+
 def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     """Modes by hand: the second decays worst."""
     module = importlib.import_module("coop_pin.analysis.sampled_stability")

@@ -1,12 +1,17 @@
 """Proposals of rate, gains, postures and squeeze: the tuning rule along the motion, runs, and refusals."""
 
+import importlib
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
+import tomli_w
 from cells import CATALOGUE_CELLS, FAR_CELLS
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.analysis import closure_problem, gain_proposal, reachability
+from coop_pin.analysis import closure_problem, gain_proposal, loop_stability, reachability
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
@@ -191,6 +196,7 @@ def test_the_suggested_scenario_runs_as_expected_and_survives_its_file(suggestio
 
 
 def test_it_says_what_limits_each_value(suggestion):
+    assert suggestion.changes == ()
     subjects = [line.split(":")[0] for line in suggestion.limits]
     arms = [f"posture of {arm}" for arm in suggestion.scenario.cell.arms]
     assert subjects == ["rate", "K", "k_I", "force path", *arms, "squeeze", "plant"]
@@ -225,7 +231,11 @@ def test_each_arm_is_on_the_branch_with_the_largest_margin(six):
 def test_a_squeeze_beyond_the_drives_is_lowered_to_what_they_hold(six):
     pressed = six.replace(squeeze=cp.TipForceSqueeze(force=1000.0))
     assert not cp.static_torques(pressed, poses=11).ok
-    suggested = cp.suggest(pressed, poses=11).scenario
+    suggestion = cp.suggest(pressed, poses=11)
+    headline, *_ = suggestion.summary().splitlines()
+    part = suggestion.scenario.squeeze.force / 1000.0
+    assert all(word in headline for word in ("!", "squeeze", f"{part:.2f}"))
+    suggested = suggestion.scenario
     assert 0.0 < suggested.squeeze.force < 1000.0
     worst = cp.static_torques(suggested, poses=11).worst
     assert 0.88 < worst.torque / worst.limit <= 0.9 + 1e-9
@@ -253,6 +263,67 @@ def test_lags_lower_the_gains(six, lag):
     slow = six.replace(actuators=cp.Actuators(lag=lag), clock=six.clock.replace(rate_hz=1000.0))
     proposal = gain_proposal(slow, found)
     assert proposal.t_lambda_max * (1.0 + 2.0 * lag * 1000.0) == pytest.approx(0.9, rel=0.01)
+
+
+def test_without_a_force_path_it_says_what_to_type_for_the_anchored_law(six):
+    words = "--controller.force-path.kind late"
+    leaky = cp.suggest(six.override({"controller.force_path": {"kind": "none"}}), poses=5)
+    assert words in leaky.summary()
+    option, kind = words.split()
+    fields = {option.removeprefix("--").replace("-", "_"): kind}
+    assert cp.suggest(leaky.scenario.override(fields), poses=5).proposal.anchor_bound is not None
+
+
+def with_narrow_wrist(arm):
+    """The six-joint arm with a range of 1.2 rad at joints 3 and 5: its wrist cannot flip."""
+    file = Path(arm["urdf"])
+    joints = file.read_text().split("<joint ")
+    narrow = [
+        joint.replace("2.9", "1.2") if joint.startswith(('name="j3"', 'name="j5"')) else joint
+        for joint in joints
+    ]
+    (file.parent / "narrow.urdf").write_text("<joint ".join(narrow))
+    return {**arm, "urdf": str(file.parent / "narrow.urdf")}
+
+
+def test_a_grasp_is_turned_where_that_opens_a_joint_and_it_says_so(tmp_path):
+    """A grasp half a turn away from what the wrist can do; by hand the arm then stands as it was posed."""
+    posed = short(carry("narrow", [with_narrow_wrist(six_r(tmp_path, 150.0))] * 2, by=(0.0, 0.05, 0.05)))
+    grasps = posed.cell.grasps
+    half = cp.Pose(rpy=(0.0, 0.0, np.pi)).matrix
+    away = {**grasps, "arm1": cp.Pose.from_matrix(grasps["arm1"].matrix @ half)}
+    stated = posed.replace(cell=posed.cell.replace(grasps=away))
+    assert not cp.reachability(stated, poses=3).ok
+    suggestion = cp.suggest(stated, poses=5)
+    (said,) = suggestion.changes
+    assert all(word in said for word in ("arm1", "180 degrees"))
+    assert said in suggestion.summary().splitlines()[0]
+    for name, grasp in suggestion.scenario.cell.grasps.items():
+        np.testing.assert_allclose(grasp.matrix, grasps[name].matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_what_it_proposes_holds_the_spare_joints_along_the_motion(name):
+    """The command of the documentation: check calls no proposal unstable, and the elbows come to rest."""
+    suggestion = cp.suggest(name, poses=5)
+    scenario = suggestion.scenario
+    simulation = Simulation(scenario, build_controller(scenario))
+    found = loop_stability(simulation, reachability(scenario, poses=9))
+    assert found.ok
+    assert found.spare_rate >= 1.0
+    assert (found.spare is None) == (name == "adept-anchored")
+    assert any(line.startswith("null space") for line in suggestion.limits) == (found.spare is not None)
+
+
+def test_the_spring_is_raised_until_it_holds_or_the_cell_is_refused(monkeypatch):
+    module = importlib.import_module("coop_pin.analysis.suggestion")
+    monkeypatch.setattr(module, "_SPARE_RATE", 6.0)
+    assert cp.suggest("two-pandas-box", poses=5).proposal.posture.stiffness == 80.0
+    monkeypatch.setattr(module, "_SPARE_RATE", 1e9)
+    monkeypatch.setattr(module, "_STIFFEST", 79.0)
+    with pytest.raises(InfeasibleMotionError) as caught:
+        cp.suggest("two-pandas-box", poses=5)
+    assert caught.value.cause == "stability"
 
 
 LEVEL = UR5_OF_FIVE | {"posture": (0.0, -1.2, 1.6, -0.4, -1.57)}
@@ -323,7 +394,12 @@ def test_what_a_cell_cannot_do_is_named_before_a_run(six):
 
 
 def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
-    six.save(tmp_path / "six.toml")
+    """From a file without gains: none are needed."""
+    fields = tomllib.loads(six.to_toml())
+    del fields["controller"]["gains"]
+    (tmp_path / "six.toml").write_text(tomli_w.dumps(fields))
+    with pytest.raises(cp.errors.FieldError, match="gains"):
+        cp.Scenario.load(tmp_path / "six.toml")
     words = ["suggest", str(tmp_path / "six.toml"), "--poses", "21", "--out", str(tmp_path / "new.toml")]
     assert main(words) == 0
     assert capsys.readouterr().out.strip() == suggestion.summary()

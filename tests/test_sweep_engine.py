@@ -14,6 +14,7 @@ import coop_pin as cp
 from coop_pin.errors import (
     FieldError,
     FileReadError,
+    ScenarioError,
     StoreLockedError,
     SweepInterruptedError,
 )
@@ -340,3 +341,15 @@ def test_a_run_that_is_missing_has_an_empty_line_in_the_tables(tmp_path):
     empty = dict.fromkeys(("failure", "message", "failed_at_s", *result.metric_names), "")
     assert lines[1] == {"number": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
     assert np.isnan(result.data["torque_peak_Nm"]).values.tolist() == [False, True, False]
+
+
+def test_a_mistake_that_all_runs_have_is_told_before_the_first_and_leaves_no_folder(tmp_path):
+    """An event after the end: in all runs; a sweep that searches for the limit has runs within it."""
+    axes = {"controller.gains.sign_gain": [0.1, 0.2]}
+    late = {"changes": {"duration": 6.0}}
+    with pytest.raises(ScenarioError) as caught:
+        sweep("adept-anchored", axes, out=tmp_path / "late", execution=cp.Execution(workers=0), **late)
+    assert {problem.path for problem in caught.value.problems} == {"events.0.time", "events.1.time"}
+    assert not (tmp_path / "late").exists()
+    small(tmp_path / "mixed", {"clock.steps_per_tick": [0, 1]})
+    assert [len(record.failure) > 0 for record in SweepStore(tmp_path / "mixed").records()].count(True) == 1
