@@ -1,5 +1,6 @@
 """The compiler of numerical Python: tape, traced scalars and arrays, trees, kernels and machines."""
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -26,7 +27,7 @@ from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
-from coop_pin.tracing.traced_array import inputs, traced
+from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt, require_state, structure
 
 
@@ -76,6 +77,97 @@ def test_numbers_are_not_taken_for_the_indices_of_operations():
 def test_what_cannot_be_traced_is_refused(branch):
     with pytest.raises(TracingError):
         branch(inputs(Tape()))
+
+
+SPECIAL = [-math.inf, -2.0, -0.5, 0.0, 0.5, 2.0, math.inf, math.nan]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
+        *(np.minimum, np.maximum, np.multiply, np.add, np.subtract, np.divide),
+    ],
+)
+def test_pairs_with_nan_and_inf_are_those_of_numpy(function):
+    """Also with a constant on either side, which may fold."""
+    for a in SPECIAL:
+        for b in SPECIAL:
+            wanted = float(function(np.float64(a), np.float64(b)))
+            tape = Tape()
+            x, y = inputs(tape, 1), inputs(tape, 1)
+            with tape.exact(True):
+                found = [function(x, y)[0], function(x, b)[0], function(a, y)[0]]
+            np.testing.assert_array_equal(values_of(tape, found, [a, b]), [wanted] * 3, err_msg=f"{a} {b}")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("function", [np.sign, np.absolute, np.exp, np.log, np.sqrt, np.tanh])
+def test_functions_of_nan_and_inf_are_those_of_numpy(function):
+    tape = Tape()
+    found = function(inputs(tape, 1))[0]
+    for x in [*SPECIAL, -1e4, 1e4]:
+        (value,) = values_of(tape, [found], [x])
+        np.testing.assert_allclose(value, function(x), rtol=1e-15, err_msg=str(x))
+
+
+def test_differences_and_products_fold_where_diverged_runs_are_refused_anyway():
+    tape = Tape()
+    (x,) = inputs(tape, 1)
+    assert 0.0 * x == x - x == 0.0
+    with tape.exact(True):
+        assert [type(each) for each in (0.0 * x, x - x, 0.0 / x)] == [TracedScalar] * 3
+
+
+def test_truth_values_are_no_numbers():
+    tape = Tape()
+    x, y = inputs(tape, 2), inputs(tape, 2)
+    truths = [x > y, (x > 0.0) & (y > 0.0), (x > 0.0) | (y > 0.0), ~(x > 0.0), (x > y) * (y > 0.0)]
+    assert all(type(truth[0]) is TracedMask for truth in truths)
+    assert type((2.0 * (x > y))[0]) is type((1.0 - (x > y))[0]) is TracedScalar
+    found = [values_of(tape, truth, [-1.0, 3.0, 1.0, 2.0]) for truth in truths]
+    assert found == [[0, 1], [0, 1], [1, 1], [1, 0], [0, 1]]
+    for refused in (
+        lambda: (x > y) + (x > 0.0),
+        lambda: (x > y) - (x > 0.0),
+        lambda: -(x > y),
+        lambda: ~(x[0] > 0.0),
+        lambda: ~x,
+        lambda: x & y,
+        lambda: np.sum(x > y),
+    ):
+        with pytest.raises(TracingError):
+            refused()
+
+
+def test_truth_values_in_a_state_stay_truth_values():
+    tape = Tape()
+    state = {"late": inputs(tape, 2) > 0.0, "count": inputs(tape)}
+    again = rebuilt(state, iter(inputs(tape, 3)))
+    assert [type(each) for each in (*again["late"], again["count"])] == [TracedMask] * 2 + [TracedScalar]
+    assert structure(again) == structure(state) != structure({**state, "late": inputs(tape, 2)})
+
+
+@pytest.mark.parametrize(
+    "caught",
+    [
+        bool,
+        float,
+        round,
+        hash,
+        lambda x: x.item(),
+        lambda x: np.cbrt(x),
+        lambda x: x**3,
+        lambda x: np.round(x, 1),
+    ],
+)
+def test_a_refusal_that_is_caught_stays_on_the_tape(caught):
+    tape = Tape()
+    x = inputs(tape)
+    with contextlib.suppress(Exception):
+        caught(x)
+    assert tape.refusals
 
 
 @pytest.mark.parametrize(

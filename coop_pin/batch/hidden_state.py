@@ -7,6 +7,7 @@ between the runs without being an attribute of its object is that of one of them
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import sys
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -42,26 +43,29 @@ def of_surroundings(targets: Iterable[str]) -> Contents:
 
 
 def _of_class(target: str) -> Contents:
-    kinds = [kind for kind in load_class(target).__mro__ if kind.__module__.partition(".")[0] not in _OWN]
     contents = Contents()
-    for kind in kinds:
+    for kind in load_class(target).__mro__:
+        if kind.__module__.partition(".")[0] in _OWN:
+            continue
         contents |= {f"{name!r} of class {kind.__qualname__}": part for name, part in _attributes(kind)}
         module = vars(sys.modules[kind.__module__])
-        for name in sorted(_globals(vars(kind).values(), module)):
-            contents[f"{name!r} of module {kind.__module__}"] = _content(module[name], {})
+        for name in _globals(kind):
+            contents[f"{name!r} of module {kind.__module__}"] = _content(module.get(name), {})
     return contents
 
 
-def _globals(values: Iterable[Any], module: Mapping[str, Any]) -> set[str]:
-    """Return the names of a module that functions among values use, also by its other functions."""
-    names, waiting = set[str](), [code for value in values for code in _code(value)]
+@functools.cache  # for every run of a batch
+def _globals(kind: type) -> list[str]:
+    """Return the names of a class's module that its functions use, also by other functions of the module."""
+    module = vars(sys.modules[kind.__module__])
+    names, waiting = set[str](), [code for value in vars(kind).values() for code in _code(value)]
     while waiting:
         code = waiting.pop()
         waiting += [part for part in code.co_consts if isinstance(part, CodeType)]
         new = {name for name in code.co_names if name in module} - names
         names |= new
         waiting += [part for name in new for part in _code(module[name])]
-    return names
+    return sorted(names)
 
 
 def _code(value: Any) -> Iterator[CodeType]:

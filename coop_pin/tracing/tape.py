@@ -204,13 +204,15 @@ class Traced(NDArrayOperatorsMixin):
     """
 
     __slots__ = ("index", "tape")
-    __hash__ = object.__hash__
 
     def __init__(self, tape: Tape, index: int) -> None:
         self.tape, self.index = tape, index
 
     def __bool__(self) -> bool:
         self._refuse("branches on a value; choose with where(condition, a, b) instead")
+
+    def __hash__(self) -> int:
+        self._refuse("looks a value up in a set or a table; choose with where(condition, a, b) instead")
 
     def __float__(self) -> float:
         self._refuse(
