@@ -243,7 +243,7 @@ def _image(figure: Figure, text: str) -> str:
     with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure
         figure.savefig(file, format="svg", metadata={"Date": None})
     content = base64.b64encode(file.getvalue()).decode("ascii")
-    columns = figure.axes[0].get_subplotspec().get_gridspec().ncols
+    columns = figure.axes[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
     width, height = figure.get_size_inches()
     shape = f' data-columns="{columns}" style="--shape: {width / height / columns:.3f}"' * (columns > 1)
     return f'<img alt="{html.escape(text)}"{shape} src="data:image/svg+xml;base64,{content}">'
