@@ -28,8 +28,8 @@ def figure(results: Mapping[str, cp.SweepResult]) -> Figure:
         label="$K_f = (1 + p) / (1 - p)$",
         scaley=False,
     )
-    legend = panel.get_legend()
-    patches = legend.legend_handles if legend else []
+    patches = [handle for legend in drawn.legends for handle in legend.legend_handles]
+    drawn.legends.clear()
     panel.legend(
         handles=[*patches, line], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False
     )

@@ -88,7 +88,8 @@ def test_metrics_are_flat_and_those_of_the_result(paper_folder):
     metrics = json.loads((paper_folder / "metrics.json").read_text(), parse_constant=pytest.fail)
     assert list(metrics) == ["trustworthy", "reasons", *METRICS[1:]]
     assert metrics.pop("reasons") == []
-    assert metrics == cp.run("adept-paper").metrics()
+    expected = cp.run("adept-paper").metrics()
+    assert metrics == {name: None if value != value else value for name, value in expected.items()}
 
 
 def test_timing_is_kept_apart(paper_folder):
@@ -297,8 +298,8 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
     assert main(["fields", "adept-paper"]) == 0
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert said["--controller.kind"].endswith(
-        "one of sliding-mode, sliding-mode-redundant, payload-space, prescribed-performance, leader-follower,"
-        " computed-torque, adaptive, object-impedance, torque-qp, user."
+        "one of sliding-mode, sliding-mode-redundant, payload-space, mean-pose, prescribed-performance,"
+        " leader-follower, computed-torque, adaptive, object-impedance, torque-qp, user."
     )
     assert said["--events.1.kind"].endswith("one of payload-change, wrench-pulse.")
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]

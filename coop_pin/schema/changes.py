@@ -56,14 +56,21 @@ def words(path: tuple[str, ...]) -> str:
 def value_text(value: Any) -> str:
     """Return a value as text, without entries that are empty or a default; "" for none."""
     if isinstance(value, BaseModel):
-        kind = {"kind": value.kind} if hasattr(value, "kind") else {}
-        value = kind | value.model_dump(exclude_none=True, exclude_defaults=True)
+        value = ({"kind": value.kind} if hasattr(value, "kind") else {}) | stated(value)
     if isinstance(value, dict):
         rest = table_text({name: entry for name, entry in value.items() if name != "kind"})
         return f"{value.get('kind', '')} {f'({rest})' if rest else ''}".strip()
     if isinstance(value, list | tuple):
         return f"({', '.join(map(value_text, value))})" if value else ""
     return f"{value:g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+def stated(value: BaseModel) -> dict[str, Any]:
+    """Return the fields of a value that are not their defaults, by name."""
+    usual = {
+        name: field.get_default(call_default_factory=True) for name, field in type(value).model_fields.items()
+    }
+    return {name: part for name, part in value if part != usual[name]}
 
 
 def table_text(table: dict[str, Any]) -> str:

@@ -26,7 +26,7 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
-from coop_pin.schema.changes import table_text, value_text
+from coop_pin.schema.changes import stated, table_text, value_text
 from coop_pin.viz.highlights import telling_instant, trust_text
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
@@ -83,10 +83,10 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         ("plant", f"payload {plant.payload}, {plant.integrator}"),
     ]
     facts += [
-        (f"{part} of {name}", stated)
+        (f"{part} of {name}", text)
         for name, arm in cell.arms.items()
         for part, value in (("sensors", scenario.sensors_of(name)), ("calibration", arm.calibration_error))
-        if (stated := table_text(value.model_dump(exclude_none=True, exclude_defaults=True)))
+        if (text := table_text(stated(value)))
     ]
     facts += [("event", value_text(event)) for event in scenario.events]
     return facts
