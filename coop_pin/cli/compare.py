@@ -12,7 +12,6 @@ from coop_pin import figures, viz
 from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
 from coop_pin.cli.exit_codes import OK
 from coop_pin.errors import FieldError
-from coop_pin.heat_map import REPLAYS, cell_names, cell_text, replay_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,12 +104,12 @@ class Compare:
 
     def _write_replay(self) -> None:
         from coop_pin.comparison import Comparison
+        from coop_pin.heat_map import REPLAYS, cell_names, replay_file
 
         comparison, cells = Comparison.load(self.out), list(map(cell_names, self.replay))
         runs = [_run(comparison, cell) for cell in cells]
         page = self.out / REPLAYS / replay_file(cells)
-        names = list(map(cell_text, cells))
-        viz.save_replay(runs[0], page, *runs[1:], names=names)
+        viz.save_replay(runs[0], page, *runs[1:], names=self.replay)
         comparison.write_html(self.out / "comparison.html")
         print(page.resolve())
 
@@ -133,5 +132,5 @@ def _run(comparison: Any, cell: list[str]) -> Any:
     names, seed = cell[:3], "".join(cell[3:]) or "0"
     if len(names) < 3 or not seed.isdecimal():
         wanted = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
-        raise FieldError(f"is {cell_text(cell)!r}; it must be {wanted}", "--replay")
+        raise FieldError(f"is {' | '.join(cell)!r}; it must be {wanted}", "--replay")
     return kept_result(lambda: comparison.open(*names, seed=int(seed)))

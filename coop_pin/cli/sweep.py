@@ -12,7 +12,6 @@ import tyro
 from coop_pin import figures, sweeps, viz
 from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
 from coop_pin.cli.exit_codes import OK
-from coop_pin.heat_map import REPLAYS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +110,8 @@ class SweepShow:
             result.store.write_with(self.table, result.table.to_csv)
             print(f"written to {self.table}")
         if self.replay is not None:
+            from coop_pin.heat_map import REPLAYS
+
             replay = (self.page or self.folder / "map.html").parent / REPLAYS / f"run-{self.replay}.html"
             viz.save_replay(kept_result(lambda: result.open(self.replay)), replay)
             print(f"written to {replay}")
