@@ -143,7 +143,7 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
         if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
             detail = loop.summary().removeprefix("! ")
             if loop.ok:
-                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the {loop.spare.name} on its path"
+                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the spare joints on their path"
             raise InfeasibleMotionError("stability", detail)
 
 
