@@ -142,8 +142,8 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
         stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
         if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
             detail = loop.summary().removeprefix("! ")
-            if loop.ok and loop.spare is not None:
-                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the {loop.spare.name} on its path"
+            if loop.ok:
+                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the spare joints on their path"
             raise InfeasibleMotionError("stability", detail)
 
 
