@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation import Simulation
@@ -51,6 +51,7 @@ class LoopStability(NamedTuple):
         return f"! {finding}: the motion is unstable ({allowed}). Lower the gains or raise clock.rate_hz"
 
 
+@typed
 def loop_stability(simulation: Simulation) -> LoopStability:
     """Return the stability of a law with all its gains under the lag of the drives, linearised at the start.
 

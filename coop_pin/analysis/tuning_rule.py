@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
 from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
@@ -73,6 +73,7 @@ class GainProposal(NamedTuple):
         )
 
 
+@typed
 def gain_proposal(scenario: Scenario, cell_reach: Reachability) -> GainProposal:
     """Return the gains by the tuning rule at the configurations of a scenario's reachability.
 

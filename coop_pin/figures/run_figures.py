@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
@@ -31,6 +31,7 @@ from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 
 
+@typed
 def tracking_figure(result: RunResult) -> Figure:
     """Return actual and desired payload pose, and the first arm's internal force along and across its axis.
 
@@ -101,6 +102,7 @@ def _draw_internal(
     inset_peak(panel, data["time"].values)
 
 
+@typed
 def torque_figure(result: RunResult) -> Figure:
     """Return the drive torques as held from tick to tick: a column for each arm, a row for each joint.
 
@@ -120,6 +122,7 @@ def torque_figure(result: RunResult) -> Figure:
     return figure
 
 
+@typed
 def error_figure(result: RunResult) -> Figure:
     """Return pose errors with their bands of 5 mm and 5 mrad, closure error, and energy balance.
 
@@ -159,6 +162,7 @@ def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.annotate(text, (0.995, limit), fontsize=7.5, **corner)
 
 
+@typed
 def internal_force_figure(result: RunResult) -> Figure:
     """Return axial force, shear force and moment of the internal wrench: a column for each arm.
 
@@ -205,6 +209,7 @@ def _mirrors(data: xr.Dataset) -> bool:
     )
 
 
+@typed
 def singularity_figure(result: RunResult) -> Figure:
     """Return the condition number of every arm's payload Jacobian over time.
 
@@ -234,6 +239,7 @@ _WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
 """Inches; at the least width, the legend still fits beside a cell that is narrow seen from above."""
 
 
+@typed
 def motion_figure(result: RunResult) -> Figure:
     """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
 

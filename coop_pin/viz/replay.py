@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.arrays import typed
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz.arrows import recorded_scales
@@ -19,6 +20,7 @@ from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
 from coop_pin.viz.page import packed_run, page_frame, page_html, save_page
 
 
+@typed
 def replay_html(result: RunResult, other: RunResult | None = None, *, times: Iterable[float] = ()) -> str:
     """Return a page that replays a run: the cell in 3-D with its forces, tiles and time plots, on one clock.
 
@@ -57,6 +59,7 @@ def replay_html(result: RunResult, other: RunResult | None = None, *, times: Ite
     )
 
 
+@typed
 def save_replay(result: RunResult, path: str | Path, other: RunResult | None = None) -> None:
     """Write the replay page of a run; an existing file is replaced only by a complete one.
 
@@ -68,6 +71,7 @@ def save_replay(result: RunResult, path: str | Path, other: RunResult | None = N
     save_page(replay_html(result, other), path)
 
 
+@typed
 def notebook_view(result: RunResult, other: RunResult | None = None, *, height: int = 620) -> NotebookView:
     """Return a replay of a run that a notebook displays.
 
