@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import inspect
 import math
+import numbers
 import os
 import sys
-from collections.abc import Iterator
+import types
+import typing
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -31,6 +36,10 @@ Entry = TypeVar("Entry", bound=np.generic)
 
 Mask: TypeAlias = NDArray[np.bool_]
 """A boolean array."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_NUMBERS: dict[Any, Any] = {float: numbers.Real, int: numbers.Integral}
 
 _CGROUP_LIST, _CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 _CGROUP_FILES = {
@@ -121,6 +130,51 @@ def require_type(name: str, value: object, *kinds: type) -> None:
     """
     if not isinstance(value, kinds):
         raise WrongTypeError(name, type(value).__name__, " or ".join(kind.__name__ for kind in kinds))
+
+
+def typed(function: Function) -> Function:
+    """Return a function that refuses arguments of other classes than it states.
+
+    For public functions that take objects of the package and texts. Entries of collections and the sizes of
+    arrays and numbers are the function's to check.
+
+    Args:
+        function: function with annotations; of callables and arrays, anything passes.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: Any, **options: Any) -> Any:
+        for name, value in signature.bind(*args, **options).arguments.items():
+            kinds, parameter = _kinds(function, name), signature.parameters[name]
+            for one in value if parameter.kind is parameter.VAR_POSITIONAL else (value,):
+                if kinds and not isinstance(one, kinds):
+                    stated = str(parameter.annotation).replace(" | ", " or ")
+                    raise WrongTypeError(name, type(one).__name__, stated)
+        return function(*args, **options)
+
+    return cast(Function, call)
+
+
+@functools.cache
+def _kinds(function: Callable[..., Any], name: str) -> tuple[type, ...]:
+    """Return the classes of an argument; none if any value passes."""
+    kinds = [*_classes(typing.get_type_hints(function)[name])]
+    return tuple(filter(None, kinds)) if all(kinds) else ()
+
+
+def _classes(annotation: Any) -> Iterator[type | None]:
+    """Yield the classes of an annotation, None for one that has none."""
+    origin, parts = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin in (typing.Union, types.UnionType):
+        for part in parts:
+            yield from _classes(part)
+    elif origin is typing.Literal:
+        yield from map(type, parts)
+    else:
+        kind = origin or annotation
+        is_class = isinstance(kind, type) and kind not in (np.ndarray, type, object)
+        yield _NUMBERS.get(kind, kind) if is_class and not getattr(kind, "_is_protocol", False) else None
 
 
 def require_path(name: str, value: object) -> None:

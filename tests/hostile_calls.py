@@ -8,7 +8,7 @@ it ended. How a call ends:
 - "result": it returns, and what it returns of kinematics and dynamics is finite;
 - "refused": it raises a CoopPinError;
 - "not callable so": Python itself refuses the call, because the arguments do not fit the signature: a
-  TypeError whose traceback has no frame below this file;
+  TypeError whose traceback has no frame below this file but those of ``arrays.typed``;
 - "bare": it raises anything else: an exception from below the public function;
 - "nan", "slow": it returns numbers that are not finite, or takes longer than ``LIMIT_S``.
 
@@ -39,11 +39,14 @@ from cells import SCENARIOS
 from linkages import bennett
 
 import coop_pin as cp
+from coop_pin import analysis, batch, comparison, figures, spatial, viz
 from coop_pin.build_controller import build_controller
+from coop_pin.tracing.numpy_machine import NumpyMachine
 
 SOUND = {"result", "refused", "not callable so"}
 LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30
 
+QUIET = cp.Execution(workers=0, quiet=True)
 SHORT = {"duration": 0.05, "events": ()}
 FINITE = ("ArmModel", "CellChain", "ClosedChain", "Simulation", "solve_ik", "ik_branches", "simulate", "run")
 """What they return must be finite."""
@@ -151,6 +154,9 @@ class Calls:
                 self._add(name, lambda target=target: (target, dict.fromkeys(target._fields, 0.0)))
         for name, arguments in self._arguments().items():
             self._add(name, functools.partial(self._call, name, arguments))
+        for target, arguments in self._functions():
+            name = f"{target.__module__.split('.')[1]}.{target.__name__}"
+            self._add(name, lambda target=target, arguments=arguments: (target, arguments()))
 
     def _add(self, name, recipe) -> None:
         self.recipes[name] = recipe
@@ -251,6 +257,115 @@ class Calls:
     @functools.cached_property
     def SweepResult(self):
         return cp.sweep(self.plan, out=self.folder / "sweep", execution=cp.Execution(workers=0, quiet=True))
+
+    @functools.cached_property
+    def simulation(self):
+        return cp.Simulation(self.scenario, build_controller(self.scenario))
+
+    @functools.cached_property
+    def reach(self):
+        return cp.reachability(self.scenario, poses=3)
+
+    @functools.cached_property
+    def comparison(self):
+        return cp.compare(**self.compared(), out=self.folder / "compared")
+
+    @functools.cached_property
+    def figure(self):
+        return figures.torque_figure(self.RunResult)
+
+    def compared(self):
+        return {
+            "scenarios": [self.scenario],
+            "controllers": ["leader-follower"],
+            "trials": ["nominal"],
+            "seeds": 1,
+            "duration": 0.05,
+            "tuned": False,
+            "execution": QUIET,
+        }
+
+    def _functions(self):
+        """Functions of packages and what returns their good arguments, which may take long to make."""
+        result, simulation = (lambda: {"result": self.RunResult}), (lambda: {"simulation": self.simulation})
+        alone, along = (
+            (lambda: {"scenario": self.scenario}),
+            (lambda: {"scenario": self.scenario, "cell_reach": self.reach}),
+        )
+        for name in figures.__all__:
+            if name not in (
+                "comparison_figure",
+                "pareto_figure",
+                "save_figure",
+                "sweep_figure",
+                "theorem_figure",
+            ):
+                yield getattr(figures, name), result
+        for name in ("loop_stability", "start_stability", "start_torques", "step_stability"):
+            yield getattr(analysis, name), simulation
+        for function in (analysis.gain_proposal, analysis.statics_along, analysis.task_inertia):
+            yield function, along
+        for function in (analysis.closure_problem, batch.support, comparison.standard_trials):
+            yield function, alone
+        metrics = {"metric_a": "position_rms_m", "metric_b": "torque_peak_Nm"}
+        yield figures.pareto_figure, lambda: {"result": self.SweepResult, **metrics}
+        yield (
+            figures.sweep_figure,
+            lambda: {"result": self.SweepResult, "metric": "position_rms_m", "over": None},
+        )
+        yield (
+            figures.comparison_figure,
+            lambda: {"comparison": self.comparison, "scenario": self.scenario.name},
+        )
+        yield (
+            figures.save_figure,
+            lambda: {
+                "figure": self.figure,
+                "stem": self.folder / "figure",
+                "formats": ["svg"],
+                "paper": False,
+            },
+        )
+        yield (
+            figures.theorem_figure,
+            lambda: {"result": self.RunResult, "monitor": analysis.theorem_monitor(self.RunResult)},
+        )
+        yield analysis.theorem_monitor, result
+        yield analysis.steady_errors, lambda: {**alone(), "bias": 1e-3, "load": 10.0}
+        yield analysis.static_torques, lambda: {**alone(), "poses": 3}
+        yield analysis.maximum_reach, lambda: {"arm": self.scenario.cell.arms["left"]}
+        yield analysis.motion_stability, lambda: {**simulation(), "cell_reach": self.reach}
+        yield comparison.compare, lambda: {**self.compared(), "out": self.folder / "compared"}
+        yield comparison.benchmark_scenario, lambda: {**alone(), "duration": 0.05}
+        yield (
+            comparison.controllers_for,
+            lambda: {**alone(), "controllers": ["leader-follower"], "tuned": True},
+        )
+        yield comparison.tick_costs, lambda: {**alone(), "controllers": ["leader-follower"], "rounds": 1}
+        yield (
+            comparison.tune_controllers,
+            lambda: {
+                "scenarios": [self.scenario],
+                "controllers": ["leader-follower"],
+                "generations": 1,
+                "size": 1,
+                "duration": 0.05,
+                "out": self.folder / "tuned",
+                "execution": QUIET,
+            },
+        )
+        yield batch.plant_reason, lambda: {"plant": self.scenario.plant}
+        yield batch.simulate_batch, lambda: {"scenarios": [self.scenario], "machine": NumpyMachine}
+        yield batch.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
+        yield viz.metrics_table, result
+        yield viz.replay_html, lambda: {"result": self.RunResult, "other": None, "times": ()}
+        yield viz.report_html, result
+        yield spatial.quaternions, lambda: {"R": np.eye(3)}
+        yield spatial.exp3, lambda: {"vector": np.zeros(3)}
+        yield spatial.log3, lambda: {"R": np.eye(3)}
+        yield spatial.rotation_from_rpy, lambda: {"rpy": np.zeros(3)}
+        yield spatial.weight_wrench, lambda: {"mass": 1.0, "gravity": (0.0, 0.0, -9.81)}
+        yield spatial.load_wrenches, lambda: {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)}
 
     def _arguments(self):
         """Good arguments by the name of what is called."""
@@ -452,8 +567,8 @@ def ending(name: str, target, arguments) -> tuple[str, str]:
     except cp.CoopPinError as error:
         return "refused", f"{type(error).__name__}: {error}"
     except TypeError as error:
-        below = error.__traceback__.tb_next
-        kind = "bare" if below else "not callable so"
+        below = {frame.name for frame in traceback.extract_tb(error.__traceback__)[1:]}
+        kind = "not callable so" if below <= {"call", "bind", "_bind"} else "bare"
         return kind, "".join(traceback.format_exception(error)[-4:])
     except Exception as error:
         return "bare", "".join(traceback.format_exception(error)[-4:])

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
@@ -21,6 +21,7 @@ from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, load_arm_m
 _SEEDS = 8
 
 
+@typed
 def maximum_reach(arm: Arm) -> float:
     """Return the maximum reach of an arm, from its first joint to its tip within the joint limits, m.
 

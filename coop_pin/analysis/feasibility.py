@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.statics import StaticTorques, statics_along
+from coop_pin.arrays import typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.inverse_kinematics import ik_branches
 from coop_pin.description.scenario import Scenario
@@ -47,6 +48,7 @@ def require_rank(scenario: Scenario) -> None:
             raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(joints, rows)}")
 
 
+@typed
 def closure_problem(scenario: Scenario) -> str:
     """Return why the closed chain is singular at the start, or "": closures that lose rank there.
 

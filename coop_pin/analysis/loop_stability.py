@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_stability import configurations_along, fastest_joints
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation import Simulation
@@ -98,6 +98,7 @@ class LoopStability(NamedTuple):
         return f"! {finding}: the {self.mode.name} is unstable ({allowed}). {lower} or raise clock.rate_hz"
 
 
+@typed
 def loop_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> LoopStability:
     """Return the stability of a law with all its gains under the lag of the drives, where it is least.
 

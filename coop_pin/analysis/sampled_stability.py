@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.arrays import Array, require_type
+from coop_pin.arrays import Array, require_type, typed
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
@@ -119,11 +119,13 @@ def sampled_stability(scenario: Scenario) -> SampledStability:
     return start_stability(Simulation(scenario, build_controller(scenario)))
 
 
+@typed
 def start_stability(simulation: Simulation) -> SampledStability:
     """Return the sampled stability of a simulation that has not begun; raises as sampled_stability."""
     return _stability_at(simulation, simulation.plant.q, 0.0)
 
 
+@typed
 def motion_stability(simulation: Simulation, cell_reach: Reachability) -> SampledStability:
     """Return the sampled stability where it is least along the motion of a simulation that has not begun.
 
@@ -168,6 +170,7 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     return SampledStability(float(values[worst]), clock.rate_hz, joints, time)
 
 
+@typed
 def step_stability(simulation: Simulation) -> StepStability:
     """Return the stability of the plant's steps under joint friction at the start of a simulation.
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.analysis.reachability import Reachability, reachability
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, frozen, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
@@ -185,6 +185,7 @@ def static_torques(scenario: Scenario, *, poses: int = 401) -> StaticTorques:
     return statics_along(scenario, reachability(scenario, poses=poses))
 
 
+@typed
 def statics_along(scenario: Scenario, cell_reach: Reachability) -> StaticTorques:
     """Return the static torques at the configurations of a scenario's reachability.
 
@@ -197,6 +198,7 @@ def statics_along(scenario: Scenario, cell_reach: Reachability) -> StaticTorques
     return StaticTorques(tuple(_arm_statics(scenario, arm.arm, arm.times, arm.q) for arm in cell_reach.arms))
 
 
+@typed
 def start_torques(simulation: Simulation) -> StaticTorques:
     """Return the static torques at the configuration of a simulation, without inverse kinematics."""
     plant, time = simulation.plant, np.array([simulation.time])

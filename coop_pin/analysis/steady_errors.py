@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive, require_type
+from coop_pin.arrays import Array, as_positive, require_type, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
@@ -101,6 +101,7 @@ class SteadyErrors(NamedTuple):
         return "\n".join(lines)
 
 
+@typed
 def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0) -> SteadyErrors:
     """Return the steady errors of a scenario's law at rest; those of law (23) at the start pose.
 

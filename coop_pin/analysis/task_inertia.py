@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.analysis.reachability import ArmReach, Reachability
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.control.law import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
@@ -51,6 +51,7 @@ class MotionWrenches(NamedTuple):
     internal_rate: Array
 
 
+@typed
 def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     """Return the task-space inertia at the configurations of a scenario's reachability.
 

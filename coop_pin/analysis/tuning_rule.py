@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
 from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
@@ -70,6 +70,7 @@ class GainProposal(NamedTuple):
         )
 
 
+@typed
 def gain_proposal(
     scenario: Scenario, cell_reach: Reachability, *, least_stiffness: float = 0.0
 ) -> GainProposal:

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from coop_pin.arrays import typed
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import Contents, of_objects, of_surroundings, require_unchanged
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
@@ -31,6 +32,7 @@ _SATURATED = 0.2
 """Part of the torques that are cut there."""
 
 
+@typed
 def support(scenario: Scenario) -> str | None:
     """Return None if a scenario can run in a batch, otherwise the reason why it cannot.
 
@@ -47,6 +49,7 @@ def support(scenario: Scenario) -> str | None:
     return None
 
 
+@typed
 def plant_reason(plant: PlantOptions) -> str | None:
     """Return None if a plant can be traced, otherwise the reason why it cannot."""
     if plant.payload != "welded":

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count, require_path, require_type
+from coop_pin.arrays import as_count, require_path, require_type, typed
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
@@ -43,6 +43,7 @@ class _Part(NamedTuple):
     plan: SweepPlan
 
 
+@typed
 def compare(
     scenarios: str | Path | Scenario | Sequence[str | Path | Scenario],
     controllers: Controllers,

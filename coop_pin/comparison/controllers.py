@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.analysis import motion_stability, reachability, suggest
+from coop_pin.arrays import typed
 from coop_pin.build_controller import build_controller
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.comparison.trials import benchmark_scenario
@@ -52,6 +53,7 @@ def tuned_ranges(name: str) -> dict[str, tuple[float, float]]:
     return {path: (low, high) for path, (low, high) in _table()["vary"].get(name, {}).items()}
 
 
+@typed
 def controllers_for(
     scenario: Scenario, controllers: Controllers, *, tuned: bool = True, gains: str | Path = GAINS
 ) -> dict[str, dict[str, Any]]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count
+from coop_pin.arrays import as_count, typed
 from coop_pin.batch import export_c
 from coop_pin.build_controller import build_controller
 from coop_pin.comparison.controllers import Controllers, controllers_for
@@ -48,6 +48,7 @@ class _Timed(CellController):
         return command
 
 
+@typed
 def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1) -> pd.DataFrame:
     """Return the cost of controllers for each arm and tick, and what they need.
 

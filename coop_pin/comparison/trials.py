@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coop_pin.arrays import typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.transmission import friction
 
@@ -39,6 +40,7 @@ class Trial(NamedTuple):
     friction: float = 1.0
 
 
+@typed
 def benchmark_scenario(scenario: Scenario, duration: float | None = None) -> Scenario:
     """Return a scenario as all controllers meet it.
 
@@ -56,6 +58,7 @@ def benchmark_scenario(scenario: Scenario, duration: float | None = None) -> Sce
     return scenario.override(changes)
 
 
+@typed
 def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     """Return the standard trials of a benchmark scenario by name.
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from coop_pin.arrays import typed
 from coop_pin.comparison.benchmark import different, engines_of
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
 from coop_pin.comparison.measures import tuning_cost
@@ -26,6 +27,7 @@ _COLUMNS = ("scenario", "controller", "field", "value", "low", "high", "runs", "
 _LOG = logging.getLogger("coop_pin.comparison")
 
 
+@typed
 def tune_controllers(
     scenarios: str | Path | Scenario | Sequence[str | Path | Scenario],
     controllers: Sequence[str],

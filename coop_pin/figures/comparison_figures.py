@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from coop_pin.arrays import typed
 from coop_pin.comparison import Comparison
 from coop_pin.errors import FieldError
 from coop_pin.figures import palette
@@ -37,6 +38,7 @@ _SHADES = 1e-5
 """Least value that has a shade of its own, as a part of the largest."""
 
 
+@typed
 def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     """Return tracking against internal force, ranks in both, and a map of their values, of one scenario.
 

@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, run_figure
 from coop_pin.results import RunResult
@@ -16,6 +16,7 @@ _AVERAGED = 1.0
 """Chattering quantities are averaged over this time, s."""
 
 
+@typed
 def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
     """Return the terms of a law's convergence proof over time, with the marks where it breaks.
 

@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
@@ -34,6 +34,7 @@ _STILL = 1e-3
 """Range of a coordinate, as a share of its value, below which its deviations are drawn."""
 
 
+@typed
 def tracking_figure(result: RunResult) -> Figure:
     """Return actual and desired payload pose, and the first arm's internal force along and across its axis.
 
@@ -119,6 +120,7 @@ _NEAR_LIMIT, _LEAST_SPAN = 0.5, 0.01
 """Share of a limit from which it is in sight; least half range, as a share of the largest torque."""
 
 
+@typed
 def torque_figure(result: RunResult) -> Figure:
     """Return the drive torques as held from tick to tick: a column for each arm, a row for each joint.
 
@@ -149,6 +151,7 @@ def torque_figure(result: RunResult) -> Figure:
     return figure
 
 
+@typed
 def error_figure(result: RunResult) -> Figure:
     """Return pose errors with their bands of 5 mm and 5 mrad, closure error, and energy balance.
 
@@ -188,6 +191,7 @@ def _draw_band(panel: Axes, limit: float, text: str) -> None:
     panel.annotate(text, (0.995, limit), fontsize=7.5, **corner)
 
 
+@typed
 def internal_force_figure(result: RunResult) -> Figure:
     """Return axial force, shear force and moment of the internal wrench: a column for each arm.
 
@@ -236,6 +240,7 @@ def _mirrors(data: xr.Dataset) -> bool:
     )
 
 
+@typed
 def singularity_figure(result: RunResult) -> Figure:
     """Return the condition number of every arm's payload Jacobian over time.
 
@@ -265,6 +270,7 @@ _WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
 """Inches; at the least width, the legend still fits beside a cell that is narrow seen from above."""
 
 
+@typed
 def motion_figure(result: RunResult) -> Figure:
     """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
 

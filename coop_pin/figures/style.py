@@ -15,7 +15,7 @@ from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.atomic_write import write_atomically
 from coop_pin.description.events import Event
 from coop_pin.figures import palette
@@ -242,6 +242,7 @@ _COLUMN, _PAGE = 3.5, 7.16
 Format: TypeAlias = Literal["png", "svg", "pdf"]
 
 
+@typed
 def save_figure(
     figure: Figure,
     stem: str | Path,

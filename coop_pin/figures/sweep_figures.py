@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
@@ -229,6 +229,7 @@ def _edges(values: Array) -> Array:
     return np.exp(edges) if is_log_spaced(values) else edges
 
 
+@typed
 def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> Figure:
     """Return a metric over the fields that vary: maps if two or three fields with numbers vary, else lines.
 
@@ -255,6 +256,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     return lines_figure(table, over or max(fields, key=lambda name: table.sizes[name]))
 
 
+@typed
 def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     """Return all runs by two metrics, for example tracking and internal force, with their Pareto front.
 

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive
+from coop_pin.arrays import Array, as_positive, typed
 from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import BrowserError, FileWriteError, OutOfRangeError, needs_extra
 from coop_pin.results import RunResult
@@ -56,6 +56,7 @@ _NEXT_FRAME = "() => new Promise(done => requestAnimationFrame(() => requestAnim
 _Returned = TypeVar("_Returned")
 
 
+@typed
 def save_image(
     result: RunResult,
     path: str | Path,
@@ -89,6 +90,7 @@ def save_image(
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
 
+@typed
 def save_video(
     result: RunResult,
     path: str | Path,

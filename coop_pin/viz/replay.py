@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
@@ -38,6 +38,7 @@ from coop_pin.viz.scene import base64_floats
 _MOST_RUNS = 4
 
 
+@typed
 def replay_html(
     result: RunResult, *others: RunResult, names: Sequence[str] = (), times: Iterable[float] = ()
 ) -> str:
@@ -65,6 +66,7 @@ def replay_html(
     return _side_by_side(runs, names, list(times))
 
 
+@typed
 def save_replay(result: RunResult, path: str | Path, *others: RunResult, names: Sequence[str] = ()) -> None:
     """Write the replay page of a run; an existing file is replaced only by a complete one.
 
@@ -77,6 +79,7 @@ def save_replay(result: RunResult, path: str | Path, *others: RunResult, names: 
     save_page(replay_html(result, *others, names=names), path)
 
 
+@typed
 def notebook_view(result: RunResult, *others: RunResult, height: int = 620) -> NotebookView:
     """Return a replay of a run that a notebook displays.
 

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
+from coop_pin.arrays import typed
 from coop_pin.figures.run_figures import (
     error_figure,
     internal_force_figure,
@@ -52,6 +53,7 @@ _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_ma
 """Metrics of the accuracy of the computation, not of the control."""
 
 
+@typed
 def metrics_table(result: RunResult) -> list[MetricRow]:
     """Return the metrics of a result as rows of a table: of the control first, then of the computation.
 
@@ -113,6 +115,7 @@ def _row(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
 
 
+@typed
 def report_html(result: RunResult) -> str:
     """Return one self-contained page: scenario, metrics, figures, limits, and the 3-D replay.
 
@@ -152,6 +155,7 @@ def report_html(result: RunResult) -> str:
     )
 
 
+@typed
 def save_report(result: RunResult, path: str | Path) -> None:
     """Write the report of a run; if writing fails, an older file at that path stays.
 

@@ -7,13 +7,14 @@ import xarray as xr
 from coop_pin.analysis.proof.monitored_quantities import MONITORED
 from coop_pin.analysis.proof.payload_space_monitor import payload_space_monitor
 from coop_pin.analysis.proof.sliding_mode_monitor import sliding_mode_monitor
-from coop_pin.arrays import require_type
+from coop_pin.arrays import require_type, typed
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 
 __all__ = ["theorem_monitor"]
 
 
+@typed
 def theorem_monitor(result: RunResult) -> xr.Dataset:
     """Return the quantities of the convergence proof of a run's law at every tick.
 
