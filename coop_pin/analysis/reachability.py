@@ -21,7 +21,7 @@ from coop_pin.arrays import Array, as_count, frozen, require_memory, require_typ
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import UnreachablePoseError
+from coop_pin.errors import NameNotFoundError, UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial.task_rows import joint_shortage
 
@@ -160,8 +160,8 @@ def reachability(
 
     Raises:
         WrongTypeError, OutOfRangeError: poses is not a whole number of at least two.
-        UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be
-            built.
+        UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built, or there is no arm
+            of a name.
     """
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 2)
@@ -169,7 +169,9 @@ def reachability(
     path = payload_path(scenario, poses)
     if scenario.cell.rows == "positional":
         path = with_free_turn(scenario, path)
-    names = scenario.cell.arms if arms is None else arms
+    names = list(scenario.cell.arms if arms is None else arms)
+    if strangers := [name for name in names if name not in scenario.cell.arms]:
+        raise NameNotFoundError("arm", str(strangers[0]), scenario.cell.arms, "the cell")
     found = tuple(_arm_reach(scenario, name, path) for name in names)
     return Reachability(scenario.name, scenario.duration, poses, found)
 
