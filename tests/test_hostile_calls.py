@@ -1,5 +1,6 @@
 """Random calls of the public interface, in child processes: a typed error or a sound result."""
 
+import inspect
 import json
 import os
 import subprocess
@@ -7,8 +8,13 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hostile_calls import SOUND
+
+from coop_pin import analysis, batch, comparison, figures, viz
+from coop_pin.arrays import typed
+from coop_pin.errors import WrongTypeError
 
 SCRIPT = Path(__file__).with_name("hostile_calls.py")
 BATCH, PATIENCE_S = 250, 600.0
@@ -44,6 +50,33 @@ def unsound(found):
     assert counts["result"] > 0.15 * len(found)
     assert counts["refused"] > 0.3 * len(found)
     return others
+
+
+@pytest.mark.parametrize("package", [analysis, batch, comparison, figures, viz])
+def test_functions_whose_arguments_are_typed_know_their_classes(package):
+    """Classes that are imported for type checkers only would not be found when a function is called."""
+    functions = [getattr(package, name) for name in package.__all__]
+    typed_ones = [function for function in functions if hasattr(function, "__wrapped__")]
+    assert typed_ones
+    for function in typed_ones:
+        first, *_ = names = [*inspect.signature(function).parameters]
+        with pytest.raises(WrongTypeError, match=first):
+            function(**dict.fromkeys(names, object()))
+
+
+def test_stated_classes_take_numbers_of_numpy_and_members_of_unions():
+    @typed
+    def f(
+        number: float, count: int = 0, *, text: str | None = None, anything: object = None
+    ) -> tuple[object, ...]:
+        return number, count, text, anything
+
+    assert f(1, np.int64(2), text=None, anything=f) == (1, 2, None, f)
+    for wrong in ({"number": "1"}, {"number": 1.0, "count": 2.0}, {"number": 1.0, "text": 3}):
+        with pytest.raises(WrongTypeError):
+            f(**wrong)
+    with pytest.raises(TypeError):
+        f()
 
 
 def test_fifty_random_calls_end_in_typed_errors_or_sound_results():

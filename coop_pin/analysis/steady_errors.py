@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive, require_type, typed
+from coop_pin.arrays import Array, as_positive, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
@@ -117,7 +117,6 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         ArgumentError: the controller is a user's own.
         SingularJacobianError, UnreachablePoseError: of law (23), where an arm cannot hold the start.
     """
-    require_type("scenario", scenario, Scenario)
     bias, load = as_positive("bias", bias), as_positive("load", load)
     law: Any = scenario.controller
     if law.user_code:

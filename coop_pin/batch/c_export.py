@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin import __version__
-from coop_pin.arrays import as_count, require_type
+from coop_pin.arrays import as_count, typed
 from coop_pin.atomic_write import write_atomically
 from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
@@ -62,6 +62,7 @@ class CLaw(NamedTuple):
         return f"{files}\n{sum(self.flops.values())} floating-point operations a step: {parts}"
 
 
+@typed
 def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 20) -> CLaw:
     """Write the law of one arm as C99: a header, a source and a self-test.
 
@@ -79,7 +80,6 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         TracingError: The law branches on values, computes with what cannot be traced, or has hidden state.
         CoopPinError: The scenario cannot be simulated for these ticks.
     """
-    require_type("scenario", scenario, Scenario)
     ticks = as_count("ticks", ticks, 1)
     if arm not in scenario.cell.arms:
         raise NameNotFoundError("arm", arm, list(scenario.cell.arms), "the scenario's cell")

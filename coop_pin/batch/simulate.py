@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, require_memory, require_type
+from coop_pin.arrays import Array, Mask, require_memory, require_type, typed
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram
@@ -214,6 +214,7 @@ class BatchSimulator:
         return known
 
 
+@typed
 def simulate_batch(
     scenarios: Sequence[Scenario], *, machine: Callable[[Program], Machine] = LlvmMachine
 ) -> BatchResult:

@@ -82,7 +82,6 @@ def compare(
         CoopPinError: whatever ``sweep`` raises.
     """
     require_path("out", out)
-    require_type("execution", execution, Execution)
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
     parts, cells = list[_Part](), list[tuple[str, str, str]]()
     for scenario in different(scenarios):

@@ -44,7 +44,11 @@ def quaternions(R: Array) -> Array:
 
     Args:
         R: shape (..., 3, 3).
+
+    Raises:
+        ShapeError: the shape differs.
     """
+    R = shaped("R", R, 3, 3)
     trace = np.trace(R, axis1=-2, axis2=-1)
     multiples = np.empty((*R.shape[:-2], 4, 4))
     multiples[..., :3, :3] = R + np.swapaxes(R, -1, -2)
@@ -112,7 +116,11 @@ def log3(R: Array) -> Array:
 
     Args:
         R: shape (..., 3, 3).
+
+    Raises:
+        ShapeError: the shape differs.
     """
+    R = shaped("R", R, 3, 3)
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist() if R.ndim == 2 else np.moveaxis(R, (-2, -1), (0, 1))
     # Four multiples of the quaternion; the factor of each is its own diagonal entry.
     by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
@@ -141,8 +149,11 @@ def exp3(vector: Array) -> Array:
 
     Args:
         vector: r, rad, shape (3,).
+
+    Raises:
+        ShapeError: the shape differs.
     """
-    x, y, z = vector.tolist()
+    x, y, z = shaped("vector", vector, 3).tolist()
     angle = sqrt(x * x + y * y + z * z)
     cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
     along = np.array(((x * x, x * y, x * z), (x * y, y * y, y * z), (x * z, y * z, z * z)))
@@ -175,8 +186,11 @@ def weight_wrench(mass: float, gravity: ArrayLike) -> Array:
     Args:
         mass: kg.
         gravity: g, m/s^2, shape (3,).
+
+    Raises:
+        ShapeError: the shape differs.
     """
-    return np.concatenate((mass * np.asarray(gravity, dtype=np.float64), np.zeros(3)))
+    return np.concatenate((mass * as_array("gravity", gravity, 3), np.zeros(3)))
 
 
 def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:

@@ -7,7 +7,7 @@ import xarray as xr
 from coop_pin.analysis.proof.monitored_quantities import MONITORED
 from coop_pin.analysis.proof.payload_space_monitor import payload_space_monitor
 from coop_pin.analysis.proof.sliding_mode_monitor import sliding_mode_monitor
-from coop_pin.arrays import require_type, typed
+from coop_pin.arrays import typed
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 
@@ -29,7 +29,6 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
     Raises:
         ArgumentError: of another law, or without samples at every tick.
     """
-    require_type("result", result, RunResult)
     clock, kind, rows = result.scenario.clock, result.scenario.controller.kind, result.scenario.cell.rows
     if clock.record_every != 1:
         raise ArgumentError(
