@@ -4,10 +4,12 @@
 
 ``coop-pin view RESULT --image FILE.png --time T`` does the same from a result. The README's image:
 
-    BIAS="--events [] --cell.arms.left.calibration_error.tip.xyz [1e-3,0,0]"
-    coop-pin run adept-paper $BIAS --name "printed law" --out out/printed
-    coop-pin run adept-anchored $BIAS --name "anchored law" --out out/anchored
-    coop-pin view out/printed out/anchored --image docs/images/replay.png
+    BIAS="--events [] --cell.arms.left.calibration_error.tip.xyz [1e-3,0,0] --duration 10"
+    coop-pin run adept-paper $BIAS --out out/printed
+    coop-pin run adept-paper $BIAS --controller.gains.sign-gain 0 --out "out/printed, α = 0"
+    coop-pin run adept-anchored $BIAS --controller.force-path.kind none --out "out/no sensor"
+    coop-pin run adept-anchored $BIAS --out out/anchored
+    cd out && coop-pin view printed "printed, α = 0" "no sensor" anchored --image ../docs/images/replay.png
 """
 
 from __future__ import annotations
