@@ -62,7 +62,8 @@ def test_every_controller_is_named_in_words_with_or_without_a_mark():
     table = made_up(2, 14, 17, 1e3)
     front, ranks, *maps = comparison_figure(table, "scenario-1").axes
     medians = table.data.sel(scenario="scenario-1")["tracking_rms_mm"].median("trial").values
-    labels = table.labels("scenario-1")
+    classes = table.information("scenario-1")
+    labels = [f"{name}: {seen}" for name, seen in zip(table.labels("scenario-1"), classes, strict=True)]
     failed = [f"{name}: failed" for name, value in zip(labels, medians, strict=True) if np.isinf(value)]
     assert 0 < len(failed) < 14
     marked = [name for name, value in zip(labels, medians, strict=True) if np.isfinite(value)]
