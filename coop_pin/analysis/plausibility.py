@@ -66,13 +66,14 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
         scenario: scenario that would be run.
     """
     require_type("scenario", scenario, Scenario)
-    return (
-        *_units(scenario, ""),
-        *_postures(scenario),
-        *_start(scenario),
-        *_grasps(scenario),
-        *_squeeze(scenario),
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # of lengths of 1e300 m, which are told
+        return (
+            *_units(scenario, ""),
+            *_postures(scenario),
+            *_start(scenario),
+            *_grasps(scenario),
+            *_squeeze(scenario),
+        )
 
 
 def _units(value: Any, path: str) -> Iterator[str]:
