@@ -183,11 +183,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        fresh, uncut = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
+        fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
+        uncut = 1.0 - measurement.saturated.any()
         anchored, anchor = -(fresh * gains.anchor_gain * (fhat - f_r)), state.anchor
         if self.bound is not None and anchor is not None:
             since = measurement.time - state.start_time
-            anchored, anchor = self.bound.step(anchor, anchored, since, uncut)
+            anchored, anchor = self.bound.step(anchor, anchored, since, fresh, uncut * (1.0 - stale))
         cut = self._cut(measurement, state)
         Z = state.integral - cut + anchored
         Z_hold = np.where(fresh, Z, state.anchored - cut)
@@ -198,11 +199,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             J_plus = right_inverse(J, measurement.time)
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
-        leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
+        leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
         goes_on = uncut if waits else 1.0
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
-        memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
+        change = T * (integral - leak)
+        if self.bound is not None and anchor is not None:
+            anchor = self.bound.after(anchor, stale, change)
+        memory = state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age)
         return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
 
     def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
