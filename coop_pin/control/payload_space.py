@@ -262,16 +262,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
-    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = "none"
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_bound(cls, fields: Any) -> Any:
-        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass"}
-        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
-        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:
