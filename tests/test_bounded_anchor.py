@@ -496,7 +496,7 @@ def test_a_record_without_the_field_is_of_the_law_without_a_bound(name):
         ({"anchor_bias": "some"}, "anchor_bias"),
         ({"anchor_bias": [1e-3, 0.0]}, "anchor_bias"),
         ({"anchor_bias": 1e-3}, "anchor_bias"),
-        ({"anchor_bias_answered": [1e-3, 1e-1]}, "anchor_bias_answered"),
+        ({"anchor_bias": BIAS, "anchor_bias_answered": [1e-3, 1e-1]}, "anchor_bias_answered"),
         ({"anchor_bias_answered": "none"}, "anchor_bias_answered"),
     ],
 )
