@@ -135,6 +135,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
         posture: what spare joints do; None for an arm without spare joints.
+        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
+            "The bounded anchor".
     """
 
     switching: Switching
