@@ -43,7 +43,7 @@ def measured(cell):
     """The anchored law of a test cell, with a pushed payload so that everything moves."""
     base = SCENARIOS[cell]().replace(controller=ANCHORED[cell], events=(), beyond_bound=True)
     push = {"kind": "wrench-pulse", "time": 0.004, "duration": 0.02, "wrench": (9, 5, 0, 0, 0, 0.5)}
-    return base.replace(events=(push,))
+    return base.replace(events=(push,)).override({"controller.anchor_bias": [2e-3, 1e-2]})
 
 
 # ---------------------------------------------------------------- the code

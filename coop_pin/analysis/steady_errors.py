@@ -130,7 +130,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         growth = max(direction.growth(share, bias) for direction in directions for share in shares)
         sag = max(_sag(direction, load) for direction in directions)
         if law.measures and exchanges:
-            drift = max(direction.drift(share, load) for direction in directions for share in shares)
+            drift = max(_drift(direction, share, load) for direction in directions for share in shares)
         if own:
             rate = min(direction.integral(min(shares) * bias) for direction in directions)
             balanced = rate / load * period
@@ -162,6 +162,17 @@ def _sag(direction: SteadyDirection, load: float) -> float:
     if direction.held(LARGEST_SAG, direction.load_rate) < load:
         return math.inf
     missing = lambda x: direction.held(x, direction.load_rate) - load  # noqa: E731
+    return float(brentq(missing, 0.0, LARGEST_SAG, xtol=1e-12))
+
+
+def _drift(direction: SteadyDirection, share: float, force: float) -> float:
+    """Return the error at which an arm rests whose force error it cannot change, m; inf if it never does."""
+    from scipy.optimize import brentq  # slow to load
+
+    asked = direction.internal_rate * force / share
+    if direction.integral(min(direction.free, LARGEST_SAG)) <= asked:
+        return direction.free
+    missing = lambda x: direction.integral(x) - asked  # noqa: E731
     return float(brentq(missing, 0.0, LARGEST_SAG, xtol=1e-12))
 
 

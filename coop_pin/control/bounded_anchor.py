@@ -36,7 +36,8 @@ class BoundedAnchor(NamedTuple):
         C       <- C + (goal - C) min(1, d / |goal - C|)     d = T nu (b_max - b_0) exp(-nu (t - t_0))
         off      = y - C min(max(y.C / |C|^2, 0), 1)         from the nearest point between 0 and C
         anchored = a - G off (1 - b_0 / max(|off|, b_0))     exactly a while |off| <= b_0
-        A       <- (I - T K k_I K^-1) (A + anchored)
+        A       <- (I - T K k_I K^-1) (A + anchored)         while measurements are recent
+        A       <- A + what else changes the integral        while they are not: the next ones take it back
 
     Norms and products are those of positions and those of rotations, each by itself. A constant bias moves A
     only while it takes effect after the start, and C follows it; later, what moves A is no bias.
@@ -97,14 +98,15 @@ class BoundedAnchor(NamedTuple):
         return AnchorState(np.zeros_like(self.free), np.zeros_like(self.free))
 
     def step(
-        self, state: AnchorState, asked: Array, age: float, may_follow: float
+        self, state: AnchorState, asked: Array, age: float, fresh: float, may_follow: float
     ) -> tuple[Array, AnchorState]:
-        """Return what the anchor moves the integral by, N and N m, shape (k_0,), and the memory.
+        """Return what the anchor moves the integral by, N and N m, shape (k_0,), and the memory with it.
 
         Args:
             state: Memory.
             asked: a, N and N m, shape (k_0,).
             age: t - t_0, s.
+            fresh: 1.0 where the measurement is new, else 0.0: then nothing is asked, and no bound acts.
             may_follow: 1.0 where C may move, else 0.0.
         """
         y, C = self.gain_inverse.dot(state.moved + asked), state.centre
@@ -113,8 +115,19 @@ class BoundedAnchor(NamedTuple):
         C = C + goal * np.minimum(1.0, allowed / np.maximum(self._norm(goal), _TINY))
         off = y - C * _part(self._sum(y * C) / np.maximum(self._sum(C * C), _TINY))
         beyond = off * (1.0 - self.free / np.maximum(self._norm(off), self.free))
-        anchored = asked - self.gain.dot(beyond)
-        return anchored, AnchorState(self.kept.dot(state.moved + anchored), C)
+        anchored = asked - fresh * self.gain.dot(beyond)
+        return anchored, AnchorState(state.moved + anchored, C)
+
+    def after(self, state: AnchorState, stale: float, change: Array) -> AnchorState:
+        """Return the memory after a tick.
+
+        Args:
+            state: Memory with what the anchor has moved.
+            stale: 1.0 where no measurement is recent, else 0.0.
+            change: What else changes the integral, N and N m, shape (k_0,).
+        """
+        A = state.moved
+        return state._replace(moved=np.where(stale, A + change, self.kept.dot(A)))
 
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""

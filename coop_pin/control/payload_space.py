@@ -135,6 +135,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
         posture: what spare joints do; None for an arm without spare joints.
+        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
+            "The bounded anchor".
     """
 
     switching: Switching
@@ -183,11 +185,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
 
-        fresh, uncut = is_new(age, state.wrench_age), 1.0 - measurement.saturated.any()
+        fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
+        uncut = 1.0 - measurement.saturated.any()
         anchored, anchor = -(fresh * gains.anchor_gain * (fhat - f_r)), state.anchor
         if self.bound is not None and anchor is not None:
             since = measurement.time - state.start_time
-            anchored, anchor = self.bound.step(anchor, anchored, since, uncut)
+            anchored, anchor = self.bound.step(anchor, anchored, since, fresh, uncut * (1.0 - stale))
         cut = self._cut(measurement, state)
         Z = state.integral - cut + anchored
         Z_hold = np.where(fresh, Z, state.anchored - cut)
@@ -198,11 +201,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             J_plus = right_inverse(J, measurement.time)
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
-        leak = (age > self.stale_after) * self.leak * (Z - Z_hold)
+        leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
         goes_on = uncut if waits else 1.0
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
-        memory = state._replace(integral=Z + T * (integral - leak), anchored=Z_hold, wrench_age=age)
+        change = T * (integral - leak)
+        if self.bound is not None and anchor is not None:
+            anchor = self.bound.after(anchor, stale, change)
+        memory = state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age)
         return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
 
     def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
@@ -258,16 +264,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
-    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = "none"
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_bound(cls, fields: Any) -> Any:
-        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass"}
-        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
-        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:

@@ -47,15 +47,3 @@ class SteadyDirection(NamedTuple):
         off = (1.0 - share) * bias
         held = min(off, self.most) if self.internal_rate else 0.0
         return share * (self.integral(off) - self.integral(held))
-
-    def drift(self, share: float, force: float) -> float:
-        """Return the error at which an arm rests that measures a force error it cannot change, m.
-
-        It is inf where the payload is lost.
-        """
-        from scipy.optimize import brentq  # slow to load
-
-        asked = self.internal_rate * force / share
-        if self.integral(min(self.free, LARGEST_SAG)) <= asked:
-            return self.free
-        return float(brentq(lambda x: self.integral(x) - asked, 0.0, LARGEST_SAG, xtol=1e-12))

@@ -98,7 +98,7 @@ class _MonitoredCell:
         a = self._arm_wrenches(now, w)
         ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
         asked = is_fresh * self._each("anchor_gain") * error
-        bounded = self._bounded(now, asked)
+        bounded = self._bounded(now, asked, is_fresh[:, 0], is_stale[:, 0])
         anchor = bounded + cut
         phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
@@ -110,6 +110,10 @@ class _MonitoredCell:
             for law, arm in zip(self.laws, now.arms, strict=True)
         ]
         rate = ~np.array(waits)[:, None] * integral - is_stale * leak * (Z - self.Z_hold)
+        held = np.array([self._held(*pair) for pair in zip(self.laws, self.anchors, strict=True)])
+        for i, law in enumerate(self.laws):
+            if law.bound is not None:
+                self.anchors[i] = law.bound.after(self.anchors[i], is_stale[i, 0], self.period * rate[i])
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
@@ -122,9 +126,7 @@ class _MonitoredCell:
             "anchor_sum": np.linalg.norm(anchor.sum(axis=0)),
             "anchor_acts": is_fresh[:, 0],
             "anchor_is_bounded": (bounded != asked).any(axis=1),
-            "anchor_held": np.array(
-                [self._held(*pair) for pair in zip(self.laws, self.anchors, strict=True)]
-            ),
+            "anchor_held": held,
             "anchor_centre": np.array([anchor.centre for anchor in self.anchors]),
             "memory_rate": rate,
             "integral_is_limited": (np.abs(phi) >= 1.0).any(axis=1),
@@ -137,13 +139,15 @@ class _MonitoredCell:
             ),
         }
 
-    def _bounded(self, now: RecordedTick, asked: Array) -> Array:
+    def _bounded(self, now: RecordedTick, asked: Array, is_fresh: Mask, is_stale: Mask) -> Array:
         """Return what the anchors take out of the integrals where they ask for this, shape (m, k_0) each."""
         taken = np.array(asked)
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
             if law.bound is not None:
-                uncut = 1.0 - arm.measured.saturated.any()
-                given, self.anchors[i] = law.bound.step(self.anchors[i], -asked[i], now.t, uncut)
+                follows = float(not (is_stale[i] or arm.measured.saturated.any()))
+                given, self.anchors[i] = law.bound.step(
+                    self.anchors[i], -asked[i], now.t, float(is_fresh[i]), follows
+                )
                 taken[i] = -given
         return taken
 
