@@ -23,11 +23,11 @@ class TrustThresholds(Description):
         energy_floor: energy error that is accepted without any work, J.
         joint_slack: how far a joint may go beyond its position limits, rad or m; the plant has no stops.
         torque_cut: how long a drive torque may stay at its limit without a break, s.
+        jacobian_condition: largest condition number of an arm's payload Jacobian; the catalogue's reach 12,
+            and at 100 the torques of an arm that passes a singular pose are many times their usual size.
         joint_drift: how far a joint may drift in the last second of a run whose payload and reference rest,
             rad or m: spare joints of redundant arms that nothing holds. It is written only where it is not
             the default, so that keys of stored runs stay as they are.
-        jacobian_condition: largest condition number of an arm's payload Jacobian; the catalogue's reach 12,
-            and at 100 the torques of an arm that passes a singular pose are many times their usual size.
     """
 
     closure_error: Positive = 1e-6
