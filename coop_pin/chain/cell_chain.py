@@ -191,8 +191,7 @@ class CellChain:
             tau: generalised forces, as of interaction_wrenches, shape (n, nv).
             external: wrenches on the payload, likewise, shape (n, 6).
         """
-        nq, nv = self.mechanism.model.nq, self.mechanism.model.nv
-        n = len(as_array("q", q, "n", nq))
+        n, nq, nv = len(q), self.mechanism.model.nq, self.mechanism.model.nv
         wanted = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("external", external, 6))
         states = (as_array(name, value, n, size) for name, value, size in wanted)
         seen = Observation(*(np.array(part) for part in zip(*map(self._observed, *states), strict=True)))
