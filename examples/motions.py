@@ -11,7 +11,8 @@ START = cp.Pose(xyz=(0.5, 0.05, 0.0), rpy=(0.0, 0.0, np.pi / 3))
 UP = (0.0, 0.0, 1.0)
 TABLE = "time,x,y,z,roll,pitch,yaw\n0,0.5,0.05,0,0,0,1.0472\n4,0.53,0.05,0,0,0,1.1\n8,0.5,0.09,0,0,0,1.0472\n"
 URDF = """<robot name="bar"><link name="bar"><inertial><mass value="8.0"/>
-<inertia ixx="0.002" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+<inertia ixx="0.002" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><box size="0.28 0.03 0.03"/></geometry></visual></link></robot>"""
 
 
 def motions(folder):
@@ -29,12 +30,12 @@ def motions(folder):
 
 def payloads(folder):
     """As in a scenario's file, for example ``payload = { kind = "bar", mass = 11.2, length = 0.24 }``."""
-    trimesh.creation.box((240.0, 30.0, 30.0)).export(folder / "bar.stl")
+    trimesh.creation.box((280.0, 30.0, 30.0)).export(folder / "bar.stl")
     (folder / "bar.urdf").write_text(URDF)
     return [
-        {"kind": "bar", "mass": 11.2, "length": 0.24},
-        {"kind": "box", "mass": 9.0, "size": [0.24, 0.05, 0.05]},
-        {"kind": "cylinder", "mass": 9.0, "radius": 0.1, "length": 0.03},
+        {"kind": "bar", "mass": 11.2, "length": 0.28},
+        {"kind": "box", "mass": 9.0, "size": [0.28, 0.05, 0.05]},
+        {"kind": "cylinder", "mass": 9.0, "radius": 0.14, "length": 0.03},
         {"kind": "mesh", "path": str(folder / "bar.stl"), "density": 7850.0, "scale": 0.001},
         {"kind": "urdf", "path": str(folder / "bar.urdf")},
     ]

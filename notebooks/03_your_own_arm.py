@@ -82,7 +82,7 @@ scenario = cp.Scenario(
     motion=cp.LineMotion(start=start, goal=goal, duration=2.5),
     squeeze={"left": (-15, 0, 0, 0, 0, 0), "right": (15, 0, 0, 0, 0, 0)},
     controller={"kind": "payload-space", "gains": gains},
-    clock={"rate_hz": 250, "steps_per_tick": 2},
+    clock={"rate_hz": 500},
     duration=seconds,
 )
 

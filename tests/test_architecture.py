@@ -157,7 +157,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
-            "engine_choice",
             "run_scenario",
             "figures",
             "heat_map",

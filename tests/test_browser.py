@@ -329,7 +329,7 @@ def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
 
 def test_without_webgl_plots_and_tiles_work_and_the_page_says_so(tmp_path):
     result = cp.run(spatial_scenario().replace(duration=0.3))
-    save_replay(result, tmp_path / "replay.html", result)
+    save_replay(result, tmp_path / "replay.html")
     with browser_page(offline=True) as page:
         page.add_init_script("""const real = HTMLCanvasElement.prototype.getContext;
             HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {

@@ -135,7 +135,7 @@ def torque_figure(result: RunResult) -> Figure:
     low, high = torque.min(axis=0), torque.max(axis=0)
     low = np.nanmin(np.where(-low > _NEAR_LIMIT * limits, -limits, low), axis=0)
     high = np.nanmax(np.where(high > _NEAR_LIMIT * limits, limits, high), axis=0)
-    margin = np.maximum(0.06 * (high - low), _LEAST_SPAN * np.nanmax(np.abs(torque)))
+    margin = np.maximum(0.06 * (high - low), _LEAST_SPAN * (np.nanmax(np.abs(torque)) or 1.0))
     with run_figure(*shape, result, "drive torques", panel=(3.6, 1.5)) as (figure, axes):
         for (joint, arm), panel in np.ndenumerate(axes):
             if np.isnan(torque[:, arm, joint]).all():  # an arm with fewer joints than the others
