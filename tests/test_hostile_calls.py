@@ -61,7 +61,8 @@ def test_functions_whose_arguments_are_typed_know_their_classes(package):
     typed_ones = [function for function in functions if hasattr(function, "__wrapped__")]
     assert typed_ones
     for function in typed_ones:
-        first, *_ = names = [*inspect.signature(function).parameters]
+        arguments = inspect.signature(function).parameters.values()
+        first, *_ = names = [each.name for each in arguments if each.kind is not each.VAR_POSITIONAL]
         with pytest.raises(WrongTypeError, match=first):
             function(**dict.fromkeys(names, object()))
 
