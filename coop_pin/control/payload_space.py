@@ -187,13 +187,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
         uncut = 1.0 - measurement.saturated.any()
-        anchored, anchor = -(fresh * gains.anchor_gain * (fhat - f_r)), state.anchor
+        Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
+        asked = fresh * gains.anchor_gain * (fhat - f_r)
         if self.bound is not None and anchor is not None:
-            since = measurement.time - state.start_time
-            anchored, anchor = self.bound.step(anchor, anchored, since, fresh, uncut * (1.0 - stale))
-        cut = self._cut(measurement, state)
-        Z = state.integral - cut + anchored
-        Z_hold = np.where(fresh, Z, state.anchored - cut)
+            since, cut = measurement.time - state.start_time, self._cut(measurement, state)
+            given, anchor = self.bound.step(anchor, -asked, since, fresh, uncut * (1.0 - stale))
+            Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
+        Z = Z - asked
+        Z_hold = np.where(fresh, Z, Z_hold)
 
         tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
         if self.posture is not None:
@@ -208,13 +209,15 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         change = T * (integral - leak)
         if self.bound is not None and anchor is not None:
             anchor = self.bound.after(anchor, stale, change)
-        memory = state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age)
-        return ArmCommand(tau, memory._replace(command=tau, anchor=anchor))
+        return ArmCommand(
+            tau,
+            state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor),
+        )
 
     def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
         """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
         reported = measurement.reported_torque
-        if self.bound is None or reported is None:
+        if reported is None:
             return 0.0
         J_plus = right_inverse(measurement.payload_jacobian, measurement.time)
         return J_plus.T.dot(reported - state.command)
