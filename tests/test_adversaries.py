@@ -44,7 +44,8 @@ def alone(scenario):
 
 
 def is_silent(target, cell="planar", gains=GAINS, **options):
-    """Whether a batch of runs is returned of which one differs from its single run."""
+    """Whether a batch of runs is returned of which one differs from its single run, both in a new process."""
+    adversaries.reset()
     scenarios = [scenario_of(target, cell, gain=gain, **options) for gain in gains]
     try:
         batch = simulate_batch(scenarios)
