@@ -153,11 +153,13 @@ def configurations_along(
     """
     model, reaches = simulation.plant.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
-    poses = dict[float, Array]()  # of those at t = 0, which lead to the reference, the last
-    for time, *angles in zip(reaches[0].times.tolist(), *(reach.q for reach in reaches), strict=True):
-        poses[time] = model.configuration(angles, lead.payload_pose(angles[0]))
-    chosen = np.unique(np.linspace(0, len(poses) - 1, most).astype(int)).tolist()
-    return [list(poses.items())[k] for k in chosen]
+    # Of the poses at t = 0, which lead to the reference, the last.
+    samples = list({time: sample for sample, time in enumerate(reaches[0].times.tolist())}.items())
+    chosen = np.unique(np.linspace(0, len(samples) - 1, most).astype(int)).tolist()
+    return [
+        (time, model.configuration([reach.q[k] for reach in reaches], lead.payload_pose(reaches[0].q[k])))
+        for time, k in (samples[place] for place in chosen)
+    ]
 
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
