@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple, TypeAlias, get_args
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import MissingExtraError, NameNotFoundError, ScenarioError
+from coop_pin.errors import NameNotFoundError, ScenarioError
+from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.plant import Plant
 
 Engine: TypeAlias = Literal["pinocchio", "traced"]
-"""What computes the motion of a single run. Pinocchio is the oracle; "traced" is compiled code, and needs the
-extra ``fast``."""
-Obstacle: TypeAlias = Literal["few runs", "compiler", "plant", "scenario", "law"]
+"""What computes the motion of a single run. Pinocchio is the oracle; "traced" is compiled code."""
+Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law"]
 """What keeps a run from a batch."""
-_WORTH_A_BATCH = 64
-"""Runs from which "auto" compiles code for them."""
+_TICKS_PER_JOINT = 250
+"""Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
+
+A tick on Pinocchio costs nearly the same in all cells; code grows with the joints (benchmarks/README.md)."""
+_TIMES = {"time", "duration", "torque_lost_at", "lost", "rate_hz"}
+"""Fields with numbers that runs of a batch must share."""
 
 
 class EngineChoice(NamedTuple):
@@ -24,7 +30,7 @@ class EngineChoice(NamedTuple):
     Attributes:
         engine: "single", each run alone on Pinocchio, or "batch", many together by compiled code.
         obstacle: kind of the reason why it is "single"; None if that was asked for.
-        reason: that reason in words.
+        reason: why it is this one, in words.
     """
 
     engine: Literal["single", "batch"]
@@ -35,62 +41,84 @@ class EngineChoice(NamedTuple):
 def choose_engines(
     scenarios: Sequence[Scenario | ScenarioError],
     engine: str,
-    runs: int | None = None,
+    runs: Sequence[int],
     *,
     traces_user_code: bool = True,
 ) -> list[EngineChoice]:
-    """Return the engine of each run; it depends on scenarios and number of runs, and on nothing before.
+    """Return the engine of each scenario; it depends on scenarios and numbers of runs, and on nothing before.
+
+    Scenarios that differ in numbers alone can share a batch: they are counted together, and the first of
+    them decides for all.
 
     Args:
-        scenarios: scenario of each run, or the mistakes in it.
-        engine: engine that is asked for: "single", "batch" or "auto".
-        runs: number of runs of these kinds, which "auto" weighs against compiling; None for enough.
+        scenarios: scenarios, or the mistakes in them.
+        engine: engine that is asked for: "single", "batch", or "auto", which weighs runs against compiling.
+        runs: number of runs of each.
         traces_user_code: whether a user's law is built and traced here. Otherwise it counts as one that can
             be traced, and whoever simulates it finds out.
     """
     if engine == "single":
         return [EngineChoice("single")] * len(scenarios)
-    if engine == "auto" and runs is not None and runs < (enough := _enough(scenarios)):
-        few = f"{runs} runs are fewer than {enough}"
-        return [EngineChoice("single", "few runs", few)] * len(scenarios)
-    from coop_pin.batch import require_compiler  # slow to load
-
-    try:
-        require_compiler()
-    except MissingExtraError as error:
-        return [EngineChoice("single", "compiler", str(error))] * len(scenarios)
-    return [_choice(scenario, traces_user_code) for scenario in scenarios]
+    kinds, counts, choices = list(map(_kind, scenarios)), Counter[str](), dict[str, EngineChoice]()
+    for kind, count in zip(kinds, runs, strict=True):
+        counts[kind] += count
+    for kind, scenario in zip(kinds, scenarios, strict=True):
+        if kind not in choices:
+            asked = counts[kind] if engine == "auto" else None
+            choices[kind] = _choice(scenario, asked, traces_user_code)
+    return [choices[kind] for kind in kinds]
 
 
-def _enough(scenarios: Sequence[Scenario | ScenarioError]) -> int:
-    """Return the number of runs worth a batch, which saves the single runs that check a user's law, too."""
-    if not any(map(_is_foreign, scenarios)):
-        return _WORTH_A_BATCH
-    from coop_pin.batch.single_runs import CHECKED  # slow to load
-
-    return _WORTH_A_BATCH + CHECKED
-
-
-def _is_foreign(scenario: Scenario | ScenarioError) -> bool:
-    """Return whether a scenario's law is a user's."""
-    return isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
+def _kind(scenario: Scenario | ScenarioError) -> str:
+    """Return what runs of a batch have in common, as far as the scenario shows it: all but its numbers."""
+    if isinstance(scenario, ScenarioError):
+        return str(scenario)
+    fields = scenario.model_dump(exclude={"name", "summary", "seed", "trust"})
+    return repr(_without_numbers(fields))
 
 
-def _choice(scenario: Scenario | ScenarioError, traces_user_code: bool) -> EngineChoice:
-    """Return the engine of a run that had better be in a batch."""
-    from coop_pin.batch import plant_reason, support
+def _without_numbers(value: Any) -> Any:
+    """Return a value without its floats, but for times."""
+    if isinstance(value, Mapping):
+        return {key: each if key in _TIMES else _without_numbers(each) for key, each in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return list(map(_without_numbers, value))
+    return "number" if isinstance(value, float) else value
+
+
+def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_code: bool) -> EngineChoice:
+    """Return the engine of runs like a scenario, by their number unless that is None."""
+    from coop_pin.batch import plant_reason, support  # slow to load
 
     if isinstance(scenario, ScenarioError):
         return EngineChoice("single", "scenario", str(scenario))
     if text := plant_reason(scenario.plant):
         return EngineChoice("single", "plant", text)
-    if _is_foreign(scenario) and not traces_user_code:
-        return EngineChoice("batch")
     try:
-        text = support(scenario)
+        enough = runs_worth_a_batch(scenario)
+        reason = f"compiling takes as long as {enough} single runs"
+        if runs is not None and runs < enough:
+            return EngineChoice("single", "few runs", f"{reason}, and there are {runs}")
+        traced = traces_user_code or not scenario.controller.user_code
+        text = support(scenario) if traced else None
     except Exception as error:  # a user's class may raise anything; the run itself reports it
         return EngineChoice("single", "scenario", str(error))
-    return EngineChoice("single", "law", text) if text else EngineChoice("batch")
+    return EngineChoice("single", "law", text) if text else EngineChoice("batch", None, reason)
+
+
+def runs_worth_a_batch(scenario: Scenario) -> int:
+    """Return from how many runs on a batch is faster than single runs, which check a user's law besides.
+
+    Raises:
+        CoopPinError: an arm cannot be loaded.
+    """
+    joints = sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
+    enough = math.ceil(_TICKS_PER_JOINT * joints / max(1.0, scenario.duration * scenario.clock.rate_hz))
+    if not scenario.controller.user_code:
+        return enough
+    from coop_pin.batch.single_runs import CHECKED  # slow to load
+
+    return enough + CHECKED
 
 
 def plant_of(engine: Engine) -> type[Plant]:

@@ -46,7 +46,6 @@ def run(
     Raises:
         ScenarioError: the scenario has mistakes.
         ArgumentError: engine "traced" does not have the scenario's plant.
-        MissingExtraError: engine "traced", and llvmlite is not installed.
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):

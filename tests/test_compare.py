@@ -14,6 +14,7 @@ from faulty import law
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin import engine_choice
 from coop_pin.cli import main
 from coop_pin.comparison import (
     Trial,
@@ -195,8 +196,9 @@ def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenar
     assert caught.value.path == str(tmp_path / "nothing")
 
 
-def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path):
+def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path, monkeypatch):
     """A law that can be traced, with noise and without; one that calls Pinocchio runs singly beside it."""
+    monkeypatch.setattr(engine_choice, "_TICKS_PER_JOINT", 1)  # else too few ticks for a batch
     names, trials = ["computed-torque", "anchored"], ["noise", "nominal"]
     quick, execution = {"duration": 0.1, "seeds": 2}, functools.partial(cp.Execution, 0, None, quiet=True)
     single, auto = (
@@ -214,6 +216,11 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):
         cp.compare(scenarios[0], names, trials, out=tmp_path, execution=cp.Execution(engine="both"), **quick)
+    again = cp.compare(
+        scenarios[0], names, trials, out=tmp_path / "single", execution=execution(None), **quick
+    )
+    assert again.data.identical(single.data)
+    assert {part.name for part in (tmp_path / "single" / "planar").iterdir()} == {"fixed", "random"}
 
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
@@ -330,7 +337,7 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
 
 def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
     """The engine is chosen by building it; the run reports the error."""
-    (choice,) = choose_engines([scenarios[0].override(law("none", marker=3))], "auto")
+    (choice,) = choose_engines([scenarios[0].override(law("none", marker=3))], "auto", [10**6])
     assert (choice.engine, choice.obstacle) == ("single", "scenario")
 
 

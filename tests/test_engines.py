@@ -19,8 +19,6 @@ from coop_pin.run_scenario import plant_of
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.plant import Plant
 
-pytest.importorskip("llvmlite", reason="llvmlite is not installed (extra 'fast')")
-
 CASES = {
     "planar": (planar_scenario, 0.5),
     "spatial": (spatial_scenario, 0.1),

@@ -18,8 +18,6 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.engine_choice import plant_of
 from coop_pin.simulation.timeline import Timeline
 
-pytest.importorskip("llvmlite", reason="llvmlite is not installed (extra 'fast')")
-
 TURNED = np.array((0.8, -0.5, -9.0))
 DURATIONS = {"planar": 0.1, "spatial": 0.04}
 

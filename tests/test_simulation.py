@@ -101,8 +101,6 @@ def test_two_runs_give_the_same_bits(cell):
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine, monkeypatch):
     """With a mass drop, a push, and of three ticks the last kept."""
-    if engine == "traced":
-        pytest.importorskip("llvmlite", reason="llvmlite is not installed (extra 'fast')")
     scenario, together, at_once = SCENARIOS[cell](), [], Recorder.observe
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
     events = (push, PayloadChange(time=0.2017, mass=scenario.cell.payload.mass / 2))

@@ -1,7 +1,8 @@
 """Sweeps whose runs are simulated together: the same table, the same errors, the engine in key and record."""
 
 import logging
-import sys
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from faulty import law
 
 import coop_pin as cp
 from coop_pin import engine_choice
-from coop_pin.errors import FieldError, MissingExtraError
+from coop_pin.errors import FieldError
 from coop_pin.sweeps import SweepPlan, batch_job, engine
 from coop_pin.sweeps.job import Job
 from coop_pin.sweeps.run_key import keyed_points
@@ -114,20 +115,60 @@ def test_a_run_that_cannot_start_tells_it_in_its_own_record_only(caplog):
 # ---------------------------------------------------------------- the choice
 
 
-def test_auto_is_decided_once_for_a_folder(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 3)
-    store = SweepStore(tmp_path)
-    assert engine.with_engine(plan(engine="auto"), store).engine == "batch"
+def test_auto_weighs_runs_against_compiling_and_a_folder_keeps_its_engine(tmp_path, caplog):
+    """0.1 s at 80 Hz are 8 ticks; six joints are worth 1500."""
+    store, axes = SweepStore(tmp_path), {"controller.gains.damping_gain": list(np.linspace(40.0, 50.0, 188))}
+    many, few = plan(engine="auto", axes=axes), plan(engine="auto")
+    assert engine_choice.runs_worth_a_batch(many.scenario(0)) == len(many)
     with caplog.at_level(logging.WARNING):
-        assert engine.with_engine(plan(engine="auto", axes={}), store).engine == "single"
-    assert "1 runs are fewer than 3" in caplog.text
-    store.write_plan(plan(engine="single"))  # as decided when llvmlite was not there
-    assert engine.with_engine(plan(engine="auto"), store).engine == "single"
+        assert [engine.with_engine(each, store).engine for each in (many, few)] == ["batch", "single"]
+        assert engine.with_engine(few, store, runs=188).engine == "batch"
+    assert not caplog.records
+    store.write_plan(few.replace(engine="single"))
+    assert engine.with_engine(many, store).engine == "single"
+    assert engine.with_engine(many.replace(engine="batch"), store).engine == "batch"
+
+
+def test_a_sweep_that_began_with_single_runs_goes_on_with_them(tmp_path):
+    """Stored at 4665cb6, where "single" was the default; today's choice for its two runs is a batch."""
+    folder = Path(shutil.copytree(Path(__file__).parent / "data" / "previous_sweep", tmp_path / "stored"))
+    base = cp.Scenario.load("adept-paper").replace(duration=10.0, events=())
+    again = SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]})
+    assert engine.with_engine(again, SweepStore(tmp_path / "new")).engine == "batch"
+    segments = list((folder / "runs").iterdir())
+    runs, engines = swept(again, folder)
+    assert engines == ["single", "single"]
+    assert [run.kind for run in runs] == ["", ""]
+    assert list((folder / "runs").iterdir()) == segments
+    assert SweepStore(folder).read_plan().engine == "single"
+
+
+@pytest.mark.parametrize(
+    ("name", "duration", "runs"),
+    [("adept-anchored", 2.0, 10), ("two-pandas-box", 2.0, 4), ("five-joint-pair", 2.0, 3)],
+)
+def test_runs_that_are_worth_compiling(name, duration, runs):
+    """They are those of benchmarks/README.md; two more check a user's law."""
+    scenario = cp.Scenario.load(name).replace(duration=duration, events=())
+    assert engine_choice.runs_worth_a_batch(scenario) == runs
+    users = scenario.override(law("none"))
+    assert engine_choice.runs_worth_a_batch(users) == runs + 2
+
+
+def test_scenarios_that_differ_in_numbers_are_counted_together():
+    base = cp.Scenario.load("adept-anchored").replace(events=())  # 20 s, 1600 ticks: one run is enough
+    short = base.replace(duration=0.5)  # 40 ticks: 38 are
+    biased = [short.override({"cell.payload.mass": mass}) for mass in np.linspace(5.0, 8.0, 30)]
+    later = [short.replace(duration=0.6)] * 30
+    found = engine_choice.choose_engines([base, *biased, *later], "auto", [1, *[1] * 30, *[1] * 30])
+    assert [each.engine for each in found] == ["batch"] + 60 * ["single"]
+    found = engine_choice.choose_engines([*biased, *later], "auto", [2] * 30 + [1] * 30)
+    assert [each.engine for each in found] == 30 * ["batch"] + 30 * ["single"]
+    assert {each.obstacle for each in found} == {None, "few runs"}
 
 
 @pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])
-def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", -1)
+def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, caplog):
     wanted = plan(changes=changes | {"plant.payload": "free"}, axes={})
     with caplog.at_level(logging.WARNING):
         assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
@@ -157,15 +198,6 @@ def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tm
     assert first.kind == ""
     assert bits(others) == bits([first, first])
     assert wanted.scenario(0).controller.options["torques"][-1] == 0.0
-
-
-def test_without_llvmlite_auto_is_single_and_batch_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
-    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setattr(engine_choice, "_WORTH_A_BATCH", 1)
-    assert engine.with_engine(plan(engine="auto"), SweepStore(tmp_path)).engine == "single"
-    with pytest.raises(MissingExtraError):
-        engine.with_engine(plan(), SweepStore(tmp_path))
 
 
 def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():

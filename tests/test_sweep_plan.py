@@ -288,7 +288,10 @@ def test_an_estimate_counts_runs_and_divides_by_workers():
     assert one.run_s > 0.0
     assert one.total_s == 10 * one.run_s
     assert two.total_s == 5 * two.run_s
-    assert "10 runs" in one.summary()
+    assert one.engine.engine == "single"
+    many = estimate(plan(axes={GAIN: linspace(0.0, 0.1, 1000)}), workers=1)
+    assert many.engine.engine == "batch"
+    assert many.run_s < one.run_s
 
 
 def test_another_version_of_coop_pin_makes_another_key(monkeypatch):

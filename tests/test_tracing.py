@@ -21,7 +21,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin import batch, tracing
 from coop_pin.control import Saturation
-from coop_pin.errors import ArgumentError, MissingExtraError, TracingError
+from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
@@ -482,12 +482,7 @@ def test_programs_that_are_compiled_at_the_same_time_keep_one_whole_file(kept):
     assert list(kept.parent.iterdir()) == [kept]
 
 
-def test_without_llvmlite_the_error_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
-    with pytest.raises(MissingExtraError) as caught:
-        LlvmMachine(small_program())
-    assert caught.value.extra == "fast"
+def test_the_compiler_is_loaded_when_it_is_needed():
     for package in (batch, tracing):
         for file in Path(package.__file__).parent.glob("*.py"):
             assert not re.search(r"^(import|from) llvmlite", file.read_text(encoding="utf-8"), re.MULTILINE)

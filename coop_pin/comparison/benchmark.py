@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,8 +20,6 @@ from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.execution import HERE, SweepEngine
-
-_LOG = logging.getLogger("coop_pin.comparison")
 
 
 class _Part(NamedTuple):
@@ -73,7 +70,8 @@ def compare(
         tuned: whether stored gains are used.
         gains: table of stored gains, as ``tune_controllers`` writes it.
         execution: workers, folders of other comparisons to merge, engine: "auto" simulates together by
-            compiled code what can be, and the rest singly.
+            compiled code what can be and is worth compiling, and the rest singly; what a folder has of single
+            runs, it keeps.
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
@@ -96,7 +94,7 @@ def compare(
         parts += _parts(base, laws, tried, seeds, labels)
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
-    parts = _by_engine(parts, execution)
+    parts = _by_engine(parts, execution, folder)
     merged, frames = _merged(parts, list(map(Path, execution.merge))), []
     for part in parts:
         chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
@@ -117,19 +115,17 @@ def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]
     return loaded
 
 
-def engines_of(scenarios: Sequence[Scenario | ScenarioError], execution: Execution) -> list[SweepEngine]:
-    """Return what simulates each of some runs. It depends on nothing but the run, and so does the run's key.
+def engines_of(
+    scenarios: Sequence[Scenario | ScenarioError], execution: Execution, runs: Sequence[int]
+) -> list[SweepEngine]:
+    """Return what simulates each of some scenarios, of which there are so many runs.
 
     Raises:
         FieldError: the engine of the execution is neither "single" nor "auto".
     """
     if execution.engine == "batch":
         raise FieldError("is 'batch'; it must be 'single' or 'auto'", "engine")
-    choices = choose_engines(scenarios, execution.engine or "single")
-    for choice in choices[:1]:
-        if choice.obstacle == "compiler":
-            _LOG.warning("runs are simulated one by one: %s", choice.reason)
-    return [choice.engine for choice in choices]
+    return [choice.engine for choice in choose_engines(scenarios, execution.engine or "auto", runs)]
 
 
 def _parts(
@@ -165,16 +161,19 @@ def _information(scenario: Scenario, law: dict[str, Any]) -> str:
         return ""
 
 
-def _by_engine(parts: Sequence[_Part], execution: Execution) -> list[_Part]:
+def _by_engine(parts: Sequence[_Part], execution: Execution, out: Path) -> list[_Part]:
     """Return sweeps of one engine each: the cases that are simulated together apart from the others."""
-    sizes = [(part.plan, len(part.plan), len(part.cells)) for part in parts]
-    points = [plan.resolved(n) for plan, runs, cells in sizes for n in range(0, runs, runs // cells)]
-    engines, divided = iter(engines_of(points, execution)), list[_Part]()
+    divided = list[_Part]()
     for part in parts:
-        engine_of = {cell: next(engines) for cell in part.cells}
-        for engine in sorted(set(engine_of.values())):
+        repeats, batch = len(part.plan) // len(part.cells), part.folder.with_name(f"{part.folder.name}-batch")
+        began_singly = (out / part.folder).is_dir() and not (out / batch).is_dir()
+        kept = dataclasses.replace(execution, engine="single") if began_singly else execution
+        points = [part.plan.resolved(n) for n in range(0, len(part.plan), repeats)]
+        engines = engines_of(points, execution if execution.engine else kept, [repeats] * len(points))
+        engine_of = dict(zip(part.cells, engines, strict=True))
+        for engine in sorted(set(engines)):
             cells = [cell for cell in part.cells if engine_of[cell] == engine]
-            folder = part.folder.with_name(part.folder.name + ("-batch" if engine == "batch" else ""))
+            folder = batch if engine == "batch" else part.folder
             plan = part.plan.part(list(map(" | ".join, cells)), engine)
             divided.append(part._replace(folder=folder, cells=cells, plan=plan))
     return divided

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin.arrays import typed
-from coop_pin.comparison.benchmark import different, engines_of
+from coop_pin.comparison.benchmark import different
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
 from coop_pin.comparison.measures import tuning_cost
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
@@ -69,7 +69,7 @@ def tune_controllers(
             name: {f"controller.{path}": span for path, span in tuned_ranges(name).items()} for name in chosen
         }
         bases = {name: base.override({"controller": chosen[name]}) for name in chosen if ranges[name]}
-        for (name, law), engine in zip(bases.items(), engines_of([*bases.values()], execution), strict=True):
+        for name, law in bases.items():
             folder = Path(scenario.name, name)
             merge = tuple(Path(other, folder) for other in execution.merge if Path(other, folder).is_dir())
             try:
@@ -87,7 +87,7 @@ def tune_controllers(
                     generations=generations,
                     population=max(1, size // len(ranges[name])),
                     seed=TUNED_SEED,
-                    execution=dataclasses.replace(execution, engine=engine, merge=merge),
+                    execution=dataclasses.replace(execution, merge=merge),
                 )
             except NothingFeasibleError as error:
                 _LOG.warning("%s has no tuned gains in %s: %s", name, scenario.name, error)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import choose_engines
+from coop_pin.engine_choice import EngineChoice, choose_engines
 from coop_pin.errors import (
     FieldError,
     FileReadError,
@@ -38,6 +38,8 @@ from coop_pin.sweeps.table import require_own_names
 _LOG = logging.getLogger("coop_pin.sweeps")
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
+_SAMPLE_RUNS = 16
+"""Runs of a batch that is timed."""
 
 
 def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> SweepPlan:
@@ -50,25 +52,19 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
 
     Raises:
         FieldError: the plan wants batches, and its first run cannot be in one.
-        MissingExtraError: it wants them, and llvmlite is not installed.
     """
     if plan.engine == "single":
         return plan
-    with contextlib.suppress(FileReadError):
-        kept = store.read_plan()
-        if plan.engine == "auto" and kept.replace(engine="auto") == plan:
-            return kept
+    if plan.engine == "auto":
+        with contextlib.suppress(FileReadError):
+            return plan.model_copy(update={"engine": store.read_plan().engine})
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
-    (choice,) = choose_engines([plan.resolved(0)], plan.engine, count, traces_user_code=False)
+    (choice,) = choose_engines([plan.resolved(0)], plan.engine, [count], traces_user_code=False)
     if choice.obstacle is not None and plan.engine == "batch":
-        if choice.obstacle == "compiler":
-            from coop_pin.batch import require_compiler  # slow to load
-
-            require_compiler()
         message = f"is 'batch', but the first run cannot be simulated in one: {choice.reason}"
         raise FieldError(message, "engine")
-    if choice.obstacle is not None:
+    if choice.obstacle not in (None, "few runs"):
         _LOG.warning("runs are simulated one by one: %s", choice.reason)
     return plan.model_copy(update={"engine": choice.engine})
 
@@ -317,11 +313,13 @@ class Estimate(NamedTuple):
         runs: number of runs.
         run_s: duration of one run, s.
         workers: number of runs computed at a time.
+        engine: engine of the runs, and why it is this one.
     """
 
     runs: int
     run_s: float
     workers: int
+    engine: EngineChoice
 
     @property
     def total_s(self) -> float:
@@ -331,11 +329,13 @@ class Estimate(NamedTuple):
     def summary(self) -> str:
         """Return the estimate on one line."""
         total = datetime.timedelta(seconds=round(self.total_s))
-        return f"about {total} h for {self.runs} runs of {self.run_s:.2g} s on {self.workers} workers"
+        engine, _, reason = self.engine
+        how = f"engine {engine}: {reason}" if reason else f"engine {engine}"
+        return f"about {total} h for {self.runs} runs of {self.run_s:.2g} s on {self.workers} workers; {how}"
 
 
 def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
-    """Return the estimated duration of a sweep, from at most a second of its first point's ticks.
+    """Return the estimated duration of a sweep, from its first point: a second of it, or a small batch.
 
     Args:
         plan: the points.
@@ -346,11 +346,23 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
         CoopPinError: the first point cannot be run.
     """
     count, scenario = max(Execution(workers=workers).processes, 1), plan.scenario(0)
-    _run_s(scenario)  # the first run of a process also loads modules
-    return Estimate(len(plan), _run_s(scenario), count)
+    (choice,) = choose_engines([scenario], plan.engine, [len(plan)])
+    timed = _batch_run_s if choice.engine == "batch" else _single_run_s
+    timed(scenario)  # the first run of a process also loads modules and compiles
+    return Estimate(len(plan), timed(scenario), count, choice)
 
 
-def _run_s(scenario: Scenario) -> float:
+def _batch_run_s(scenario: Scenario) -> float:
+    """Return the duration of a run of a batch, s, without tracing and compiling."""
+    from coop_pin.sweeps.batch_job import run_batch  # slow to load
+
+    jobs = [Job("", scenario.replace(seed=seed), engine="batch") for seed in range(_SAMPLE_RUNS)]
+    start = time.perf_counter()
+    run_batch(jobs)
+    return (time.perf_counter() - start) / _SAMPLE_RUNS
+
+
+def _single_run_s(scenario: Scenario) -> float:
     """Return the duration of a run, s, from those ticks that end within a second."""
     ticks, start, stop = list[int](), time.perf_counter(), deadline(_SAMPLE_S)
 

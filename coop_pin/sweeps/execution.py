@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args
 from coop_pin.errors import FieldError
 
 SweepEngine: TypeAlias = Literal["single", "batch", "auto"]
-"""What simulates many runs: each alone on Pinocchio, many together by compiled code, or the better one."""
+"""What simulates many runs: each alone on Pinocchio, many by compiled code, or the faster of both."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,8 +21,9 @@ class Execution:
         workers: number of processes, 0 for this process; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes, for example
             ``tcp://127.0.0.1:8786``.
-        engine: single; batch simulates runs together by compiled code; auto decides; the plan's when omitted,
-            single without a plan. A comparison takes single or auto, for each run by itself.
+        engine: single; batch simulates runs together by compiled code; auto decides by the number of runs;
+            the plan's when omitted, auto without a plan. A comparison takes single or auto, for each kind of
+            runs by itself.
         merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
             same; once for each.
         quiet: no progress bar, and no summary of a command.

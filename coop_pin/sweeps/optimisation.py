@@ -233,7 +233,7 @@ def tune(
     except ScenarioError as error:
         detail = f"names no field, or one with a range that is not two numbers, the lower first: {error}"
         raise FieldError(detail, "vary") from None
-    points, engine = list[list[float]](), execution.engine or "single"
+    points, engine = list[list[float]](), execution.engine or "auto"
     trials = {} if cases is None else {"case": {name: dict(changes) for name, changes in cases.items()}}
     total = (generations + 1) * size * max(1, len(trials.get("case", ())))
 

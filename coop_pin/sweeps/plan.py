@@ -95,9 +95,9 @@ class SweepPlan(Description):
         time_limit_s: wall time after which a run is aborted, s.
         memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
-        engine: "single", "batch" (runs of one kind are simulated together by compiled code, many times
-            faster; those that cannot be are run singly), or "auto": "batch" if the first run can be and there
-            are enough of them, decided when the sweep first starts.
+        engine: "single", each run alone on Pinocchio; "batch", runs of one kind together by compiled code,
+            and singly those that cannot be; or "auto": "batch" if the first run can be and there are enough
+            of them to be worth compiling, decided when the sweep first starts.
         repeats: of each run, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension of the plan. With
             1 the scenario keeps its own seed.
     """
@@ -112,7 +112,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    engine: SweepEngine = "single"
+    engine: SweepEngine = "auto"
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")
@@ -243,6 +243,7 @@ class SweepPlan(Description):
         """Return the scenarios, the dimensions and the number of runs as text."""
         sizes = " x ".join(map(str, self.shape)) or "1"
         total = f"{sizes} = {len(self)} runs" if len(self.shape) > 1 else f"{len(self)} runs"
+        total += {"single": ", each alone", "batch": ", in batches", "auto": ""}[self.engine]
         lines = [f"sweep of {', '.join(self.base)}: {total}"]
         width = max((len(dimension.name) for dimension in self.dimensions), default=0)
         lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]

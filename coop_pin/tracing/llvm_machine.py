@@ -17,7 +17,6 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import MissingExtraError
 from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
@@ -34,9 +33,6 @@ class LlvmMachine(Machine):
         Args:
             program: Kernels and the order of their calls.
             width: Number of lanes of a register; that of this processor when omitted.
-
-        Raises:
-            MissingExtraError: llvmlite is not installed.
         """
         super().__init__(program, native_width() if width is None else width)
         self._engine = _engine(llvm_text(program, self.width))
@@ -88,27 +84,16 @@ class LlvmMachine(Machine):
 
 
 def _llvm() -> Any:
-    """Return llvmlite's binding.
+    """Return llvmlite's binding, ready to compile."""
+    import llvmlite.binding as llvm  # slow to load
 
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        import llvmlite.binding as llvm
-    except ImportError:
-        raise MissingExtraError("llvmlite", "fast", "to compile batches of runs") from None
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm
 
 
-def require_compiler() -> None:
-    """Raise MissingExtraError unless llvmlite is installed."""
-    _llvm()
-
-
 def native_width() -> int:
-    """Return the number of doubles in a vector register of this processor; raises as _llvm."""
+    """Return the number of doubles in a vector register of this processor."""
     features = _llvm().get_host_cpu_features()
     return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
 
