@@ -326,6 +326,28 @@ def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     assert any(getattr(value, "__name__", "").startswith("coop_pin") for value in names.values())
 
 
+def sentences(text):
+    """Sentences of a page: without code, formulas, tables, links' targets, emphasis and headings."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^(#|\||!\[).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", re.sub(r"\]\([^)]*\)", "]", text))
+    for paragraph in re.split(r"\n\s*\n|\n\s*(?:-|\d+\.) ", text):
+        yield from re.split(r"(?<=[.?!])\s+", " ".join(paragraph.replace("*", "").split()))
+
+
+@pytest.mark.parametrize(
+    "page",
+    [REPOSITORY / "README.md", *(page for page in PAGES if page.stem != "verification")],
+    ids=lambda page: page.stem,
+)
+def test_sentences_have_at_most_35_words(page):
+    lengths = {
+        sentence: sum(bool(re.search(r"\w", word)) for word in sentence.split())
+        for sentence in sentences(page.read_text(encoding="utf-8"))
+    }
+    assert {sentence: length for sentence, length in lengths.items() if length > 35} == {}
+
+
 # ---------------------------------------------------------------- the site
 
 
