@@ -426,35 +426,3 @@ def test_the_holding_torque_is_a_measurement():
         for given in (law, blind)
     ]
     assert_allclose(errors, [0.0404, 4.60], rtol=0.01)
-
-
-# ---------------------------------------------------------------- plain English
-
-REWRITTEN = (
-    "exercises.md",
-    "concepts/benchmark.md",
-    "concepts/choose.md",
-    "concepts/front.md",
-    "concepts/impossibility.md",
-    "concepts/not-modelled.md",
-    "concepts/paper-claims.md",
-    "concepts/payload-space.md",
-    "concepts/payload-space-proof.md",
-    "concepts/related-work.md",
-)
-
-
-def sentences(text):
-    """Sentences of a page: without code, formulas, tables, links' targets and headings."""
-    text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r"^(#|\||!\[).*$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"\]\([^)]*\)|`[^`]*`|\$[^$]*\$", " x ", text)
-    for paragraph in re.split(r"\n\s*\n|\n\s*(?:-|\d+\.) ", text):
-        yield from re.split(r"(?<=[.?!])\s+", " ".join(paragraph.split()))
-
-
-@pytest.mark.parametrize("page", ["../README.md", *REWRITTEN])
-def test_sentences_have_at_most_35_words(page):
-    text = (REPOSITORY / "docs" / page).read_text(encoding="utf-8")
-    prose = [sentence for sentence in sentences(text) if "→" not in sentence]
-    assert [sentence for sentence in prose if len(re.findall(r"[\w'’-]+", sentence)) > 35] == []
