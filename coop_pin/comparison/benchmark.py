@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +20,10 @@ from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, st
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import Execution, SweepPlan, SweepResult
+from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.execution import HERE, SweepEngine
+from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 
 _LOG = logging.getLogger("coop_pin.comparison")
 
@@ -41,6 +44,10 @@ class _Part(NamedTuple):
     cells: list[tuple[str, str]]
     labels: Mapping[str, dict[str, str]]
     plan: SweepPlan
+
+
+_Points = Mapping[tuple[str, str, str], Scenario | ScenarioError]
+"""Scenario of the first run of each cell, by the cell's names."""
 
 
 @typed
@@ -77,7 +84,10 @@ def compare(
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
-        FieldError: the engine is another, two scenarios have one name, or there is nothing to run.
+        FieldError: the engine is another, two scenarios have one name, there is nothing to run, or a
+            controller or a trial leads to failed runs only (a law that the cell cannot have, for example);
+            its cause is the first run's error.
+        InfeasibleMotionError: the path of a scenario is out of reach.
         FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
     """
@@ -85,9 +95,10 @@ def compare(
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
     parts, cells = list[_Part](), list[tuple[str, str, str]]()
     for scenario in different(scenarios):
+        base = benchmark_scenario(scenario, duration)
+        require_reach(base)  # gains of the cell are those along its path
         laws = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
         used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
-        base = benchmark_scenario(scenario, duration)
         labels = {
             name: {"information": _information(base, law), "gains": used[name]} for name, law in laws.items()
         }
@@ -96,11 +107,13 @@ def compare(
         parts += _parts(base, laws, tried, seeds, labels)
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
-    parts = _by_engine(parts, execution)
+    points = _points(parts)
+    _require_feasible(points)
+    parts = _by_engine(parts, points, execution)
     merged, frames = _merged(parts, list(map(Path, execution.merge))), []
     for part in parts:
         chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
-        frames.append(_cells(part, sweep(part.plan, out=folder / part.folder, execution=chosen)))
+        frames.append(_cells(part, sweep_plan(part.plan, folder / part.folder, chosen)))
     comparison = Comparison.of_cells(pd.concat(frames).loc[cells], folder)
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
@@ -165,11 +178,28 @@ def _information(scenario: Scenario, law: dict[str, Any]) -> str:
         return ""
 
 
-def _by_engine(parts: Sequence[_Part], execution: Execution) -> list[_Part]:
+def _points(parts: Sequence[_Part]) -> _Points:
+    """Return the scenario of the first run of each cell, or the mistakes in it."""
+    sizes = [(part, len(part.plan) // len(part.cells)) for part in parts]
+    return {
+        (part.scenario, *cell): part.plan.resolved(n * runs)
+        for part, runs in sizes
+        for n, cell in enumerate(part.cells)
+    }
+
+
+def _require_feasible(points: _Points) -> None:
+    """Refuse a controller or a trial that leads to failed runs only, in one of the scenarios."""
+    groups = defaultdict[str, list[Scenario | ScenarioError]](list)
+    for (scenario, controller, trial), point in points.items():
+        groups[f"{scenario}: controllers.{controller}"].append(point)
+        groups[f"{scenario}: trials.{trial}"].append(point)
+    require_feasible_groups(groups)
+
+
+def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution) -> list[_Part]:
     """Return sweeps of one engine each: the cases that are simulated together apart from the others."""
-    sizes = [(part.plan, len(part.plan), len(part.cells)) for part in parts]
-    points = [plan.resolved(n) for plan, runs, cells in sizes for n in range(0, runs, runs // cells)]
-    engines, divided = iter(engines_of(points, execution)), list[_Part]()
+    engines, divided = iter(engines_of([*points.values()], execution)), list[_Part]()
     for part in parts:
         engine_of = {cell: next(engines) for cell in part.cells}
         for engine in sorted(set(engine_of.values())):
