@@ -148,8 +148,8 @@ class ArmDrives(NamedTuple):
 
     def step(
         self, last: Array, command: Array, missed: Array, weight: Array | None
-    ) -> tuple[tuple[Array, Array, Mask], Array]:
-        """Return the torque asked for, that within the limits, and where it was cut; and the last command.
+    ) -> tuple[Array, Array, Mask, Array, Array]:
+        """Return the arm's entries of Applied after the first one, and its last command that arrived.
 
         Args:
             last: Last command that arrived, N m, shape (k,).
@@ -157,11 +157,11 @@ class ArmDrives(NamedTuple):
             missed: Whether it is missed, a mask.
             weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
         """
-        if self.misses:
-            last = command = np.where(missed, last, command)
-        requested = command if weight is None else command + weight
+        arrived = np.where(missed, last, command) if self.misses else command
+        requested = arrived if weight is None else arrived + weight
         torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
-        return (requested, torque, frozen(np.not_equal(torque, requested))), last
+        is_cut, reported = np.not_equal(torque, requested), command + (torque - requested)
+        return requested, torque, frozen(is_cut), frozen(reported), arrived if self.misses else last
 
 
 class DriveState(NamedTuple):
@@ -208,20 +208,19 @@ class CellDrives(NamedTuple):
             gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
             s: Time since the tick before, s.
         """
-        requested, torques, saturated, reported, last = [], [], [], [], []
-        for index, arm in enumerate(self.arms):
-            carried = None if arm.carried is None else arm.carried * weight(index)
-            (asked, torque, cut), command = arm.step(
-                state.last[index], commanded[index], missed[index], carried
+        entries = [
+            arm.step(
+                state.last[index],
+                commanded[index],
+                missed[index],
+                None if arm.carried is None else arm.carried * weight(index),
             )
-            requested.append(asked)
-            torques.append(torque)
-            saturated.append(cut)
-            reported.append(frozen(commanded[index] + (torque - asked)))
-            last.append(command)
+            for index, arm in enumerate(self.arms)
+        ]
+        requested, torques, saturated, reported, last = zip(*entries, strict=True)
         applied = Applied(commanded, requested, torques, saturated, reported)
         if self.response is None or state.response is None:
-            return applied, DriveState(tuple(last), None)
+            return applied, DriveState(last, None)
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
         left_out = self.response.cut(response, self.period)
@@ -230,7 +229,7 @@ class CellDrives(NamedTuple):
             saturated=[frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)],
             reported=[*map(frozen, self.acting(np.concatenate(reported) - left_out, gives))],
         )
-        return applied, DriveState(tuple(last), response)
+        return applied, DriveState(last, response)
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
