@@ -103,32 +103,27 @@ class TorqueResponse(NamedTuple):
         """Return the torques s seconds after the last target, N m, shape (drives,)."""
         m = np.minimum(s, state.ramp / self.rate)
         error = state.ramp - self.rate * m + state.rest * np.exp((m - s) / self.lag)
-        torque: Array = state.target - state.sign * error
-        return torque
+        return state.target - state.sign * error
 
     def mean(self, state: ResponseState, s: float, duration: float) -> Array:
         """Return the mean torques over a duration that begins at s: their exact impulse, shape (drives,)."""
         error = self._integrated_error(state, s + duration) - self._integrated_error(state, s)
-        torque: Array = state.target - state.sign * error / duration
-        return torque
+        return state.target - state.sign * error / duration
 
     def _integrated_error(self, state: ResponseState, s: float) -> Array:
         """Return the integral of |u - tau| from t_k over s."""
         m = np.minimum(s, state.ramp / self.rate)
         decayed = m - self.lag * np.expm1((m - s) / self.lag)
-        integral: Array = (state.ramp - 0.5 * self.rate * m) * m + state.rest * decayed
-        return integral
+        return (state.ramp - 0.5 * self.rate * m) * m + state.rest * decayed
 
     def is_limited(self, state: ResponseState, duration: float) -> Mask:
         """Return which torques still change at their largest rate after a duration, s, shape (drives,)."""
-        limited: Mask = state.ramp > (1.0 + _SAME) * self.rate * duration
-        return limited
+        return state.ramp > (1.0 + _SAME) * self.rate * duration
 
     def cut(self, state: ResponseState, duration: float) -> Array:
         """Return the part of the change that the rate limit leaves out over a duration, N m, (drives,)."""
         left_out = np.where(self.is_limited(state, duration), state.ramp - self.rate * duration, 0.0)
-        torque: Array = state.sign * left_out
-        return torque
+        return state.sign * left_out
 
 
 class ArmDrives(NamedTuple):
