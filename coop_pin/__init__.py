@@ -146,11 +146,18 @@ def lazy_names(
         elif name in packages:
             value = importlib.import_module(f"{package}.{name}")
         else:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            from coop_pin.errors import suggestion  # only then
+
+            hint = suggestion(name, [*public, *packages])
+            raise AttributeError(f"module {package!r} has no attribute {name!r}; {hint}")
         setattr(sys.modules[package], name, value)
         return value
 
-    return load, lambda: sorted({*public, *packages, *vars(sys.modules[package])})
+    def names() -> list[str]:
+        special = (name for name in vars(sys.modules[package]) if name.startswith("__"))
+        return sorted({*public, *packages, *special})
+
+    return load, names
 
 
 __all__ = sorted(_PUBLIC)

@@ -24,7 +24,7 @@ def build_controller(scenario: Scenario) -> CellController:
 def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
     """Return what a law may know of an arm besides measurements."""
     cell, path = scenario.cell, scenario.controller.force_path
-    model = ArmModel(cell.arms[name])
+    model = ArmModel(cell.arms[name], name=name)
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(
         name=name,

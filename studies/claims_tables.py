@@ -224,7 +224,7 @@ def cost(costs: pd.DataFrame) -> Claim:
                 f"computed torque takes {min(model):.1f} to {max(model):.1f} times as long",
             ),
             Rule(
-                "at most twice the operations of the cheapest law with the same sensors, `payload-pd`",
+                "at most twice the operations of the cheapest law without a wrench sensor, `payload-pd`",
                 (near, near),
                 "{:.0f}, {:.0f}, {:.0f} at 3, 6, 7 joints: ".format(*printed)
                 + "{:.2f}, {:.2f}, {:.2f} times".format(*ratios),

@@ -34,6 +34,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
 # - analysis uses chain's inverse kinematics, which takes Pinocchio's poses;
+# - sweeps build a run's controller and look at its path before the first run;
 # - comparison plans sweeps and reads them; analysis suggests gains to scenarios that have none of their own;
 # - a sweep's plan is a Description like a scenario, and its progress is shown on terminals;
 # - heat_map draws a table as a page, whatever its rows are;
@@ -119,7 +120,9 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "sweeps": (
         {
+            "analysis",
             "batch",
+            "build_controller",
             "description",
             "engine_choice",
             "heat_map",

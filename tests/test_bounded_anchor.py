@@ -209,6 +209,21 @@ def test_a_bias_at_the_start_moves_the_bound(name):
         assert_array_equal(bounded, without)
 
 
+@pytest.mark.parametrize("name", DAMPING)
+def test_the_centre_follows_a_bias_of_three_quarters_of_its_largest(name):
+    """Two lags in series start slower than the one that the centre may follow: it is left behind."""
+    ends = {}
+    for part in (0.75, 0.85):
+        biases = [bias_along(name, 2.0 * part * 20e-3), np.zeros(task_rows(name).size)]
+        (_, f), (_, free) = (
+            LinearCell(name, SHARES["equal"], biases, anchor_bias=b).run(640) for b in (BIAS, "none")
+        )
+        ends[part] = (f == free).all(), np.linalg.norm(slope(f)[0])
+    assert ends[0.75][0]
+    assert not ends[0.85][0]
+    assert ends[0.85][1] > 1.0
+
+
 # ------------------------------------------------------------ what the arms cannot move
 
 

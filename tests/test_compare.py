@@ -358,7 +358,7 @@ class Spring(cp.ArmController):
 
 def test_the_command_writes_tables_and_figures_and_lists_names(tmp_path, capsys):
     words = ["compare", "adept-anchored", "--controllers", "payload-pd", "--trials", "nominal", "push"]
-    words += ["--duration", "0.3", "--out", str(tmp_path), "--workers", "0"]
+    words += ["--duration", "0.5", "--out", str(tmp_path), "--workers", "0"]
     assert main(words) == 0
     assert "payload-pd" in capsys.readouterr().out
     for name in ("comparison.csv", "comparison.html", "adept-anchored/comparison.png"):

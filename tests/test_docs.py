@@ -26,6 +26,7 @@ from built_once import built_once
 
 import coop_pin
 from coop_pin.cli.parsing import parse
+from coop_pin.comparison import benchmark_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE, DOCS = Path(coop_pin.__file__).parent, REPOSITORY / "docs"
@@ -324,6 +325,47 @@ def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     names = {"__name__": "__main__"}
     exec(compile("\n".join(blocks(DOCS / name, "python")), name, "exec"), names)
     assert any(getattr(value, "__name__", "").startswith("coop_pin") for value in names.values())
+
+
+@pytest.mark.parametrize(
+    ("page", "name", "scenario"),
+    [
+        ("controller", "PayloadSpring", "adept-paper"),
+        ("compare", "Law", "adept-anchored"),
+        ("compare", "Law", "two-pandas-box"),
+    ],
+)
+def test_a_controller_on_a_page_runs_as_a_file(page, name, scenario, tmp_path, monkeypatch):
+    (code,) = [code for code in blocks(DOCS / f"howto/{page}.md", "python") if "(cp.ArmController)" in code]
+    module = f"{page}_{scenario}".replace("-", "_")  # modules stay imported: each has a name of its own
+    (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    cell = benchmark_scenario(coop_pin.Scenario.load(scenario), 0.5)
+    law = coop_pin.UserController(target=f"{module}:{name}")
+    result = coop_pin.run(cell, {"controller": law}, warn=False)
+    assert result.trustworthy, result.verdict()
+
+
+def sentences(text):
+    """Sentences of a page: without code, formulas, tables, links' targets, emphasis and headings."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^(#|\||!\[).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", re.sub(r"\]\([^)]*\)", "]", text))
+    for paragraph in re.split(r"\n\s*\n|\n\s*(?:-|\d+\.) ", text):
+        yield from re.split(r"(?<=[.?!])\s+", " ".join(paragraph.replace("*", "").split()))
+
+
+@pytest.mark.parametrize(
+    "page",
+    [REPOSITORY / "README.md", *(page for page in PAGES if page.stem != "verification")],
+    ids=lambda page: page.stem,
+)
+def test_sentences_have_at_most_35_words(page):
+    lengths = {
+        sentence: sum(bool(re.search(r"\w", word)) for word in sentence.split())
+        for sentence in sentences(page.read_text(encoding="utf-8"))
+    }
+    assert {sentence: length for sentence, length in lengths.items() if length > 35} == {}
 
 
 # ---------------------------------------------------------------- the site

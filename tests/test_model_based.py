@@ -66,7 +66,7 @@ def test_computed_torque_with_the_exact_model_decays_at_the_chosen_poles(name):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_internal_force_integral_takes_out_what_a_wrong_model_leaves(name):
-    """Hsu, Li and Sastry (1989): the internal force converges; the tracking error of the model stays."""
+    """Li, Hsu and Sastry (1989): the internal force converges; the tracking error of the model stays."""
     wrong = {"mass": 1.3, "inertia": 0.8, "friction": 0.0}
     left = {}
     for gain in (0.0, 0.2):

@@ -98,6 +98,7 @@ def test_the_printed_law_without_its_integral_is_a_spring(cell):
 def test_the_printed_law_with_its_integral_ramps_and_does_not_sag():
     found = errors(scenario="adept-paper", bias=1e-4, load=100.0)
     assert (found.force, found.sag) == (math.inf, 0.0)
+    assert "nan" not in found.summary()
     redundant = SlidingModeGains(pose_gain=5.0, sign_gain=0.2, damping_gain=20.0, transient_rate=5.0)
     found = errors({"controller": RedundantSlidingMode(gains=redundant)}, scenario="two-pandas-box")
     assert math.isnan(found.force)

@@ -77,10 +77,11 @@ class SteadyErrors(NamedTuple):
         model = "" if "model" in self.needs or "regressors" in self.needs else ", no model"
         lines = [f"the law needs {self.needs}{model}; {crossing} between the arms at each tick{stable}"]
         if not math.isnan(self.force):
+            rate = "" if math.isnan(self.growth) else f" by {self.growth:.3g} N/s"
             force = (
                 f"{self.force:.3g} N of internal force"
                 if math.isfinite(self.force)
-                else f"a force that grows by {self.growth:.3g} N/s"
+                else f"a force that grows{rate}"
             )
             lines.append(
                 f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"

@@ -265,8 +265,7 @@ def _terms(functions: SharedFunctions, model: ArmNumbers, state: ArmInput) -> Ar
     bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
     bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
     shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
-    response: ArmResponse = functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
-    return response
+    return functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
 
 
 def _closure_forces(

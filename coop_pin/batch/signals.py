@@ -74,8 +74,7 @@ def columns(signals: RunSignals) -> Array:
 
 def first_of(signals: RunSignals) -> RunSignals:
     """Return the signals of the first tick."""
-    first: RunSignals = _mapped(lambda part: part[0], signals)
-    return first
+    return _mapped(lambda part: part[0], signals)
 
 
 def _mapped(function: Callable[[Any], Any], tree: Any) -> Any:

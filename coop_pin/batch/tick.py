@@ -158,8 +158,7 @@ class TickCode:
         q, to_joints = constants.cell.by_arm(kernel.read("q"))[index], constants.arms[index].to_joints
         rest = np.zeros(len(q))
         tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.surroundings.gravity, q, rest, rest)
-        weight: Numbers = to_joints.T.dot(traced(tau))
-        return weight
+        return to_joints.T.dot(traced(tau))
 
     def _drives(self, kernel: Kernel) -> DriveState:
         """Return the memory of the drives."""

@@ -262,8 +262,7 @@ class CellChain:
         frame, inertia = self.model.payload_frame, self.model.payload_inertia
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
-        balance: Array = (inertia * A + V.cross(inertia * V)).vector
-        return balance
+        return (inertia * A + V.cross(inertia * V)).vector
 
 
 def determinate_rows(chain: CellChain, q: Array) -> Mask:

@@ -194,5 +194,4 @@ def _rotation_error(R_ab: Array, Omega: Array, held: tuple[bool, ...]) -> _Rotat
 
 def _cross(a: Array, b: Array) -> Array:
     """Return a x b; np.cross takes twenty times as long."""
-    product: Array = pin.skew(a).dot(b)
-    return product
+    return pin.skew(a).dot(b)

@@ -52,8 +52,7 @@ class LieGroup(ConfigurationSpace):
 
     def step(self, q: Array, u: Array) -> Array:
         """Return pin.integrate(q, u)."""
-        moved: Array = pin.integrate(self._model, q, u)
-        return moved
+        return pin.integrate(self._model, q, u)
 
     def increment_rate(self, q: Array, u: Array, v: Array) -> Array:
         """Return dexp_u^-1 v: v = J_r(u) u' with J_r the derivative of pin.integrate by its increment."""

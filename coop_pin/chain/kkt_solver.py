@@ -49,13 +49,11 @@ class ConstraintSVD(NamedTuple):
 
     def solve_L(self, x: Array) -> Array:
         """Return L^-1 x, shape (nv,)."""
-        y: Array = dtrsv(self.factor, x, lower=1)
-        return y
+        return dtrsv(self.factor, x, lower=1)
 
     def solve_LT(self, y: Array) -> Array:
         """Return L^-T y, shape (nv,)."""
-        x: Array = dtrsv(self.factor, y, lower=1, trans=1)
-        return x
+        return dtrsv(self.factor, y, lower=1, trans=1)
 
     def least_motion(self, target: Array, damping: float = 0.0) -> Array:
         """Return the x of least x^T M x with J x = target, as far as it is in the range of J, shape (nv,).

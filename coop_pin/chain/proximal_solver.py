@@ -55,10 +55,9 @@ class ProximalSolver:
             v: velocity, shape (nv,).
             tau: generalised force, shape (nv,).
         """
-        a: Array = pin.constraintDynamics(
+        return pin.constraintDynamics(
             self._model, self._data, q, v, tau, self._constraints, self._constraint_data, self._settings
         )
-        return a
 
     def wrenches(self) -> Array:
         """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,8 +19,10 @@ from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, st
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import Execution, SweepPlan, SweepResult
+from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.execution import HERE, SweepEngine
+from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 
 
 class _Part(NamedTuple):
@@ -38,6 +41,10 @@ class _Part(NamedTuple):
     cells: list[tuple[str, str]]
     labels: Mapping[str, dict[str, str]]
     plan: SweepPlan
+
+
+_Points = Mapping[tuple[str, str, str], Scenario | ScenarioError]
+"""Scenario of the first run of each cell, by the cell's names."""
 
 
 @typed
@@ -75,7 +82,10 @@ def compare(
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
-        FieldError: the engine is another, two scenarios have one name, or there is nothing to run.
+        FieldError: the engine is another, two scenarios have one name, there is nothing to run, or a
+            controller or a trial leads to failed runs only (a law that the cell cannot have, for example);
+            its cause is the first run's error.
+        InfeasibleMotionError: the path of a scenario is out of reach.
         FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
     """
@@ -83,9 +93,10 @@ def compare(
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
     parts, cells = list[_Part](), list[tuple[str, str, str]]()
     for scenario in different(scenarios):
+        base = benchmark_scenario(scenario, duration)
+        require_reach(base)  # gains of the cell are those along its path
         laws = controllers_for(scenario, controllers, tuned=tuned, gains=gains)
         used = gains_used(scenario, controllers, tuned=tuned, gains=gains)
-        base = benchmark_scenario(scenario, duration)
         labels = {
             name: {"information": _information(base, law), "gains": used[name]} for name, law in laws.items()
         }
@@ -94,11 +105,13 @@ def compare(
         parts += _parts(base, laws, tried, seeds, labels)
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
-    parts = _by_engine(parts, execution, folder)
+    points = _points(parts)
+    _require_feasible(points)
+    parts = _by_engine(parts, points, execution, folder)
     merged, frames = _merged(parts, list(map(Path, execution.merge))), []
     for part in parts:
         chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
-        frames.append(_cells(part, sweep(part.plan, out=folder / part.folder, execution=chosen)))
+        frames.append(_cells(part, sweep_plan(part.plan, folder / part.folder, chosen)))
     comparison = Comparison.of_cells(pd.concat(frames).loc[cells], folder)
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")
@@ -161,15 +174,34 @@ def _information(scenario: Scenario, law: dict[str, Any]) -> str:
         return ""
 
 
-def _by_engine(parts: Sequence[_Part], execution: Execution, out: Path) -> list[_Part]:
+def _points(parts: Sequence[_Part]) -> _Points:
+    """Return the scenario of the first run of each cell, or the mistakes in it."""
+    sizes = [(part, len(part.plan) // len(part.cells)) for part in parts]
+    return {
+        (part.scenario, *cell): part.plan.resolved(n * runs)
+        for part, runs in sizes
+        for n, cell in enumerate(part.cells)
+    }
+
+
+def _require_feasible(points: _Points) -> None:
+    """Refuse a controller or a trial that leads to failed runs only, in one of the scenarios."""
+    groups = defaultdict[str, list[Scenario | ScenarioError]](list)
+    for (scenario, controller, trial), point in points.items():
+        groups[f"{scenario}: controllers.{controller}"].append(point)
+        groups[f"{scenario}: trials.{trial}"].append(point)
+    require_feasible_groups(groups)
+
+
+def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, out: Path) -> list[_Part]:
     """Return sweeps of one engine each: the cases that are simulated together apart from the others."""
     divided = list[_Part]()
     for part in parts:
         repeats, batch = len(part.plan) // len(part.cells), part.folder.with_name(f"{part.folder.name}-batch")
         began_singly = (out / part.folder).is_dir() and not (out / batch).is_dir()
         kept = dataclasses.replace(execution, engine="single") if began_singly else execution
-        points = [part.plan.resolved(n) for n in range(0, len(part.plan), repeats)]
-        engines = engines_of(points, execution if execution.engine else kept, [repeats] * len(points))
+        cases = [points[part.scenario, *cell] for cell in part.cells]
+        engines = engines_of(cases, execution if execution.engine else kept, [repeats] * len(cases))
         engine_of = dict(zip(part.cells, engines, strict=True))
         for engine in sorted(set(engines)):
             cells = [cell for cell in part.cells if engine_of[cell] == engine]

@@ -6,9 +6,9 @@ import csv
 import dataclasses
 import io
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from coop_pin.arrays import typed
 from coop_pin.comparison.benchmark import different
@@ -20,6 +20,7 @@ from coop_pin.errors import NothingFeasibleError
 from coop_pin.sweeps import Execution, TuneResult, tune
 from coop_pin.sweeps.dimensions import Span
 from coop_pin.sweeps.execution import HERE
+from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
@@ -27,6 +28,24 @@ TUNED_TRIALS = ("noise", "bias 1 mm", "mass x0.5")
 """Trials of the search: without a bias an anchor has no use, and without an unknown load an integral has none."""
 _COLUMNS = ("scenario", "controller", "field", "value", "low", "high", "runs", "duration_s", "seed", "cost")
 _LOG = logging.getLogger("coop_pin.comparison")
+
+
+class _Search(NamedTuple):
+    """Search for the gains of a controller in a scenario.
+
+    Attributes:
+        name: of the controller.
+        base: the scenario with the controller.
+        ranges: lowest and highest value of each gain, by dotted path.
+        trials: changes of each trial.
+        folder: folder of the runs, within that of all searches.
+    """
+
+    name: str
+    base: Scenario
+    ranges: dict[str, tuple[float, float]]
+    trials: dict[str, dict[str, Any]]
+    folder: Path
 
 
 @typed
@@ -57,42 +76,37 @@ def tune_controllers(
         execution: workers, engine, folders to merge, as for compare.
 
     Raises:
+        FieldError: no run of a controller can succeed; nothing has run then.
+        InfeasibleMotionError: the path of a scenario is out of reach; nothing has run then.
         CoopPinError: whatever ``tune`` raises.
     """
+    searches = [
+        search for scenario in different(scenarios) for search in _searches(scenario, controllers, duration)
+    ]
+    groups = {f"{search.folder.parent}: controllers.{search.name}": [search.base] for search in searches}
+    require_feasible_groups(groups)
     rows = list[dict[str, Any]]()
-    for scenario in different(scenarios):
-        base = benchmark_scenario(scenario, duration)
-        standard = standard_trials(base)
-        trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in TUNED_TRIALS}
-        chosen = controllers_for(scenario, controllers, tuned=False)
-        ranges = {
-            name: {f"controller.{path}": span for path, span in tuned_ranges(name).items()} for name in chosen
-        }
-        bases = {name: base.override({"controller": chosen[name]}) for name in chosen if ranges[name]}
-        for name, law in bases.items():
-            folder = Path(scenario.name, name)
-            merge = tuple(Path(other, folder) for other in execution.merge if Path(other, folder).is_dir())
-            try:
-                result = tune(
-                    law,
-                    {
-                        path: Span(low=low, high=high, scale="log")
-                        for path, (low, high) in ranges[name].items()
-                    },
-                    minimize="cost",
-                    subject_to="t_lambda<1",
-                    metrics=[tuning_cost],
-                    cases=trials,
-                    out=Path(out) / folder,
-                    generations=generations,
-                    population=max(1, size // len(ranges[name])),
-                    seed=TUNED_SEED,
-                    execution=dataclasses.replace(execution, merge=merge),
-                )
-            except NothingFeasibleError as error:
-                _LOG.warning("%s has no tuned gains in %s: %s", name, scenario.name, error)
-            else:
-                rows += _rows(result, base, name, ranges[name])
+    for search in searches:
+        folder, ranges = search.folder, search.ranges
+        merge = tuple(Path(other, folder) for other in execution.merge if Path(other, folder).is_dir())
+        try:
+            result = tune(
+                search.base,
+                {path: Span(low=low, high=high, scale="log") for path, (low, high) in ranges.items()},
+                minimize="cost",
+                subject_to="t_lambda<1",
+                metrics=[tuning_cost],
+                cases=search.trials,
+                out=Path(out) / folder,
+                generations=generations,
+                population=max(1, size // len(ranges)),
+                seed=TUNED_SEED,
+                execution=dataclasses.replace(execution, merge=merge),
+            )
+        except NothingFeasibleError as error:
+            _LOG.warning("%s has no tuned gains in %s: %s", search.name, search.base.name, error)
+        else:
+            rows += _rows(result, search)
     text = io.StringIO()
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -102,15 +116,27 @@ def tune_controllers(
     return rows
 
 
-def _rows(
-    result: TuneResult, scenario: Scenario, name: str, ranges: dict[str, tuple[float, float]]
-) -> list[dict[str, Any]]:
+def _searches(scenario: Scenario, controllers: Sequence[str], duration: float | None) -> Iterator[_Search]:
+    """Yield the search of each controller that has ranges."""
+    base = benchmark_scenario(scenario, duration)
+    require_reach(base)
+    standard = standard_trials(base)
+    trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in TUNED_TRIALS}
+    for name, law in controllers_for(scenario, controllers, tuned=False).items():
+        if ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}:
+            folder = Path(scenario.name, name)
+            yield _Search(name, base.override({"controller": law}), ranges, trials, folder)
+
+
+def _rows(result: TuneResult, search: _Search) -> list[dict[str, Any]]:
     """Return the rows of a controller: its best gains, with ranges, budget and cost."""
-    budget = {"runs": len(result.history.plan), "duration_s": scenario.duration, "seed": TUNED_SEED}
+    scenario, runs = search.base, len(result.history.plan)
+    budget = {"runs": runs, "duration_s": scenario.duration, "seed": TUNED_SEED}
     rows: list[dict[str, Any]] = []
     for path, value in result.tuned.items():
-        low, high = ranges[path]
-        field = {"scenario": scenario.name, "controller": name, "field": path.removeprefix("controller.")}
-        row = field | {"value": f"{value:.6g}", "low": low, "high": high} | budget
+        low, high = search.ranges[path]
+        field = path.removeprefix("controller.")
+        row = {"scenario": scenario.name, "controller": search.name, "field": field}
+        row |= {"value": f"{value:.6g}", "low": low, "high": high} | budget
         rows.append(row | {"cost": f"{result.value:.6g}"})
     return rows

@@ -22,7 +22,7 @@ def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     rows = np.array(alpha)
     if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
         raise FieldError(
-            f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) has no sign"
+            f"is {rows.tolist()}; alpha must be diagonal, otherwise s^T alpha sgn(s) can be negative"
         )
     if np.min(rows) < 0.0:
         raise FieldError(f"is {rows.tolist()}; alpha must not be negative")

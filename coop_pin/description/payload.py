@@ -44,8 +44,7 @@ def _checked(make: Maker) -> Maker:
     def checked(cls: type[Payload], *args: Any, **kwargs: Any) -> Payload:
         positional = signature.bind_partial(cls, *args).arguments
         given = {name: value for name, value in positional.items() if name in fields}
-        made: Payload = make(cls, **dict(arguments(**given, **kwargs)))
-        return made
+        return make(cls, **dict(arguments(**given, **kwargs)))
 
     return cast(Maker, checked)
 

@@ -72,8 +72,7 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
         ArgumentError: a joint has more than one degree of freedom.
     """
     require_type("angles", angles, Mapping)
-    configuration: Array = pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
-    return configuration
+    return pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
 
 
 def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:

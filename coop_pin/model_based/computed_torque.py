@@ -29,7 +29,7 @@ class ComputedTorqueController(ArmController):
     """Computed torque for an arm of a closed chain, with its payload share and an internal force integral.
 
     Tarn, Bejczy and Yun (1987), "Design of dynamic control of two cooperating robot arms: closed chain
-    formulation"; internal force integral as Hsu, Li and Sastry (1989), "On grasping and coordinated
+    formulation"; internal force integral as Li, Hsu and Sastry (1989), "Grasping and coordinated
     manipulation by a multifingered robot hand". Wrenches and twists are about P in world axes, on task rows::
 
         a    = A_d - K_v xtildedot - K_p xtilde

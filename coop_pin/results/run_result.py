@@ -192,9 +192,15 @@ class RunResult:
         engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
         span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}"
         lines = [f"{scenario.name}: {self.verdict()}", span]
-        for name, value in self.metrics().items():
+        values = self.metrics()
+        absent = [name for name, value in values.items() if math.isnan(value)]
+        for name, value in values.items():
+            if name in absent:
+                continue
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
+        if absent:
+            lines.append(f"  does not apply: {', '.join(absent)}")
         if self.windows.steady.is_empty:
             lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
         elif math.isinf(self.settling_time()):

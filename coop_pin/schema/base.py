@@ -208,7 +208,15 @@ def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
     ]
 
 
-class Description(BaseModel):
+class _Listed(type(BaseModel)):  # type: ignore[misc]  # pydantic's metaclass has no public name
+    """Metaclass whose classes list their public names without those of pydantic: ``help`` stays short."""
+
+    def __dir__(cls) -> list[str]:
+        names = {name for base in cls.__mro__ for name in vars(base)} - {*vars(BaseModel)}
+        return sorted(name for name in names if not name.startswith("_"))
+
+
+class Description(BaseModel, metaclass=_Listed):
     """Base of the configuration classes: frozen, no unknown fields, finite numbers only.
 
     Two values are equal if their types and fields are; what a value has precomputed does not count.

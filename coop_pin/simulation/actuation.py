@@ -103,32 +103,27 @@ class TorqueResponse(NamedTuple):
         """Return the torques s seconds after the last target, N m, shape (drives,)."""
         m = np.minimum(s, state.ramp / self.rate)
         error = state.ramp - self.rate * m + state.rest * np.exp((m - s) / self.lag)
-        torque: Array = state.target - state.sign * error
-        return torque
+        return state.target - state.sign * error
 
     def mean(self, state: ResponseState, s: float, duration: float) -> Array:
         """Return the mean torques over a duration that begins at s: their exact impulse, shape (drives,)."""
         error = self._integrated_error(state, s + duration) - self._integrated_error(state, s)
-        torque: Array = state.target - state.sign * error / duration
-        return torque
+        return state.target - state.sign * error / duration
 
     def _integrated_error(self, state: ResponseState, s: float) -> Array:
         """Return the integral of |u - tau| from t_k over s."""
         m = np.minimum(s, state.ramp / self.rate)
         decayed = m - self.lag * np.expm1((m - s) / self.lag)
-        integral: Array = (state.ramp - 0.5 * self.rate * m) * m + state.rest * decayed
-        return integral
+        return (state.ramp - 0.5 * self.rate * m) * m + state.rest * decayed
 
     def is_limited(self, state: ResponseState, duration: float) -> Mask:
         """Return which torques still change at their largest rate after a duration, s, shape (drives,)."""
-        limited: Mask = state.ramp > (1.0 + _SAME) * self.rate * duration
-        return limited
+        return state.ramp > (1.0 + _SAME) * self.rate * duration
 
     def cut(self, state: ResponseState, duration: float) -> Array:
         """Return the part of the change that the rate limit leaves out over a duration, N m, (drives,)."""
         left_out = np.where(self.is_limited(state, duration), state.ramp - self.rate * duration, 0.0)
-        torque: Array = state.sign * left_out
-        return torque
+        return state.sign * left_out
 
 
 class ArmDrives(NamedTuple):
@@ -148,8 +143,8 @@ class ArmDrives(NamedTuple):
 
     def step(
         self, last: Array, command: Array, missed: Array, weight: Array | None
-    ) -> tuple[tuple[Array, Array, Mask], Array]:
-        """Return the torque asked for, that within the limits, and where it was cut; and the last command.
+    ) -> tuple[Array, Array, Mask, Array, Array]:
+        """Return the arm's entries of Applied after the first one, and its last command that arrived.
 
         Args:
             last: Last command that arrived, N m, shape (k,).
@@ -157,11 +152,11 @@ class ArmDrives(NamedTuple):
             missed: Whether it is missed, a mask.
             weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
         """
-        if self.misses:
-            last = command = np.where(missed, last, command)
-        requested = command if weight is None else command + weight
+        arrived = np.where(missed, last, command) if self.misses else command
+        requested = arrived if weight is None else arrived + weight
         torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
-        return (requested, torque, frozen(np.not_equal(torque, requested))), last
+        is_cut, reported = np.not_equal(torque, requested), command + (torque - requested)
+        return requested, torque, frozen(is_cut), frozen(reported), arrived if self.misses else last
 
 
 class DriveState(NamedTuple):
@@ -208,20 +203,19 @@ class CellDrives(NamedTuple):
             gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
             s: Time since the tick before, s.
         """
-        requested, torques, saturated, reported, last = [], [], [], [], []
-        for index, arm in enumerate(self.arms):
-            carried = None if arm.carried is None else arm.carried * weight(index)
-            (asked, torque, cut), command = arm.step(
-                state.last[index], commanded[index], missed[index], carried
+        entries = [
+            arm.step(
+                state.last[index],
+                commanded[index],
+                missed[index],
+                None if arm.carried is None else arm.carried * weight(index),
             )
-            requested.append(asked)
-            torques.append(torque)
-            saturated.append(cut)
-            reported.append(frozen(commanded[index] + (torque - asked)))
-            last.append(command)
+            for index, arm in enumerate(self.arms)
+        ]
+        requested, torques, saturated, reported, last = zip(*entries, strict=True)
         applied = Applied(commanded, requested, torques, saturated, reported)
         if self.response is None or state.response is None:
-            return applied, DriveState(tuple(last), None)
+            return applied, DriveState(last, None)
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
         left_out = self.response.cut(response, self.period)
@@ -230,7 +224,7 @@ class CellDrives(NamedTuple):
             saturated=[frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)],
             reported=[*map(frozen, self.acting(np.concatenate(reported) - left_out, gives))],
         )
-        return applied, DriveState(tuple(last), response)
+        return applied, DriveState(last, response)
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""

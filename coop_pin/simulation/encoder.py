@@ -107,5 +107,4 @@ class Encoders(NamedTuple):
         # A continuous encoder divides by one and keeps the undivided value.
         count = np.where(is_counted, self.resolution, 1.0)
         q = q + noise
-        reading: Array = np.where(is_counted, count * np.round(q / count), q) + self.offset
-        return reading
+        return np.where(is_counted, count * np.round(q / count), q) + self.offset

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,15 @@ from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.dataset import dataset
-from coop_pin.results.quantities import WORK, Samples, allocate, bytes_per_sample, computed, quantities
+from coop_pin.results.quantities import (
+    WORK,
+    Quantity,
+    Samples,
+    allocate,
+    bytes_per_sample,
+    computed,
+    quantities,
+)
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.actuation import Applied
 from coop_pin.simulation.plant import Plant
@@ -56,12 +63,9 @@ class Recorder:
             count * (bytes_per_sample(self._table, sizes) + 8 * (rows + 1) * model.nv),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
-        self._samples = allocate(self._table, count, sizes)
-        self._read = [
-            (self._samples[each.name], each.read, self._entries(each.dims))
-            for each in self._table
-            if each.read
-        ]
+        self._samples, self._work = allocate(self._table, count, sizes), np.full((count, len(WORK)), np.nan)
+        self._samples |= zip(WORK, self._work.T, strict=True)
+        self._read = [(each.read, *self._columns(each)) for each in self._table if each.read]
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         self._turned = {
             index: np.zeros((count, len(arm.drive)))
@@ -94,14 +98,13 @@ class Recorder:
             "external_wrench": plant.payload_wrench(plant.q, plant.v),
             "closure_distance": distances,
             "closure_angle": angles,
-            **dict(zip(WORK, plant.work, strict=True)),
         }.items():
             samples[name][sample] = value
-        for column, read, entries in self._read:
-            row = column[sample, ...]
-            for entry, value in zip(entries, read(measurements, applied), strict=True):
+        for read, columns, entries in self._read:
+            at = sample if entries is None else (sample, entries)
+            for column, value in zip(columns, read(measurements, applied), strict=True):
                 if value is not None:
-                    row[entry] = value
+                    column[at] = value
         for jacobians, measurement in zip(self._jacobians, measurements, strict=True):
             jacobians[sample] = measurement.payload_jacobian
         for index, turned in self._turned.items():
@@ -109,7 +112,7 @@ class Recorder:
             arm = plant.chain.model.arms[index]
             along = arm.angles.along(plant.q[None, arm.q_slice], self._angles[index])
             turned[sample] = self._angles[index] = along[0]
-        self._forces[sample] = plant.force
+        self._work[sample], self._forces[sample] = plant.work, plant.force
         self._observed, self.count = min(self._observed, sample), sample + 1
         if self.count - self._observed == _BLOCK:
             self.observe()
@@ -132,17 +135,17 @@ class Recorder:
             samples[name][new] = values
         self._observed = self.count = new.stop
 
-    def _entries(self, dims: str) -> list[tuple[Any, ...]]:
-        """Return where the values that are read at a tick go in a sample."""
-        rows, arms = list(self._cell.task_rows.indices), self._plant.chain.model.arms
-        if not dims:
-            return [()]
-        match dims.split()[1:]:
-            case ["joint"]:
-                return [(index, slice(len(arm.drive))) for index, arm in enumerate(arms)]
-            case ["axis"]:
-                return [(index, rows) for index in range(len(arms))]
-        return [(index,) for index in range(len(arms))]
+    def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:
+        """Return the samples of each arm, or of a quantity of no arm, and their entries; None for all."""
+        samples, arms = self._samples[quantity.name], self._plant.chain.model.arms
+        match quantity.dims.split():
+            case []:
+                return [samples], None
+            case [_, "joint"]:
+                return [samples[:, index, : len(arm.drive)] for index, arm in enumerate(arms)], None
+            case [_, "axis"]:
+                return [*samples.swapaxes(0, 1)], list(self._cell.task_rows.indices)
+        return [*samples.swapaxes(0, 1)], None
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""

@@ -168,7 +168,7 @@ class CellSensors(NamedTuple):
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
             internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
-            path = self.path.step(path, internal.take(self.rows.indices, axis=1), signals.arrived)
+            path = self.path.step(path, self.rows.select(internal.T).T, signals.arrived)
             frozen(path.measured)
         measured = [
             measurement(
@@ -181,7 +181,8 @@ class CellSensors(NamedTuple):
                 signals.age,
                 frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
                 signals.arms[index].wrist_age,
-                reported_torque=truth.reported[index],
+                None,
+                truth.reported[index],
             )
             for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]

@@ -40,8 +40,7 @@ def where(condition: bool, a: Value, b: Value) -> Value:
     """Return a where the condition holds, otherwise b; both are numbers, or tuples of the same size."""
     if isinstance(condition, bool):
         return a if condition else b
-    chosen: Value = np.where(condition, a, b)
-    return chosen
+    return np.where(condition, a, b)
 
 
 def require_less(value: float, limit: float, error: Callable[[float], Exception]) -> None:

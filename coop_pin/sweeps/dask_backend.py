@@ -47,8 +47,7 @@ class DaskBackend:
 
     def submit(self, batch: Sequence[Job]) -> Future[list[Outcome]]:
         """Send a batch to the scheduler."""
-        future: Future[list[Outcome]] = self._executor.submit(run_pickled, self._name, pickle.dumps(batch))
-        return future
+        return self._executor.submit(run_pickled, self._name, pickle.dumps(batch))
 
     def close(self) -> None:
         """Let the dask workers end the worker processes of this sweep."""

@@ -28,6 +28,7 @@ from coop_pin.progress_bar import ProgressBar
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
 from coop_pin.sweeps.execution import HERE, Execution
+from coop_pin.sweeps.feasibility import require_feasible
 from coop_pin.sweeps.job import Job, Outcome, Record, deadline
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
@@ -264,8 +265,9 @@ def sweep(
 
     Raises:
         ScenarioError: the plan has mistakes, or the scenario of every run has.
-        FieldError: the plan names code that has no file or that workers cannot import, or the scheduler's
-            address is malformed.
+        InfeasibleMotionError: the path of every run is out of reach.
+        FieldError: no run's law fits its cell, the plan names code that has no file or that workers cannot
+            import, or the scheduler's address is malformed.
         MissingExtraError: dask is not installed.
         CodeChangedError: the user's code was edited after it was loaded.
         StoreLockedError: another process works on the folder.
@@ -283,27 +285,21 @@ def sweep(
     if execution.engine is not None:
         fields = {**fields, "engine": execution.engine}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
-    _require_runs(chosen)
-    with open_session(out, execution, len(chosen)) as session:
-        chosen = with_engine(chosen, session.store)
-        session.store.write_plan(chosen)
-        session.compute(chosen, retry_failed=retry_failed)
-        result = SweepResult(chosen, session.store, session.keys)
+    require_feasible(map(chosen.resolved, range(len(chosen))))
+    return sweep_plan(chosen, out, execution, retry_failed=retry_failed)
+
+
+def sweep_plan(
+    plan: SweepPlan, out: str | Path, execution: Execution, *, retry_failed: bool = False
+) -> SweepResult:
+    """Return the results of a plan, as ``sweep`` does, also if every run must fail."""
+    with open_session(out, execution, len(plan)) as session:
+        plan = with_engine(plan, session.store)
+        session.store.write_plan(plan)
+        session.compute(plan, retry_failed=retry_failed)
+        result = SweepResult(plan, session.store, session.keys)
         result.write_tables()
     return result
-
-
-def _require_runs(plan: SweepPlan) -> None:
-    """Refuse a plan in which no scenario is valid; one in which some are not may search for a limit.
-
-    Raises:
-        ScenarioError: with the mistakes of the first run.
-    """
-    first = plan.resolved(0)
-    if isinstance(first, ScenarioError) and all(
-        isinstance(plan.resolved(run), ScenarioError) for run in range(1, len(plan))
-    ):
-        raise first
 
 
 class Estimate(NamedTuple):

@@ -17,6 +17,7 @@ from coop_pin.errors import FieldError, NothingFeasibleError, ScenarioError, nee
 from coop_pin.sweeps.dimensions import Sample, Span
 from coop_pin.sweeps.engine import open_session, with_engine
 from coop_pin.sweeps.execution import HERE, Execution
+from coop_pin.sweeps.feasibility import require_feasible, require_feasible_groups
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import PointResult
@@ -172,6 +173,29 @@ class TuneResult(NamedTuple):
         return {field: self.best.parameters[field] for field in self.history.plan.zipped[0]}
 
 
+def _rows(sample: Sample) -> list[tuple[float, ...]]:
+    """Return the points of a sample, one value for each field."""
+    values = sample.dimension().fields
+    return list(zip(*(values[field] for field in sample.fields), strict=True))
+
+
+def _require_feasible_cases(plan: SweepPlan, size: int) -> None:
+    """Refuse a search of which no point of the first generation can run, in one of the cases at least.
+
+    Args:
+        plan: first generation; its last dimension has the points.
+        size: number of points.
+    """
+    if not plan.cases:
+        require_feasible(map(plan.resolved, range(size)))
+    require_feasible_groups(
+        {
+            f"cases.{name}": map(plan.resolved, range(k * size, (k + 1) * size))
+            for k, name in enumerate(plan.cases.get("case", ()))
+        }
+    )
+
+
 def tune(
     scenario: str | Path | Scenario,
     vary: Ranges,
@@ -208,8 +232,9 @@ def tune(
         execution: workers, engine, folders to merge; "auto" counts the runs of the whole search.
 
     Raises:
-        FieldError: there is no such field, a range is empty, a constraint cannot be read, or the scheduler's
-            address is malformed.
+        FieldError: there is no such field, a range is empty, a constraint cannot be read, no run of the first
+            generation can succeed in a case, or the scheduler's address is malformed.
+        InfeasibleMotionError: the path of every run of the first generation is out of reach.
         NameNotFoundError: runs have no such metric.
         MissingExtraError: optuna is not installed.
         NothingFeasibleError: no run is within all bounds; the folder keeps the runs.
@@ -242,6 +267,7 @@ def tune(
         return SweepPlan(base=base, cases=trials, zipped=(values,), metrics=tuple(metrics), engine=engine)
 
     lowest = plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
+    _require_feasible_cases(plan(_rows(first)), size)
     with open_session(out, execution, total) as session:
         engine = with_engine(lowest, session.store, total).engine
 

@@ -96,8 +96,7 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
         for index, entry in enumerate(tree.ravel().tolist()):
             entries[index] = _like(entry, next(numbers))
         return traced(entries.reshape(tree.shape))
-    made: Tree = kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
-    return made
+    return kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
 
 
 def _like(tree: Any, number: Any) -> Any:

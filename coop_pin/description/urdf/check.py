@@ -56,7 +56,7 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
     """
     data, is_users = _text(urdf), urdf.origin == "user"
     findings = _findings_of_file(urdf, data, urdf.package_dirs if is_users else (), loops=loops)
-    ignored = ("mesh_missing", "loop") if loops else ("mesh_missing",)
+    ignored = ("loop",) if loops else ()
     _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
     return data.decode("utf-8")
 
@@ -80,9 +80,10 @@ def text_checked(text: str, *, loops: bool = False) -> str:
 def _require_usable(
     report: UrdfReport, ignored: Sequence[str], *, strict: bool = False, warn: bool = True
 ) -> None:
-    report = UrdfReport(report.source, tuple(found for found in report.findings if found.code not in ignored))
+    report = report.without(ignored)
     if report.errors(strict=strict):
         raise UrdfError(f"the URDF cannot be used:\n{report.summary(strict=strict)}")
+    report = report.without(("mesh_missing",))  # drawings omit it
     if warn and report.warnings(strict=strict):
         warnings.warn(f"suspicious values in the URDF:\n{report.summary()}", UrdfWarning, stacklevel=3)
 
@@ -110,6 +111,8 @@ def _findings_of_file(
     There, loops are warnings for an arm, which leaves them open, but unread ones are errors for a mechanism.
     """
     findings = _findings(data, package_dirs)
+    if urdf.path.suffix == ".xacro":  # whose expansion is one line, and not what the user wrote
+        findings = tuple(finding._replace(line=0) for finding in findings)
     if urdf.origin == "user":
         return findings
     open_loops = () if loops else ("loop", "loop_unread")

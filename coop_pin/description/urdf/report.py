@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -25,7 +25,7 @@ class UrdfFinding(NamedTuple):
             missing) or "doubtful" (readable, but probably not intended).
         code: short name of the defect; the docstring of the package lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
-        line: line of the file, from 1; 0 for the file as a whole.
+        line: line of the file, from 1; 0 for the file as a whole, and for a xacro's expansion.
         message: what is wrong, with the value, the allowed values and what to do.
     """
 
@@ -37,7 +37,8 @@ class UrdfFinding(NamedTuple):
 
     def __str__(self) -> str:
         """Return the finding as one line of text."""
-        return f"line {self.line}: {self.element}: {self.message} [{self.code}]"
+        place = f"line {self.line}: " if self.line else ""
+        return f"{place}{self.element}: {self.message} [{self.code}]"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ class UrdfReport:
 
     source: str
     findings: tuple[UrdfFinding, ...]
+
+    def without(self, codes: Collection[str]) -> UrdfReport:
+        """Return the report without the findings of some codes."""
+        return UrdfReport(self.source, tuple(found for found in self.findings if found.code not in codes))
 
     def errors(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:
         """Return structural and impossible findings, which make a file unusable; if strict, physical ones."""
