@@ -1,9 +1,9 @@
 """Benchmark of all controllers, from stored gains, in the cells that have them.
 
 Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
-docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png.
+docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png. With --page, only the text, from the CSV.
 
-Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N]
+Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N] [--page]
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from pages import IMAGES, markdown, save_image, write_block
 
 from coop_pin import Execution, Scenario
@@ -32,6 +34,8 @@ from coop_pin.figures import comparison_figure
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
+FORCES = ("nominal", "noise", "bias 0.1 mm", "bias 1 mm", "base turned by 1 mrad", "wrist lost at half time")
+TRACKING = ("nominal", "bias 1 mm", "mass x0.5", "mass x2", "push", "torque of an arm lost")
 NEAR = 0.05
 """Gains closer to an end of their range than this part of it, in logarithms as searched, are counted."""
 
@@ -55,7 +59,11 @@ def text(found: Comparison, duration: float | None) -> str:
         f" {finished} finished, {trusted} trustworthy. Not tuned yet, and so not run: {others or 'none'}."
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
         " 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n"
-        f"{ranks(found)}\n\n{at_ends(tuned)}\n\n"
+        f"{ranks(found)}\n\n"
+        "Internal force, axial and shear together, N, from the cell where it is least to that where it is"
+        f" largest:\n\n{spans(found, force(found), FORCES)}\n\n"
+        "Tracking error in the same way, mm:\n\n"
+        f"{spans(found, found.data['tracking_rms_mm'], TRACKING)}\n\n{at_ends(tuned)}\n\n"
         "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion"
         f" (sampled damping holds below 2):\n\n{stability(names, tuned)}"
     )
@@ -86,10 +94,32 @@ def stability(names: list[str], cells: list[str]) -> str:
     return markdown(("controller", *(f"`{cell}`" for cell in cells)), list(rows))
 
 
+def force(found: Comparison) -> xr.DataArray:
+    """Return the error of the internal force, axial and shear together, N."""
+    return (found.data["axial_rms_N"] ** 2 + found.data["shear_rms_N"] ** 2) ** 0.5
+
+
+def spans(found: Comparison, measure: xr.DataArray, trials: Sequence[str]) -> str:
+    """Return the least and the largest of all cells for each controller and some trials, as a table."""
+    ran = measure.where(found.data["runs"].notnull())
+    ends = [getattr(ran.sel(trial=list(trials)), end)("scenario").T for end in ("min", "max")]
+    rows = [
+        (f"`{name}`", *(f"{rounded(low)} to {rounded(high)}" for low, high in zip(*values, strict=True)))
+        for name, *values in zip(
+            found.data["controller"].values, *(end.values.T for end in ends), strict=True
+        )
+    ]
+    return markdown(("controller", *trials), rows)
+
+
+def rounded(value: float) -> str:
+    """Return a measure to two digits."""
+    return f"{float(f'{value:.2g}'):g}" if math.isfinite(value) else "failed"
+
+
 def ranks(found: Comparison) -> str:
     """Return mean ranks by tracking and by both internal forces, and the share of trustworthy runs."""
-    force = found.data["axial_rms_N"] ** 2 + found.data["shear_rms_N"] ** 2
-    by_force = Comparison(found.data.assign(axial_rms_N=force)).ranks("axial_rms_N")
+    by_force = Comparison(found.data.assign(axial_rms_N=force(found))).ranks("axial_rms_N")
     by_tracking = found.ranks("tracking_rms_mm")
     runs = found.table.groupby("controller")[["runs", "trustworthy"]].sum()
     classes = {row["controller"]: row["information"] for _, row in found.table.reset_index().iterrows()}
@@ -121,7 +151,11 @@ def main() -> None:
     parser.add_argument("--trials", nargs="+", help="names; all when omitted")
     parser.add_argument("--workers", type=int, help="processes; one for each processor when omitted")
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "benchmark")
+    parser.add_argument("--page", action="store_true", help="only write the text, from the CSV")
     asked = parser.parse_args()
+    if asked.page:
+        write_block(PAGE, "benchmark", text(Comparison.load(DATA), asked.duration))
+        return
     cells = tuned_cells()
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
     wanted = asked.trials or list(known)
