@@ -388,6 +388,17 @@ def test_a_batch_is_the_single_run():
     require_same_samples(BatchSimulator().run([scenario]).result(0).data, cp.run(scenario).data)
 
 
+@pytest.mark.slow
+def test_a_bias_of_three_quarters_ramps_where_the_bar_turns():
+    """|b_i - bbar| of 12 and 15 mm, b_max 20 mm: 6 N that stay, and 3.7 N/s."""
+    for tip, end, ramp in ((24e-3, 6.0, 0.0), (30e-3, 41.1, 3.7)):
+        off = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [tip, 0.0, 0.0]}
+        data = cp.run("adept-anchored", BOUND | off | {"clock.steps_per_tick": 1}).data
+        error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
+        before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
+        assert_allclose((last, (last - before) / 2.0), (end, ramp), atol=0.1)
+
+
 # ------------------------------------------------------------ cells of the catalogue
 
 TUNED = {"pose_gain": 7.66324, "sign_gain": 0.235618, "anchor_gain": 0.0252397}
