@@ -216,8 +216,8 @@ class TickCode:
         kernel.write("surroundings", changed)
         if {*changed} - {"push"}:  # a push does its work while it lasts
             gain = energy_gain(before, before._replace(**changed), self._motion(kernel, constants))
-            *works, done = kernel.read("work")
-            kernel.write("work", [*works, done + gain])
+            *works, last = kernel.read("work")
+            kernel.write("work", [*works, last + gain])
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:

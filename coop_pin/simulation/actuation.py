@@ -37,7 +37,7 @@ class Applied(NamedTuple):
         requested: torques asked of the drives: the last command that arrived and the robot's gravity
             compensation.
         torques: torques that act at the tick.
-        saturated: which of them the torque limits cut, or their rate limits over the whole tick.
+        saturated: mask of those that the torque limits cut, or their rate limits over the whole tick.
         reported: parts of the commands that act, see ArmMeasurement.
     """
 
@@ -74,7 +74,7 @@ class TorqueResponse(NamedTuple):
     Every row has one value for each drive.
 
     Attributes:
-        at_once: which drives have neither lag nor rate limit.
+        at_once: mask of the drives with neither lag nor rate limit.
         lag: time constant, s.
         rate: largest rate, N m/s.
     """
@@ -240,8 +240,8 @@ class Actuation:
 
     Attributes:
         drives: the drives.
-        state: their memory.
-        lost_at: when each arm loses its torque, s; inf for never.
+        state: memory of the drives.
+        lost_at: time at which each arm loses its torque, s; inf for never.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
@@ -255,13 +255,13 @@ class Actuation:
         Raises:
             FieldError: the number of rate limits differs from the number of an arm's joints.
         """
-        self._places, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
-        self._names = [place.name for place in self._places]
+        self._slots, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
+        self._names = [slot.name for slot in self._slots]
         self._models = [CellArm(cell, name) for name in self._names]
         self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
         lost = [scenario.actuators_of(name).torque_lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
-        arms = tuple(map(partial(_arm_drives, scenario), self._places, limits))
+        arms = tuple(map(partial(_arm_drives, scenario), self._slots, limits))
         period = scenario.clock.period
         self.drives = CellDrives(arms, self._response(scenario, arms), period)
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
@@ -359,16 +359,16 @@ class Actuation:
 
     def _holding_torque(self, index: int, q: Array) -> Array:
         """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""
-        place, model = self._places[index], self._models[index]
+        slot, model = self._slots[index], self._models[index]
         rest = np.zeros(model.nv)
-        tau = model.inverse_dynamics(q[place.q_slice], rest, rest, self._loads[index])
-        return np.asarray(np.linalg.solve(place.drive.T, tau), dtype=np.float64)
+        tau = model.inverse_dynamics(q[slot.q_slice], rest, rest, self._loads[index])
+        return np.asarray(np.linalg.solve(slot.drive.T, tau), dtype=np.float64)
 
     def _weight(self, q: Array, index: int) -> Array:
         """Return T^-T g(q): the arm's weight at its drives, N m, shape (k,)."""
-        place, model = self._places[index], self._models[index]
-        g = model.nonlinear_effects(q[place.q_slice], np.zeros(model.nv))
-        return np.asarray(np.linalg.solve(place.drive.T, g), dtype=np.float64)
+        slot, model = self._slots[index], self._models[index]
+        g = model.nonlinear_effects(q[slot.q_slice], np.zeros(model.nv))
+        return np.asarray(np.linalg.solve(slot.drive.T, g), dtype=np.float64)
 
     def commanded(self, command: CellCommand) -> list[Array]:
         """Return the torques of a command as arrays.
@@ -387,9 +387,9 @@ class Actuation:
         return torques
 
 
-def _arm_drives(scenario: Scenario, place: ArmPlace, limits: JointLimits) -> ArmDrives:
+def _arm_drives(scenario: Scenario, slot: ArmPlace, limits: JointLimits) -> ArmDrives:
     """Return the drives of an arm before lag."""
-    options = scenario.actuators_of(place.name)
+    options = scenario.actuators_of(slot.name)
     robot = options.gravity_compensation
     carried = None if robot is None else 1.0 + robot.mass_error
-    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, place.v_slice)
+    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, slot.v_slice)

@@ -64,7 +64,7 @@ class Truth(NamedTuple):
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
         signals: errors of the sensors, and when samples arrive.
-        saturated: which drive torques were cut over the last tick, shape (k,) each.
+        saturated: masks of the drive torques that were cut over the last tick, shape (k,) each.
         reported: parts of the last commands that acted, N m, shape (k,) each; zero at the first.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
@@ -154,8 +154,8 @@ class CellSensors(NamedTuple):
             return state
         joints, _ = self._joints(state, truth, view)
         desired = [
-            self.rows.turn(seen.pose, reference.internal_wrench)
-            for (seen, _, _), reference in zip(joints, references, strict=True)
+            self.rows.turn(payload.pose, reference.internal_wrench)
+            for (payload, _, _), reference in zip(joints, references, strict=True)
         ]
         return state._replace(path=self.path.start(np.stack(desired)))
 
@@ -164,7 +164,7 @@ class CellSensors(NamedTuple):
         joints, encoders = self._joints(state, truth, view)
         signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
         if wrists:
-            wrists = self._wrists(state, truth, [seen.pose for seen, _, _ in joints])
+            wrists = self._wrists(state, truth, [payload.pose for payload, _, _ in joints])
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
             internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
@@ -172,7 +172,7 @@ class CellSensors(NamedTuple):
             frozen(path.measured)
         measured = [
             measurement(
-                seen,
+                payload,
                 q,
                 v,
                 truth.time,
@@ -184,7 +184,7 @@ class CellSensors(NamedTuple):
                 None,
                 truth.reported[index],
             )
-            for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
+            for index, (arm, (payload, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
         return measured, SensorState(encoders, wrists, path)
 
@@ -214,24 +214,24 @@ class CellSensors(NamedTuple):
         )
 
 
-def cell_sensors(scenario: Scenario, places: Sequence[ArmPlace]) -> CellSensors:
+def cell_sensors(scenario: Scenario, slots: Sequence[ArmPlace]) -> CellSensors:
     """Return the sensors of a cell.
 
     Args:
         scenario: Cell, sensors and force path.
-        places: Positions of the arms in the cell's model.
+        slots: Positions of the arms in the cell's model.
 
     Raises:
         FieldError: a row of values for each joint has another size.
     """
-    sensors = [scenario.sensors_of(place.name) for place in places]
+    sensors = [scenario.sensors_of(slot.name) for slot in slots]
     wrists, path, arms = [options.wrist for options in sensors], scenario.controller.force_path, []
-    for place, options in zip(places, sensors, strict=True):
-        encoders, k = None, len(place.drive)
+    for slot, options in zip(slots, sensors, strict=True):
+        encoders, k = None, len(slot.drive)
         if not options.joints_are_ideal:
-            name = _path(scenario, place.name)
+            name = _path(scenario, slot.name)
             encoders = Encoders.of_sensors(options, scenario.clock.period, k, name)
-        arms.append(ArmSensors(place.drive, place.from_drive, encoders, options.wrist is not None))
+        arms.append(ArmSensors(slot.drive, slot.from_drive, encoders, options.wrist is not None))
     at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
     if path.measures:
@@ -254,7 +254,7 @@ class Sensing:
     def __init__(
         self,
         scenario: Scenario,
-        places: Sequence[ArmPlace],
+        slots: Sequence[ArmPlace],
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
     ) -> None:
@@ -262,23 +262,23 @@ class Sensing:
 
         Args:
             scenario: Cell, sensors and force path.
-            places: Positions of the arms in the cell's model.
+            slots: Positions of the arms in the cell's model.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
 
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._scenario, self._places, self._holding_torques = scenario, places, holding_torques
+        self._scenario, self._slots, self._holding_torques = scenario, slots, holding_torques
         self._kinematics, self._angles, self._holding_factors = [], list[Array](), []
-        for place in places:
-            arm, grasp, k = scenario.cell.arms[place.name], scenario.cell.grasps[place.name], len(place.drive)
+        for slot in slots:
+            arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
             self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
-            self._angles.append(place.posture)
-            error = np.array(scenario.sensors_of(place.name).holding_torque_error)
-            path = f"{_path(scenario, place.name)}.holding_torque_error"
+            self._angles.append(slot.posture)
+            error = np.array(scenario.sensors_of(slot.name).holding_torque_error)
+            path = f"{_path(scenario, slot.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))
-        self.sensors = cell_sensors(scenario, places)
+        self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
@@ -287,18 +287,18 @@ class Sensing:
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
-        cell, place = self._scenario.cell, self._places[0]
-        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._places]
+        cell, first = self._scenario.cell, self._slots[0]
+        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._slots]
         free = [frozen(torque > 0.0) for torque in rest]
         self._signals = SensorSignals(self._scenario, [len(torque) for torque in rest]).rows()
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
-            R_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
+            R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
         return [
-            seen._replace(holding_torque=frozen(torque * factor))
-            for seen, torque, factor in zip(
+            reading._replace(holding_torque=frozen(torque * factor))
+            for reading, torque, factor in zip(
                 measured, self._holding_torques(q), self._holding_factors, strict=True
             )
         ]
@@ -326,16 +326,16 @@ class Sensing:
             v: Velocity of the cell, shape (nv,).
             others: Fields of Truth after the signals.
         """
-        for index, place in enumerate(self._places):
-            angles = q[place.q_slice]
-            if not place.angles.is_vector:
-                angles = place.angles.near(angles, self._angles[index])
+        for index, slot in enumerate(self._slots):
+            angles = q[slot.q_slice]
+            if not slot.angles.is_vector:
+                angles = slot.angles.near(angles, self._angles[index])
             self._angles[index] = angles
-        rates = [v[place.v_slice] for place in self._places]
+        rates = [v[slot.v_slice] for slot in self._slots]
         return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
-        place = self._places[index]
+        slot = self._slots[index]
         return self._kinematics[index].view(
-            q[place.q_slice] if angles is None else place.angles.configuration(angles)
+            q[slot.q_slice] if angles is None else slot.angles.configuration(angles)
         )

@@ -53,7 +53,7 @@ class Simulation:
 
     Attributes:
         scenario: the scenario, with the events added since the start.
-        controller: it sees measurements only.
+        controller: controller of the cell, from measurements only.
         controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.

@@ -55,9 +55,9 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
     if plan.engine == "single":
         return plan
     with contextlib.suppress(FileReadError):
-        kept = store.read_plan()
-        if plan.engine == "auto" and kept.replace(engine="auto") == plan:
-            return kept
+        last_plan = store.read_plan()
+        if plan.engine == "auto" and last_plan.replace(engine="auto") == plan:
+            return last_plan
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
     (choice,) = choose_engines([plan.resolved(0)], plan.engine, count, traces_user_code=False)
@@ -79,7 +79,7 @@ class Session:
     Attributes:
         store: the folder.
         bar: the progress bar.
-        keys: of the points of the last plan.
+        keys: keys of the points of the last plan.
     """
 
     keys: list[str]
@@ -286,13 +286,13 @@ def sweep(
     fields = plan if axes is None else {**plan, "axes": axes}
     if execution.engine is not None:
         fields = {**fields, "engine": execution.engine}
-    chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
-    _require_runs(chosen)
-    with open_session(out, execution, len(chosen)) as session:
-        chosen = with_engine(chosen, session.store)
-        session.store.write_plan(chosen)
-        session.compute(chosen, retry_failed=retry_failed)
-        result = SweepResult(chosen, session.store, session.keys)
+    sweep_plan = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
+    _require_runs(sweep_plan)
+    with open_session(out, execution, len(sweep_plan)) as session:
+        sweep_plan = with_engine(sweep_plan, session.store)
+        session.store.write_plan(sweep_plan)
+        session.compute(sweep_plan, retry_failed=retry_failed)
+        result = SweepResult(sweep_plan, session.store, session.keys)
         result.write_tables()
     return result
 
