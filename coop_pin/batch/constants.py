@@ -15,8 +15,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.actuation import CellDrives, DriveState
-from coop_pin.simulation.sensing import CellSensors
+from coop_pin.simulation.drives import CellDrives, DriveState
+from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced

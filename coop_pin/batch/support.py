@@ -16,7 +16,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import Truth
+from coop_pin.simulation.sensors import Truth
 from coop_pin.simulation.signals import SensorSignals
 from coop_pin.tracing.tree import structure
 

@@ -20,8 +20,9 @@ from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
-from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState, TorqueResponse
-from coop_pin.simulation.sensing import Truth, View
+from coop_pin.simulation.actuation import TORQUE_LIMIT
+from coop_pin.simulation.drives import Applied, DriveState, TorqueResponse
+from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.generic_numbers import inverse
 from coop_pin.tracing import elementary
