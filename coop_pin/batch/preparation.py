@@ -41,7 +41,7 @@ class PreparedPlant:
         read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
             batch.
         labels: names and limits of arms and joints.
-        kind: what the runs of a batch must share besides numbers, the controller apart.
+        kind: structure that the runs of a batch share besides numbers, the controller apart.
     """
 
     def __init__(self, scenario: Scenario) -> None:

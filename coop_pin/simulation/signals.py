@@ -151,9 +151,9 @@ class SensorSignals:
         arms = tuple(self._arm(index, ticks) for index in range(len(self._wrists)))
         if self._path_delay is None:
             return CellSignals(arms, np.zeros(count), np.full(count, np.inf))
-        sent = self._sent(ticks - self._path_delay)
-        is_new = sent > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
-        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(sent > 0.0, sent, -np.inf))
+        newest = self._sent(ticks - self._path_delay)
+        is_new = newest > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
+        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(newest > 0.0, newest, -np.inf))
 
     def rows(self) -> Iterator[CellSignals]:
         """Yield the signals of one tick after the other."""
