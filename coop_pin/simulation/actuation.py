@@ -138,12 +138,14 @@ class ArmDrives(NamedTuple):
         limit: torque limits, N m, shape (k,).
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
+        keeps_weight: whether a loss takes the commands alone, not what the robot adds to them.
         entries: entries of the values of all drives that are its own.
     """
 
     limit: Array
     carried: float | None
     misses: bool
+    keeps_weight: bool
     entries: slice
 
     def step(
@@ -205,19 +207,18 @@ class CellDrives(NamedTuple):
             commanded: Torques by the controller, N m, shape (k,) each.
             missed: Masks, whether each arm misses the tick, shape (m,).
             weight: Function that returns T^-T g(q) of an arm by its index, N m, shape (k,).
-            gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
+            gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
             s: Time since the tick before, s.
         """
         requested, torques, saturated, reported, last = [], [], [], [], []
         for index, arm in enumerate(self.arms):
             carried = None if arm.carried is None else arm.carried * weight(index)
-            (asked, torque, cut), command = arm.step(
-                state.last[index], commanded[index], missed[index], carried
-            )
+            received = gives[index] * commanded[index] if arm.keeps_weight else commanded[index]
+            (asked, torque, cut), command = arm.step(state.last[index], received, missed[index], carried)
             requested.append(asked)
             torques.append(torque)
             saturated.append(cut)
-            reported.append(frozen(commanded[index] + (torque - asked)))
+            reported.append(frozen(received + (torque - asked)))
             last.append(command)
         applied = Applied(commanded, requested, torques, saturated, reported)
         if self.response is None or state.response is None:
@@ -234,7 +235,10 @@ class CellDrives(NamedTuple):
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
-        return [factor * torque for factor, torque in zip(gives, self.split(torques), strict=True)]
+        return [
+            torque if arm.keeps_weight else factor * torque
+            for arm, factor, torque in zip(self.arms, gives, self.split(torques), strict=True)
+        ]
 
     def split(self, values: Any) -> list[Any]:
         """Return the part of each arm of the values of all drives."""
@@ -247,7 +251,7 @@ class Actuation:
     Attributes:
         drives: the drives.
         state: their memory.
-        lost_at: when each arm loses its torque, s; inf for never.
+        lost_at: when each arm loses its torque or its commands, s; inf for never.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
@@ -265,7 +269,7 @@ class Actuation:
         self._names = [place.name for place in self._places]
         self._models = [CellArm(cell, name) for name in self._names]
         self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
-        lost = [scenario.actuators_of(name).torque_lost_at for name in self._names]
+        lost = [scenario.actuators_of(name).lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
         arms = tuple(map(partial(_arm_drives, scenario), self._places, limits))
         period = scenario.clock.period
@@ -398,4 +402,10 @@ def _arm_drives(scenario: Scenario, place: ArmPlace, limits: JointLimits) -> Arm
     options = scenario.actuators_of(place.name)
     robot = options.gravity_compensation
     carried = None if robot is None else 1.0 + robot.mass_error
-    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, place.v_slice)
+    return ArmDrives(
+        limits.torque,
+        carried or None,
+        options.missed_ticks > 0.0,
+        options.commands_lost_at is not None,
+        place.v_slice,
+    )
