@@ -28,7 +28,7 @@ class Actuation:
     Attributes:
         drives: the drives.
         state: memory of the drives.
-        lost_at: time at which each arm loses its torque, s; inf for never.
+        lost_at: time at which each arm loses its torque or its commands, s; inf for never.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
@@ -46,7 +46,7 @@ class Actuation:
         self._names = [slot.name for slot in self._slots]
         self._models = [CellArm(cell, name) for name in self._names]
         self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
-        lost = [scenario.actuators_of(name).torque_lost_at for name in self._names]
+        lost = [scenario.actuators_of(name).lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
         self.drives = cell_drives(scenario, self._slots, limits)
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)

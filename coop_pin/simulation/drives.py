@@ -124,12 +124,14 @@ class ArmDrives(NamedTuple):
         limit: torque limits, N m, shape (k,).
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
+        keeps_weight: whether a loss takes the commands alone, not what the robot adds to them.
         entries: entries of the values of all drives that are its own.
     """
 
     limit: Array
     carried: float | None
     misses: bool
+    keeps_weight: bool
     entries: slice
 
     def step(
@@ -191,13 +193,13 @@ class CellDrives(NamedTuple):
             commanded: Torques by the controller, N m, shape (k,) each.
             missed: Masks, whether each arm misses the tick, shape (m,).
             weight: Function that returns T^-T g(q) of an arm by its index, N m, shape (k,).
-            gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
+            gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
             s: Time since the tick before, s.
         """
         entries = [
             arm.step(
                 state.last[index],
-                commanded[index],
+                gives[index] * commanded[index] if arm.keeps_weight else commanded[index],
                 missed[index],
                 None if arm.carried is None else arm.carried * weight(index),
             )
@@ -219,7 +221,10 @@ class CellDrives(NamedTuple):
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
-        return [factor * torque for factor, torque in zip(gives, self.split(torques), strict=True)]
+        return [
+            torque if arm.keeps_weight else factor * torque
+            for arm, factor, torque in zip(self.arms, gives, self.split(torques), strict=True)
+        ]
 
     def split(self, values: Any) -> list[Any]:
         """Return the part of each arm of the values of all drives."""
@@ -246,7 +251,8 @@ def _arm_drives(scenario: Scenario, slot: ArmPlace, limits: JointLimits) -> ArmD
     options = scenario.actuators_of(slot.name)
     robot = options.gravity_compensation
     carried = None if robot is None else 1.0 + robot.mass_error
-    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, slot.v_slice)
+    keeps_weight = options.commands_lost_at is not None
+    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, keeps_weight, slot.v_slice)
 
 
 def _response(scenario: Scenario, names: Sequence[str], arms: Sequence[ArmDrives]) -> TorqueResponse | None:

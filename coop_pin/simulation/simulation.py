@@ -210,7 +210,7 @@ class Simulation:
 
     def _timeline(self) -> Timeline:
         scenario = self.scenario
-        lost = [scenario.actuators_of(name).torque_lost_at for name in scenario.cell.arms]
+        lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
         return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
 

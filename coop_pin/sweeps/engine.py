@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import EngineChoice, choose_engines
+from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import (
     FieldError,
     FileReadError,
