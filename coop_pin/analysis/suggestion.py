@@ -113,6 +113,7 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     lines = (
         *_gain_limits(scenario, proposal),
         *_null_space(proposal, loop),
+        *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
@@ -195,6 +196,15 @@ def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:
         yield (
             f"null space: stiffness {posture.stiffness:g}, damping {posture.damping:g}; the"
             f" {loop.spare.name} decays with {loop.spare_rate:.3g} /s or faster along the motion"
+        )
+
+
+def _moment(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
+    """Yield the internal moment of positional rows, which nothing limits."""
+    if not scenario.cell.controls_turns:
+        yield (
+            f"internal moment: up to {proposal.internal_moment:.3g} N m beside the desired one; no task row"
+            " controls it, weights, friction and springs of postures decide"
         )
 
 
