@@ -168,7 +168,7 @@ class Check:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
         sampled = motion_stability(simulation, found)
-        stable = sampled, loop_stability(simulation, found), step_stability(simulation)
+        stable = sampled, loop_stability(simulation, found), step_stability(simulation, found)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, found).summary()}")
         posture = getattr(scenario.controller, "posture", None)
