@@ -36,6 +36,8 @@ _SPARE_RATE = 1.0
 """Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""
 _SOFTEST, _STIFFEST = 5.0, 640.0
 """Springs of the posture that are tried, N m/rad."""
+_STEP_PART = 0.9
+"""Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _AWAY = 0.3
 """Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
@@ -105,9 +107,9 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
     proposal, suggested, loop = _held(scenario, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
-    steps = step_stability(simulation)
-    if not steps.ok:
-        count = math.ceil(steps.steps_per_tick * steps.value / steps.limit)
+    steps = step_stability(simulation, cell_reach)
+    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
+    if count > steps.steps_per_tick:
         suggested = suggested.override({"clock.steps_per_tick": count})
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (

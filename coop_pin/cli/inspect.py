@@ -168,7 +168,7 @@ class Check:
             return OK if ok else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
         sampled = motion_stability(simulation, reach)
-        stable = sampled, loop_stability(simulation, reach), step_stability(simulation)
+        stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, reach).summary()}")
         posture = getattr(scenario.controller, "posture", None)
