@@ -17,7 +17,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import MissingExtraError
+from coop_pin.errors import needs_extra
 from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
@@ -93,10 +93,8 @@ def _llvm() -> Any:
     Raises:
         MissingExtraError: it is not installed.
     """
-    try:
+    with needs_extra("llvmlite", "fast", "to compile batches of runs"):
         import llvmlite.binding as llvm
-    except ImportError:
-        raise MissingExtraError("llvmlite", "fast", "to compile batches of runs") from None
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm
