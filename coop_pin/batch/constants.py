@@ -153,10 +153,7 @@ def changes(scenario: Scenario, timeline: Timeline) -> tuple[dict[str, Any], ...
 
 def start(run: Simulation) -> Start:
     """Return the start of a run."""
-    q, holding = [], []
-    measurements = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    for arm, measurement in zip(run.plant.chain.model.arms, measurements, strict=True):
-        q.append(arm.angles.near(run.plant.q[arm.q_slice], arm.posture))
-        assert measurement.holding_torque is not None
-        holding.append(measurement.holding_torque)
-    return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)
+    q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
+    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
+    holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
+    return Start(np.concatenate(angles), np.concatenate(holding), run.actuation.state)

@@ -67,12 +67,11 @@ class Actuation:
         Args:
             q: Configuration of the cell at rest.
         """
-        commands = []
-        for index, arm in enumerate(self.drives.arms):
-            torque = self._holding_torque(index, q)
-            carried = 0.0 if arm.carried is None else arm.carried * self._weight(q, index)
-            commands.append(frozen(torque - carried))
-        return commands
+        carried = [
+            0.0 if arm.carried is None else arm.carried * self._weight(q, index)
+            for index, arm in enumerate(self.drives.arms)
+        ]
+        return [frozen(self._holding_torque(index, q) - weight) for index, weight in enumerate(carried)]
 
     def apply(self, time: float, command: CellCommand, q: Array) -> Applied:
         """Return what the actuators make of a command.
