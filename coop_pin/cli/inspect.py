@@ -144,6 +144,7 @@ class Check:
             closure_problem,
             gain_proposal,
             implausible_numbers,
+            loads_without_an_arm,
             loop_stability,
             motion_stability,
             reachability,
@@ -165,6 +166,12 @@ class Check:
         ok = found.ok and torques.ok and not singular
         if not found.ok or scenario.controller.user_code:
             return OK if ok else FAILED
+        for arm, (limp, carried) in loads_without_an_arm(scenario, found).items():
+            if limp > 1.0:
+                print(
+                    f"  ! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
+                    f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
+                )
         simulation = Simulation(scenario, build_controller(scenario))
         sampled = motion_stability(simulation, found)
         stable = sampled, loop_stability(simulation, found), step_stability(simulation)
