@@ -483,6 +483,10 @@ def test_a_bias_of_three_quarters_ramps_where_the_bar_turns():
 
 # ------------------------------------------------------------ cells of the catalogue
 
+CELLS = (
+    *("adept-anchored", "five-joint-pair", "kinova-pair", "panda-ur5-bar"),
+    *("three-ur5-far", "three-ur5-plate", "two-pandas-box"),
+)
 TUNED = {"pose_gain": 7.66324, "sign_gain": 0.235618, "anchor_gain": 0.0252397}
 """Gains of two Pandas by the benchmark's search at 4824ca2."""
 
@@ -541,13 +545,7 @@ def test_survivors_hold_the_payload_within_the_bound(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("adept-anchored", "five-joint-pair", "kinova-pair", "panda-ur5-bar"),
-        *("three-ur5-far", "three-ur5-plate", "two-pandas-box"),
-    ],
-)
+@pytest.mark.parametrize("name", CELLS)
 def test_everyday_biases_are_as_without_a_bound(name):
     """A tip that is 5, 10 and 15 mm off, a base turned by 10 mrad: the same torques, bit by bit."""
     scenario = Scenario.load(name)
@@ -560,6 +558,39 @@ def test_everyday_biases_are_as_without_a_bound(name):
     for index in range(len(cases)):
         torques = [runs.result(index).data.torque for runs in (bounded, without)]
         assert_array_equal(*torques)
+
+
+def attacked(base, seed):
+    """Every tip up to 10 mm off, noise, late or rare samples, two losses or one stuck wrist; at most 8 s."""
+    rng, duration = np.random.default_rng([seed, 27]), min(8.0, base.duration)
+    changes = {"seed": seed, "events": [], "duration": duration}
+    for arm in base.cell.arms:
+        tip = rng.normal(size=3)
+        tip *= 1e-2 * rng.uniform() / np.linalg.norm(tip)
+        changes[f"cell.arms.{arm}.calibration_error.tip.xyz"] = tip.tolist()
+    starts = rng.uniform(0.0, duration - 0.1, size=2)
+    lost = [(t, min(duration, t + rng.uniform(0.05, 7.0))) for t in starts.tolist()]
+    wrist = {"noise": {"force": 1.0, "moment": 0.05}, "delay": (0, 3, 0)[seed % 3]}
+    wrist["rate_hz"] = base.clock.rate_hz / (1, 1, 5)[seed % 3]
+    changes["sensors.wrist"] = wrist if seed % 4 == 3 else wrist | {"lost": lost}
+    if seed % 4 == 3:
+        stuck = wrist | {"stuck_at": float(rng.uniform(1.0, duration))}
+        changes["arm_sensors"] = {list(base.cell.arms)[seed % len(base.cell.arms)]: {"wrist": stuck}}
+    return base.override(changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "seeds"),
+    [
+        *(("adept-anchored", range(3)), ("three-ur5-far", (0, 3, 4, 9))),
+        *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
+    ],
+)
+def test_no_random_attack_on_the_measurements_loses_the_payload(name, seeds):
+    """504 runs in all; the centre that turns, and time without measurements, decide most of them."""
+    runs = BatchSimulator().run([attacked(Scenario.load(name), seed) for seed in seeds])
+    ends = [last_second(runs.result(index)) for index in range(len(seeds))]
+    assert max(position for (position, _), _, _ in ends) < 20e-3
 
 
 def test_steady_errors_know_the_bound():

@@ -145,6 +145,7 @@ class Check:
             gain_proposal,
             implausible_numbers,
             internal_moment,
+            loads_without_an_arm,
             loop_stability,
             motion_stability,
             reachability,
@@ -166,6 +167,12 @@ class Check:
         ok = reach.ok and torques.ok and not singular
         if not reach.ok or scenario.controller.user_code:
             return OK if ok else FAILED
+        for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
+            if limp > 1.0:
+                print(
+                    f"  ! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
+                    f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
+                )
         simulation = Simulation(scenario, build_controller(scenario))
         sampled = motion_stability(simulation, reach)
         stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
