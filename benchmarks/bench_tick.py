@@ -20,7 +20,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import ArmMeasurement
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import measurement
+from coop_pin.simulation.sensors import measurement
 
 UNIT = "constraintDynamics"
 STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"

@@ -146,9 +146,7 @@ def lazy_names(
         elif name in packages:
             value = importlib.import_module(f"{package}.{name}")
         else:
-            from coop_pin.errors import suggestion  # only then
-
-            hint = suggestion(name, [*public, *packages])
+            hint = importlib.import_module(f"{__name__}.errors").suggestion(name, [*public, *packages])
             raise AttributeError(f"module {package!r} has no attribute {name!r}; {hint}")
         setattr(sys.modules[package], name, value)
         return value

@@ -150,7 +150,7 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)
 
 # %% [markdown]
 # Half of the bias stays in the position, because the arms' kinematics place the bar differently. The anchored
-# law has no sag, and a small force. For arms that act each on its own view, with the own wrist alone or with
+# law has no sag, and a small force. For equal laws, each on its own view, with the own wrist alone or with
 # no wrench, the product of sag and internal force has a lower bound, whatever the gains. A bias that can be
 # zeroed needs no wrench sensor. All four laws here measured the holding torque once, at the start.
 #

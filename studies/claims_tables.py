@@ -134,7 +134,7 @@ def force(runs: pd.DataFrame) -> Claim:
     falls = late_0 <= early_0 / TWICE, late <= early / TWICE and late_0 <= early_0 / TWICE
     return Claim(
         "Internal-force errors converge to zero (Theorem 3)",
-        "exact kinematics, one $x$ for all arms, rigid grasps, $\\alpha$ large enough",
+        "exact kinematics, one $x$ and one $\\gamma$ for all arms, rigid grasps, $\\alpha$ large enough",
         (
             Rule(
                 f"at most {SMALL_N:g} N rms from 4 to 10 s at α = 0 (in part), and with the integral",

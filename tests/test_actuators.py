@@ -12,7 +12,7 @@ from coop_pin.analysis import static_torques
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import FieldError, ScenarioError
-from coop_pin.simulation.actuation import TorqueResponse
+from coop_pin.simulation.drives import TorqueResponse
 from coop_pin.simulation.transmission import friction
 
 ACCELERATION = (0.0, -3.0, -9.81)
@@ -294,6 +294,26 @@ def test_an_arm_gives_no_torque_from_its_time_on_between_ticks_as_well(name, lag
     assert_allclose(ends[0], ends[1], rtol=0, atol=accuracy)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.02])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_arm_without_commands_keeps_its_own_weight(name, lag):
+    """As with a command of zero, from the first tick at or after the time."""
+    last = list(SCENARIOS[name]().cell.arms)[-1]
+    robot = {"lag": lag, "gravity_compensation": {"mass_error": 0.1}}
+    runs = []
+    for actuators, lost in (({"commands_lost_at": 0.0325}, np.inf), ({}, 0.035)):
+        scenario = cell_of(name, **{f"arm_actuators.{last}": robot | actuators})
+
+        def commands(t, holding, lost=lost):
+            *others, own = stepped(t, holding)
+            return [*others, own * float(t < lost - 1e-9)]
+
+        runs.append(cp.simulate(scenario, Given(commands)).data)
+    assert_allclose(runs[0].torque.values, runs[1].torque.values, rtol=0, atol=1e-12)
+    assert (applied(runs[0], -1)[0][-1] != 0.0).all()
+    assert (applied(runs[1], -1)[0][-1] == 0.0).all()
+
+
 # ---------------------------------------------------------------- stiction
 
 
@@ -380,6 +400,8 @@ def test_neutral_values_change_no_bit(name):
         ({"actuators.torque_lost_at": -1.0}, "actuators.torque_lost_at"),
         ({"actuators.torque_lost_at": 20.1}, "actuators.torque_lost_at"),
         ({"arm_actuators.left": {"torque_lost_at": 20.1}}, "arm_actuators.left.torque_lost_at"),
+        ({"actuators.commands_lost_at": 20.1}, "actuators.commands_lost_at"),
+        ({"actuators": {"commands_lost_at": 1.0, "torque_lost_at": 1.0}}, "actuators.commands_lost_at"),
         ({"actuators.gravity_compensation.mass_error": -1.5}, "actuators.gravity_compensation.mass_error"),
         ({"arm_actuators.lefft": {"lag": 0.1}}, "arm_actuators.lefft"),
         ({"cell.arms.left.friction.coulomb": 2.0, "cell.arms.left.friction.stiction": 1.0},

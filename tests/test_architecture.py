@@ -72,7 +72,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
-    "engine_choice": ({"batch", "description", "simulation"}, set()),
+    "engine_choice": ({"batch", "description", "model", "simulation"}, set()),
     "run_scenario": (
         {"analysis", "description", "engine_choice", "results", "build_controller", "simulation"},
         set(),

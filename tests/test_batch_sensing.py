@@ -28,6 +28,7 @@ SETTINGS = {
     "one noisy arm": {"arm_sensors": {"right": {"encoder": {"noise": 1e-5}}}},
     "wrists": {"sensors": {"wrist": {**NOISY, "delay": 1}, "holding_torque_error": 0.1}},
     "one wrist, lost": {"arm_sensors": {"right": {"wrist": {**NOISY, "delay": 2, "lost": [[0.02, 0.03]]}}}},
+    "one wrist, stuck": {"arm_sensors": {"right": {"wrist": {**NOISY, "delay": 1, "stuck_at": 0.02}}}},
     "slow wrists": {"sensors.wrist": NOISY, "sensors.wrist.rate_hz": 0.5},  # of the control rate
     "lag": {"actuators": {"lag": 0.01}},
     "rate limit": {"actuators": {"rate_limit": 30.0}},
@@ -41,6 +42,7 @@ SETTINGS = {
         "cell.arms.left.torque_limits": 3.0,
     },
     "torque lost": {"arm_actuators": {"right": {"torque_lost_at": 0.0313}}},
+    "commands lost": {"arm_actuators": {"right": {"commands_lost_at": 0.0313, "gravity_compensation": {}}}},
     "torque lost with lag": {"arm_actuators": {"left": {"torque_lost_at": 0.0313, "lag": 0.01}}},
     "everything at once": {
         "sensors": {
@@ -56,6 +58,8 @@ SETTINGS = {
 QUICK_SETTINGS = [
     *[("planar", setting, "printed") for setting in ("observer", "everything of drives")],
     *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, lost", "slow wrists")],
+    ("planar", "one wrist, stuck", "anchored"),
+    ("spatial", "commands lost", "printed"),
     ("spatial", "everything at once", "anchored"),
 ]
 

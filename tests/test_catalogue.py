@@ -93,8 +93,8 @@ def test_the_law_takes_over_without_a_jump(result):
         pytest.skip("starts off its reference")
     first = result.data.sel(time=slice(0.0, 1.0))
     error = np.linalg.norm(first.pose_error.values[:, :3], axis=1).max()
-    print(f"{result.scenario.name}, first second: {1e3 * error:.4f} mm")
-    assert error <= 0.5e-3
+    print(f"{result.scenario.name}, first second: {1e6 * error:.4f} um")
+    assert error <= 1e-6
     assert not result.data.saturated.values.any()
     assert not result.limit_violations()
     simulation = Simulation(result.scenario, build_controller(result.scenario))

@@ -25,7 +25,8 @@ def checked(number, seed=1):
     simulation = Simulation(scenario, build_controller(scenario))
     findings = (
         *(found, statics_along(scenario, found)),
-        *(start_stability(simulation), loop_stability(simulation, found), step_stability(simulation)),
+        *(start_stability(simulation), loop_stability(simulation, found)),
+        step_stability(simulation, found),
     )
     assert all(finding.ok for finding in findings), scenario.name
     return suggestion

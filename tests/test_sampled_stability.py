@@ -9,6 +9,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from close import assert_close
 from numpy.testing import assert_allclose
+from random_cells import random_cell
 from scipy.linalg import eigvalsh
 
 import coop_pin as cp
@@ -284,6 +285,42 @@ def test_a_run_takes_the_steps_that_it_asks_for_and_fails_with_fewer(integrator)
     assert cp.run(enough).end == pytest.approx(enough.duration)
     with pytest.raises(DivergedError):
         cp.run(few)
+
+
+@pytest.mark.parametrize(("cell", "by"), [("planar", (-0.05, -0.08, 0.0)), ("spatial", (0.05, 0.08, 0.0))])
+def test_along_the_motion_the_steps_are_those_of_the_pose_that_asks_for_most(cell, by):
+    """As of a run that starts at that pose."""
+    start = SCENARIOS[cell]().start
+    goal = start.replace(xyz=tuple(np.add(start.xyz, by)))
+    motion = cp.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
+    scenario = SCENARIOS[cell]().override({"events": [], "duration": 2.0, "motion": motion})
+    run = Simulation(scenario, build_controller(scenario))
+    reach = reachability(scenario, poses=21)
+    found, at_start = step_stability(run, reach), steps_of(scenario)
+    assert found.value > 1.001 * at_start.value
+    assert (found.time > 0.0, at_start.time) == (True, 0.0)
+    there = cp.Pose.from_matrix(motion.at(found.time).X_WP_d)
+    arms = {
+        reach_of.arm: scenario.cell.arms[reach_of.arm].replace(posture=tuple(q.tolist()))
+        for reach_of in reach.arms
+        for q in [reach_of.q[np.searchsorted(reach_of.times, found.time)]]
+    }
+    moved = scenario.replace(cell=scenario.cell.replace(arms=arms), start=there)
+    assert_allclose(found.value, steps_of(moved).value, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(1, 17), pytest.param(2, 19, marks=pytest.mark.slow)])
+def test_a_proposal_has_steps_for_the_friction_along_the_motion(seed, number):
+    """Two random cells in which joint 1 or 3 of an xArm7 turns back on its way: energy came from nothing."""
+    scenario = cp.suggest(random_cell(seed, number), poses=21).scenario
+    run, reach = Simulation(scenario, build_controller(scenario)), reachability(scenario, poses=101)
+    found = step_stability(run, reach)
+    assert found.ok
+    assert found.time > 0.0
+    by_start, along = (
+        np.ceil(each.value * each.steps_per_tick / each.limit) for each in (step_stability(run), found)
+    )
+    assert by_start < along <= found.steps_per_tick
 
 
 def test_check_and_run_tell_friction_that_the_steps_cannot_integrate(tmp_path, capsys):

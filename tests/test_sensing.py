@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin import errors
@@ -178,6 +178,18 @@ def test_ages_of_a_delayed_slow_sensor_that_is_lost_and_returns():
     assert held == [not new for new in fresh]
     whole = cp.WristSensor(delay=2, rate_hz=20.0, noise={"force": 1.0})
     assert_allclose(wrenches[-1], wrist_readings(whole, 24, np.ones(6))[1][-1])
+
+
+def test_a_sensor_that_is_stuck_repeats_its_sample_as_a_new_one():
+    """Samples at ticks 0, 4, 8, ...; that of 8 is the first at or after 0.1 s, and two ticks late."""
+    sensor = cp.WristSensor(delay=2, rate_hz=20.0, stuck_at=0.1, noise={"force": 1.0})
+    whole = sensor.replace(stuck_at=None)
+    age, wrenches = wrist_readings(sensor, 24, np.ones(6))
+    expected, free = wrist_readings(whole, 24, np.ones(6))
+    assert age.tolist() == expected.tolist()
+    assert_array_equal(wrenches[:10], free[:10])
+    assert_array_equal(wrenches[10:], np.tile(free[9], (14, 1)))
+    assert not np.array_equal(free[10], free[9])
 
 
 @pytest.mark.parametrize("path", ["late", "low-pass"])

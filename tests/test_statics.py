@@ -10,6 +10,7 @@ import coop_pin as cp
 from coop_pin.analysis import (
     ArmStatics,
     StaticTorques,
+    loads_without_an_arm,
     reachability,
     start_torques,
     static_torques,
@@ -112,6 +113,39 @@ def test_one_arm_with_the_whole_load_is_rnea_with_the_payload_attached(name):
         for q in found.arms[0].q
     ]
     assert_allclose(statics_along(scenario, found).arms[0].torque, expected, atol=1e-9)
+
+
+@BOTH
+def test_without_one_of_two_arms_the_other_has_the_whole_load_and_the_weight_of_a_limp_arm(build):
+    """With one arm left nothing is to be chosen: tau = g - J^T (W - F_dead)."""
+    scenario = build()
+    cell, found = scenario.cell, reachability(scenario, poses=9)
+    loads = loads_without_an_arm(scenario, found)
+    models = [CellArm(cell, arm.arm) for arm in found.arms]
+    for dead, alive in ((0, 1), (1, 0)):
+        model, expected = models[alive], []
+        for at in np.linspace(0, len(found.arms[0].times) - 1, 9).astype(int):
+            q, q_dead = found.arms[alive].q[at], found.arms[dead].q[at]
+            g, g_dead = (
+                m.nonlinear_effects(x, np.zeros(m.nv)) for m, x in ((model, q), (models[dead], q_dead))
+            )
+            J, J_dead = model.payload_jacobian(q), models[dead].payload_jacobian(q_dead)
+            W = np.append(cell.payload.mass * np.array(cell.gravity), np.zeros(3))
+            F_dead = np.linalg.lstsq(J_dead.T, g_dead, rcond=None)[0]
+            torques = [np.linalg.solve(model.drive.T, g - J.T @ F) for F in (W - F_dead, W)]
+            expected.append((np.abs(torques) / model.limits.torque).max(axis=1))
+        assert_allclose(loads[found.arms[dead].arm], np.max(expected, axis=0), rtol=1e-6)
+
+
+def test_which_cells_no_law_can_hold_with_a_dead_arm():
+    """The parts of the limits that the others need; three arms choose their internal wrench."""
+    found = {}
+    for name in ("two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair", "five-joint-pair"):
+        scenario = cp.Scenario.load(name)
+        loads = loads_without_an_arm(scenario, reachability(scenario, poses=9))
+        found[name] = np.max([*loads.values()], axis=0)
+    assert_allclose([limp for limp, _ in found.values()], [3.302, 3.95, 0.393, 0.574, 0.282], rtol=2e-3)
+    assert max(carried for _, carried in found.values()) == pytest.approx(0.889, rel=2e-3)
 
 
 @pytest.mark.parametrize("build", [planar, spatial_scenario, lambda: pandas(3.0)])

@@ -3,6 +3,7 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
+from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
 from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
@@ -20,6 +21,7 @@ from coop_pin.analysis.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
+    loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,
@@ -37,6 +39,7 @@ __all__ = [
     "DriveTorque",
     "FastestJoint",
     "GainProposal",
+    "InternalMoment",
     "JointLimitMargin",
     "LoopStability",
     "Mode",
@@ -56,6 +59,8 @@ __all__ = [
     "fewest_steps",
     "gain_proposal",
     "implausible_numbers",
+    "internal_moment",
+    "loads_without_an_arm",
     "loop_stability",
     "maximum_reach",
     "motion_stability",

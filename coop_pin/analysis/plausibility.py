@@ -49,9 +49,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from map(str, start_torques(simulation).overloaded)
         path = reachability(scenario, poses=_PATH_POSES)
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
-        stable: list[Any] = [step_stability(simulation)]
+        reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
+        stable: list[Any] = [step_stability(simulation, reach)]
         if not scenario.controller.user_code:
-            reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
 

@@ -25,7 +25,7 @@ REAL_STABILITY = {"rk4": 2.785293563405282, "semi-implicit-euler": 2.0}
 x^3 - 4 x^2 + 12 x - 24."""
 
 _UNDAMPED = 1e-6
-_POSES = 9
+_POSES, _STEP_POSES = 9, 21
 _SLOW = 1e-6
 """A speed at which Coulomb friction is linear, rad/s or m/s."""
 _SHARE_OF_MODE = 0.3
@@ -77,12 +77,14 @@ class StepStability(NamedTuple):
         limit: stability limit of the integrator.
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
+        time: time of the pose at which it is so, s.
     """
 
     value: float
     limit: float
     steps_per_tick: int
     joints: tuple[str, ...]
+    time: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -91,7 +93,8 @@ class StepStability(NamedTuple):
 
     def summary(self) -> str:
         """Return the finding as text, in one line."""
-        text = f"h*lambda = {self.value:.3g} of the friction of {', '.join(self.joints)}"
+        at = f" at t = {self.time:.3g} s" if self.time else ""
+        text = f"h*lambda = {self.value:.3g} of the friction of {', '.join(self.joints)}{at}"
         if self.ok:
             return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
@@ -173,19 +176,33 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
 
 
 @typed
-def step_stability(simulation: Simulation) -> StepStability:
-    """Return the stability of the plant's steps under joint friction at the start of a simulation.
+def step_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> StepStability:
+    """Return the stability of the plant's steps under joint friction, where it is least along the motion.
 
     D is that of sampled_stability for the friction. Coulomb friction is steepest at rest, where its slope is
-    coulomb / coulomb_velocity.
+    coulomb / coulomb_velocity: a joint that turns back along the motion passes it. Beyond the limit energy
+    appears from nothing.
+
+    Args:
+        simulation: Simulation that has not begun.
+        cell_reach: Reachability of its scenario, in which every arm holds the start; up to 21 poses of the
+            motion are looked at. The start alone when omitted.
     """
+    poses = [(0.0, simulation.plant.q)]
+    if cell_reach is not None:
+        poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
+    return max((_steps_at(simulation, *pose) for pose in poses), key=lambda stability: stability.value)
+
+
+def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return the stability of the plant's steps at a configuration and its time."""
     friction, scenario = simulation.plant.transmission.friction, simulation.scenario
-    eigenvalues, modes = _decay(simulation, simulation.plant.q, lambda v: friction(_SLOW * v) / _SLOW)
+    eigenvalues, modes = _decay(simulation, q, lambda v: friction(_SLOW * v) / _SLOW)
     worst = int(np.argmax(np.abs(eigenvalues)))
     steps = scenario.clock.steps_per_tick
     value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
     joints = fastest_joints(simulation, np.abs(modes[:, worst]))
-    return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints)
+    return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints, time)
 
 
 def _decay(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> tuple[Array, Array]:

@@ -36,6 +36,8 @@ _SPARE_RATE = 1.0
 """Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""
 _SOFTEST, _STIFFEST = 5.0, 640.0
 """Springs of the posture that are tried, N m/rad."""
+_STEP_PART = 0.9
+"""Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _AWAY = 0.3
 """Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
@@ -105,14 +107,15 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
     proposal, suggested, loop = _held(scenario, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
-    steps = step_stability(simulation)
-    if not steps.ok:
-        count = math.ceil(steps.steps_per_tick * steps.value / steps.limit)
+    steps = step_stability(simulation, cell_reach)
+    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
+    if count > steps.steps_per_tick:
         suggested = suggested.override({"clock.steps_per_tick": count})
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *_gain_limits(scenario, proposal),
         *_null_space(proposal, loop),
+        *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
@@ -195,6 +198,15 @@ def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:
         yield (
             f"null space: stiffness {posture.stiffness:g}, damping {posture.damping:g}; the"
             f" {loop.spare.name} decays with {loop.spare_rate:.3g} /s or faster along the motion"
+        )
+
+
+def _moment(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
+    """Yield the internal moment of positional rows, which nothing limits."""
+    if not scenario.cell.controls_turns:
+        yield (
+            f"internal moment: up to {proposal.internal_moment:.3g} N m beside the desired one; no task row"
+            " controls it, weights, friction and springs of postures decide"
         )
 
 

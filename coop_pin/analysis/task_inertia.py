@@ -95,7 +95,7 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     payload = np.einsum("nij,nj->ni", M_0, np.gradient(twist, t, axis=0))[:, rows]
     a = np.array(
         [
-            _HeldArm(scenario, reach.arm, reach.q[first], posture).wrenches(t, reach.q[first:])
+            HeldArm(scenario, reach.arm, reach.q[first], posture).wrenches(t, reach.q[first:])
             for reach in cell_reach.arms
         ]
     )
@@ -115,7 +115,7 @@ def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: Pos
     first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     arms = list[ArmReach]()
     for reach in cell_reach.arms:
-        held = _HeldArm(scenario, reach.arm, reach.q[first], posture)
+        held = HeldArm(scenario, reach.arm, reach.q[first], posture)
         moved = held.path(reach.times[first:], reach.q[first:])
         arms.append(dataclasses.replace(reach, q=np.concatenate((reach.q[:first], moved))))
     return dataclasses.replace(cell_reach, arms=tuple(arms))
@@ -129,14 +129,16 @@ def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
     return np.array([spatial_inertia(payload.mass, payload.inertia_matrix, R) for R in turns])
 
 
-class _HeldArm:
+class HeldArm:
     """An arm with what its torques hold besides the law's wrench."""
 
     def __init__(self, scenario: Scenario, name: str, start: Array, posture: PostureGains) -> None:
         cell = scenario.cell
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
-        self.stiffness, self.damping = float(np.max(posture.stiffness)), float(np.max(posture.damping))
+        spring, damper = np.asarray(posture.stiffness), np.asarray(posture.damping)
+        self.stiffness = np.broadcast_to(spring, self.model.nv)
+        self.damping = np.broadcast_to(damper, self.model.nv)
         robot = scenario.actuators_of(name).gravity_compensation
         self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
         load = self.model.share * weight_wrench(cell.payload.mass, cell.gravity)
@@ -157,26 +159,33 @@ class _HeldArm:
         if self.is_redundant:
             arm, drive = self.model, self.model.drive
             displacement = pin.difference(arm.model, arm.posture_configuration, q)
-            pull = -self.stiffness * drive @ displacement - self.damping * drive @ v
+            pull = -self.stiffness * (drive @ displacement) - self.damping * (drive @ v)
             torque = torque + drive.T @ arm.null_space(q) @ (arm.from_drive.T @ self.held + pull)
         return torque
 
     def path(self, t: Array, q: Array) -> Array:
         """Return a path of configurations with the motion of spare joints, shape (n, nq)."""
-        moves = self.is_redundant and self.rows.size == 6 and self.damping > 0.0
+        moves = self.is_redundant and self.rows.size == 6 and bool(np.all(self.damping > 0.0))
         return self._with_spare_motion(t, q) if moves else q
 
-    def wrenches(self, t: Array, q: Array) -> Array:
-        """Return a_i along a path of configurations, shape (n, k_0)."""
-        model, q = self.model, self.path(t, q)
+    def missing(self, t: Array, q: Array) -> Array:
+        """Return M qdd + h + friction - what the torques hold besides the law's wrench, N m, shape (n, k)."""
+        model = self.model
         steps = [pin.difference(model.model, *pair) for pair in itertools.pairwise(q)]
         positions = np.concatenate((np.zeros((1, model.nv)), np.cumsum(steps, axis=0)))
         v = np.gradient(positions, t, axis=0)
         qdd, rubbing = np.gradient(v, t, axis=0), -self.friction.force(v)
+        torques = [
+            model.inverse_dynamics(*state) - self.beside(*state[:2]) for state in zip(q, v, qdd, strict=True)
+        ]
+        return np.array(torques) + rubbing
+
+    def wrenches(self, t: Array, q: Array) -> Array:
+        """Return a_i along a path of configurations, shape (n, k_0)."""
+        model, q = self.model, self.path(t, q)
         wrenches = []
-        for k, q_k in enumerate(q):
+        for q_k, tau in zip(q, self.missing(t, q), strict=True):
             J, M = self.rows.select(model.payload_jacobian(q_k)), model.mass_matrix(q_k)
-            tau = model.inverse_dynamics(q_k, v[k], qdd[k]) + rubbing[k] - self.beside(q_k, v[k])
             weighted = np.linalg.solve(M, J.T)
             wrenches.append(np.linalg.lstsq(J @ weighted, weighted.T @ tau, rcond=None)[0])
         return np.array(wrenches)
@@ -199,7 +208,7 @@ class _HeldArm:
                 M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
                 pulled = from_drive.T @ (self.beside(q_k, rest) - self.weight(q_k))
-                inert = M + h * (D + self.damping * np.eye(model.nv))
+                inert = M + h * (D + np.diag(self.damping))
                 w = np.linalg.solve(
                     N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))
                 )

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.internal_moment import internal_moment
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
@@ -44,6 +45,8 @@ class GainProposal(NamedTuple):
         anchor_bound: g at which the anchor would be unstable; None if no wrench is measured.
         tracking: error to expect while moving, m.
         internal_force: error of the internal force to expect while moving, N; None if none is measured.
+        internal_moment: error of the internal moment to expect while moving, N m; None if it is controlled
+            and no wrench is measured.
     """
 
     rate_hz: float
@@ -55,6 +58,7 @@ class GainProposal(NamedTuple):
     anchor_bound: float | None
     tracking: float
     internal_force: float | None
+    internal_moment: float | None
 
     def summary(self) -> str:
         """Return the proposal as text, in one line."""
@@ -62,6 +66,7 @@ class GainProposal(NamedTuple):
         K = ", ".join(f"{entry:g}" for entry in np.ravel(g.sliding_gain))
         anchor = "leaky" if self.anchor_bound is None else f"anchor_gain {g.anchor_gain:.3g}"
         force = "" if self.internal_force is None else f", {self.internal_force:.2g} N"
+        force += "" if self.internal_moment is None else f", {self.internal_moment:.2g} N m"
         return (
             f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain [{K}], pose_gain {g.pose_gain:g},"
             f" sign_gain {g.sign_gain:g} (k_I {self.integral_rate:.3g} /s), {anchor}: T*lambda"
@@ -94,7 +99,11 @@ def gain_proposal(
         proposal = _at_rate(scenario, cell_reach, scale, spread, rate, least_stiffness)
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
-    return _anchored_faster(proposal)
+    proposal = _anchored_faster(proposal)
+    if scenario.cell.task_rows.has_moments:
+        return proposal
+    moment = internal_moment(scenario, cell_reach, proposal.posture).moment  # no anchor acts on it
+    return proposal._replace(internal_moment=moment)
 
 
 def _anchored_faster(proposal: GainProposal) -> GainProposal:
@@ -105,7 +114,8 @@ def _anchored_faster(proposal: GainProposal) -> GainProposal:
     g = proposal.gains.anchor_gain
     raised = max(g, _rounded_down(min(_LARGEST_ANCHOR, bound / 4.0, g * force / _FORCE)))
     gains = proposal.gains.replace(anchor_gain=raised)
-    return proposal._replace(gains=gains, internal_force=force * g / raised)
+    part, moment = g / raised, proposal.internal_moment or 0.0
+    return proposal._replace(gains=gains, internal_force=force * part, internal_moment=moment * part)
 
 
 def _at_rate(
@@ -136,8 +146,10 @@ def _at_rate(
         tracking = wrenches.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
     linear = np.array(scenario.cell.task_rows.indices) < 3
+    moment = None
     if bound is not None:
-        force = float(np.linalg.norm(wrenches.internal_rate[linear])) * T / g
+        errors = wrenches.internal_rate * T / g
+        force, moment = float(np.linalg.norm(errors[linear])), float(np.linalg.norm(errors[~linear]))
     gains = PayloadSpaceGains(
         pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=gamma
     )
@@ -151,6 +163,7 @@ def _at_rate(
         anchor_bound=bound,
         tracking=float(np.linalg.norm(tracking[linear])),
         internal_force=force,
+        internal_moment=moment,
     )
 
 

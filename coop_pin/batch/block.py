@@ -25,8 +25,8 @@ class SignalSplit(NamedTuple):
     Attributes:
         example: signals of a tick, for their names and shapes.
         constants: entries that never change, else anything, shape (entries,).
-        is_uniform: which entries change in time, alike in all runs, shape (entries,).
-        is_loaded: which entries differ between runs, shape (entries,).
+        is_uniform: mask of the entries that change in time, alike in all runs, shape (entries,).
+        is_loaded: mask of the entries that differ between runs, shape (entries,).
     """
 
     example: RunSignals
@@ -86,11 +86,11 @@ class RunBlock:
         kernel = Kernel(name, self.lanes, self.uniforms)
         inputs = iter(kernel.read("constants"))
         numbers = leaves(self.constants)
-        known = (
+        entries = (
             next(inputs) if differs else number
             for number, differs in zip(numbers, self._differs.tolist(), strict=True)
         )
-        return kernel, rebuilt(self.constants, known)
+        return kernel, rebuilt(self.constants, entries)
 
     def cell(self, kernel: Kernel, constants: RunConstants) -> CellNumbers:
         """Return the constants of the cell in its present surroundings."""

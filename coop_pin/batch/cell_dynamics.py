@@ -48,7 +48,7 @@ class CellNumbers(NamedTuple):
     """Constants of a cell's dynamics, most of which fold into its code.
 
     Attributes:
-        arms: as the plant has them; the payload is not part of the first one's last body.
+        arms: serial arms of the plant; the payload is not part of the first one's last body.
         tips: position of each tip in the payload frame, m, shape (m, 3).
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
         velocity_gain: 2 zeta omega, 1/s.
@@ -71,11 +71,11 @@ class CellNumbers(NamedTuple):
             TracingError: an arm is no serial chain.
         """
         tree, cell, model, arms = chain.model, chain.cell, chain.mechanism.model, []
-        for place in tree.arms:
-            columns = range(place.v_slice.start, place.v_slice.stop)
+        for slot in tree.arms:
+            columns = range(slot.v_slice.start, slot.v_slice.stop)
             joints = [joint for joint in range(1, model.njoints) if model.idx_vs[joint] in columns]
-            X_JP = model.frames[place.tip].placement * pin.SE3(cell.grasps[place.name].matrix).inverse()
-            is_welded = place.name in tree.closed_by_tree
+            X_JP = model.frames[slot.tip].placement * pin.SE3(cell.grasps[slot.name].matrix).inverse()
+            is_welded = slot.name in tree.closed_by_tree
             last = tree.carrier_inertia if is_welded else model.inertias[joints[-1]]
             arms.append(SerialArm.from_model(model, joints, X_JP, last))
         gains = chain.mechanism.stabilisation
@@ -279,12 +279,12 @@ def _closure_forces(
     first, others, k = terms[0], terms[1:], len(rows)
     if not others:
         return []
-    known = first.b + first.G @ W[rows]
+    offset = first.b + first.G @ W[rows]
     right, G = [], np.empty((k * len(others), k * len(others)), dtype=object)
     for i, (arm, error) in enumerate(zip(others, errors, strict=True)):
         drift = arm.V - first.V
         closing = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
-        right += [*(known - arm.b - closing[rows])]
+        right += [*(offset - arm.b - closing[rows])]
         for j in range(len(others)):
             G[k * i : k * (i + 1), k * j : k * (j + 1)] = first.G + arm.G if i == j else first.G
     L, D_inverse = factor(G)

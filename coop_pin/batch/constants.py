@@ -15,8 +15,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.actuation import CellDrives, DriveState
-from coop_pin.simulation.sensing import CellSensors
+from coop_pin.simulation.drives import CellDrives, DriveState
+from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
@@ -109,7 +109,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
-        arms=tuple(arm_constants(scenario, place) for place in run.plant.chain.model.arms),
+        arms=tuple(arm_constants(scenario, slot) for slot in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         changes=changes(scenario, run.timeline),
@@ -117,23 +117,23 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
 
 
-def arm_constants(scenario: Scenario, place: ArmPlace) -> ArmConstants:
+def arm_constants(scenario: Scenario, slot: ArmPlace) -> ArmConstants:
     """Return the numbers of one arm.
 
     Args:
         scenario: Scenario with its cell.
-        place: Position of the arm in the cell's model.
+        slot: Position of the arm in the cell's model.
 
     Raises:
         TracingError: the arm is no serial chain.
     """
-    cell, name = scenario.cell, place.name
+    cell, name = scenario.cell, slot.name
     model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
     X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
         model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
-        drive=place.drive,
-        to_joints=place.from_drive,
+        drive=slot.drive,
+        to_joints=slot.from_drive,
     )
 
 
@@ -153,10 +153,7 @@ def changes(scenario: Scenario, timeline: Timeline) -> tuple[dict[str, Any], ...
 
 def start(run: Simulation) -> Start:
     """Return the start of a run."""
-    q, holding = [], []
-    measurements = run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    for arm, measurement in zip(run.plant.chain.model.arms, measurements, strict=True):
-        q.append(arm.angles.near(run.plant.q[arm.q_slice], arm.posture))
-        assert measurement.holding_torque is not None
-        holding.append(measurement.holding_torque)
-    return Start(np.concatenate(q), np.concatenate(holding), run.actuation.state)
+    q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
+    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
+    holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
+    return Start(np.concatenate(angles), np.concatenate(holding), run.actuation.state)

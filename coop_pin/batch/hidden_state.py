@@ -30,8 +30,8 @@ def of_objects(controller: CellController) -> Contents:
     """Return the attributes of a law's objects."""
     laws = controller.controllers if isinstance(controller, DecentralisedController) else {"cell": controller}
     return {
-        f"its attribute {name!r} ({place})": content
-        for place, law in laws.items()
+        f"its attribute {name!r} ({owner})": content
+        for owner, law in laws.items()
         for name, content in _attributes(law)
     }
 
@@ -98,33 +98,33 @@ def _attributes(owner: Any) -> Iterator[tuple[str, Hashable]]:
             yield name, _content(value, {})
 
 
-def _content(value: Any, seen: dict[int, int]) -> Hashable:
+def _content(value: Any, memo: dict[int, int]) -> Hashable:
     """Return what equal values share: numbers, texts and arrays in it; of other objects only the class.
 
     Args:
         value: Value.
-        seen: Objects met before, by id, each with its number; a value may contain itself.
+        memo: Objects met before, by id, each with its number; a value may contain itself.
     """
     if value is None or isinstance(value, int | float | complex | str | bytes | np.generic):
         return type(value).__qualname__, repr(value)
-    if id(value) in seen:
-        return seen[id(value)]
-    seen[id(value)] = len(seen)
+    if id(value) in memo:
+        return memo[id(value)]
+    memo[id(value)] = len(memo)
     if isinstance(value, np.ndarray):
-        content = _content(value.tolist(), seen) if value.dtype.hasobject else value.tobytes()
+        content = _content(value.tolist(), memo) if value.dtype.hasobject else value.tobytes()
         return value.shape, value.dtype.str, content
     if isinstance(value, Mapping):
-        return tuple((_content(key, seen), _content(part, seen)) for key, part in value.items())
+        return tuple((_content(key, memo), _content(part, memo)) for key, part in value.items())
     if isinstance(value, list | tuple):
-        return tuple(_content(part, seen) for part in value)
+        return tuple(_content(part, memo) for part in value)
     if isinstance(value, set | frozenset):
-        return tuple(sorted(repr(_content(part, seen)) for part in value))
+        return tuple(sorted(repr(_content(part, memo)) for part in value))
     if isinstance(value, FunctionType):
         held = value.__defaults__, value.__kwdefaults__, vars(value), [*_cells(value)]
-        return value.__qualname__, _content(held, seen)
+        return value.__qualname__, _content(held, memo)
     if isinstance(value, type | ModuleType) or not hasattr(value, "__dict__"):
         return getattr(value, "__qualname__", type(value).__qualname__)
-    return type(value).__qualname__, _content(vars(value), seen)
+    return type(value).__qualname__, _content(vars(value), memo)
 
 
 def _cells(function: FunctionType) -> Iterator[Any]:

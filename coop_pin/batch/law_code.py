@@ -14,7 +14,7 @@ from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
 from coop_pin.control.interface import DESIRED, MEASURED
 from coop_pin.errors import TracingError
-from coop_pin.simulation.sensing import measurement
+from coop_pin.simulation.sensors import measurement
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, operands

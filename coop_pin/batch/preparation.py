@@ -41,7 +41,7 @@ class PreparedPlant:
         read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
             batch.
         labels: names and limits of arms and joints.
-        kind: what the runs of a batch must share besides numbers, the controller apart.
+        kind: structure that the runs of a batch share besides numbers, the controller apart.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -163,6 +163,6 @@ def plant_fields(scenario: Scenario) -> list[object]:
 def _times(scenario: Scenario) -> Hashable:
     """Return ticks, and events and losses of torque by their times."""
     times = [(event.time, event.end) for event in scenario.events]
-    lost = [scenario.actuators_of(arm).torque_lost_at for arm in scenario.cell.arms]
+    lost = [scenario.actuators_of(arm).lost_at for arm in scenario.cell.arms]
     clock = scenario.clock
     return clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration, str(times), str(lost)

@@ -108,8 +108,8 @@ class RunSamples(Mapping[str, Any]):
     def _desired(self, field: str) -> Array:
         """Return a field of Desired."""
         plants = self._prepared.plants
-        known = {id(plant): getattr(plant.desired, field)[self._kept] for plant in plants}
-        return np.stack([known[id(plant)] for plant in plants])
+        by_plant = {id(plant): getattr(plant.desired, field)[self._kept] for plant in plants}
+        return np.stack([by_plant[id(plant)] for plant in plants])
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""

@@ -62,7 +62,7 @@ class Schedule:
     """Order of the kernels of a run.
 
     Attributes:
-        instructions: in order.
+        instructions: instructions in order.
         rows: uniforms that they refer to.
     """
 

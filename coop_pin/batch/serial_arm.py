@@ -117,7 +117,7 @@ class Link(NamedTuple):
     Attributes:
         R: orientation of the joint in the body before, shape (3, 3).
         p: position of the joint there, m, shape (3,).
-        inertia: about its own origin.
+        inertia: inertia of the body about its own origin.
     """
 
     R: Numbers
@@ -129,7 +129,7 @@ class SerialArm(NamedTuple):
     """Serial arm that holds a payload frame P.
 
     Attributes:
-        bodies: from base to tip.
+        bodies: links from base to tip.
         is_revolute: kind of each joint.
         R_JP: orientation of P in the last body, shape (3, 3).
         p_JP: position of P there, m, shape (3,).

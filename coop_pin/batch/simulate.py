@@ -38,8 +38,8 @@ class BatchResult:
 
     Attributes:
         scenarios: scenarios that were run.
-        is_valid: which runs kept to the guards of a single run (finite and closed motion, regular Jacobians);
-            the samples of the others mean nothing, shape (runs,).
+        is_valid: mask of the runs that kept to the guards of a single run (finite and closed motion, regular
+            Jacobians); the samples of the others mean nothing, shape (runs,).
         samples: quantities as a single run has them, with a leading axis of runs.
     """
 
@@ -149,7 +149,7 @@ class BatchSimulator:
     def prepare(self, scenario: Scenario) -> Prepared:
         """Return a run before it runs; raises as Plant and Prepared.of_run."""
         fields = plant_fields(scenario)
-        index = next((i for i, (known, _) in enumerate(self._plants) if known == fields), None)
+        index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)
         plant = PreparedPlant(scenario) if index is None else self._plants.pop(index)[1]
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
@@ -160,8 +160,8 @@ class BatchSimulator:
         del self._plants[_KEPT:]
         *_, code, machine = self.family(runs[0], prepared)
         program, count = code.program, len(runs)
-        needed = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
-        require_memory(f"samples of {count} runs", needed, "give fewer at once, or raise clock.record_every")
+        size = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
+        require_memory(f"samples of {count} runs", size, "give fewer at once, or raise clock.record_every")
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
@@ -195,23 +195,23 @@ class BatchSimulator:
         Raises:
             TracingError: the runs cannot be traced.
         """
-        kinds = [family.first.kind for family in self._families]
-        known = self._families.pop(kinds.index(prepared.kind)) if prepared.kind in kinds else None
-        first = first if known is None else known.first
+        kinds = [each.first.kind for each in self._families]
+        family = self._families.pop(kinds.index(prepared.kind)) if prepared.kind in kinds else None
+        first = first if family is None else family.first
         same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
         others = {id(signals): signals for signals in prepared.signals}.values()
         differs = ~same.all(axis=0)
         is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
-        if known is None:
+        if family is None:
             require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
         else:
-            differs, is_loaded = differs | known.differs, is_loaded | known.is_loaded
-        if known is None or (differs != known.differs).any() or (is_loaded != known.is_loaded).any():
+            differs, is_loaded = differs | family.differs, is_loaded | family.is_loaded
+        if family is None or (differs != family.differs).any() or (is_loaded != family.is_loaded).any():
             first.require_surroundings()
             code = RunProgram(first, differs, is_loaded)
-            known = Family(first, differs, is_loaded, code, self._new_machine(code.program))
-        self._families = [*self._families, known][-_KEPT:]
-        return known
+            family = Family(first, differs, is_loaded, code, self._new_machine(code.program))
+        self._families = [*self._families, family][-_KEPT:]
+        return family
 
 
 @typed

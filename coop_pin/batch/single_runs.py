@@ -30,21 +30,21 @@ def checked(runs: Sequence[Item]) -> list[Item]:
     return [first, *random.Random(len(others)).sample(others, min(len(others), CHECKED - 1))]
 
 
-def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
+def difference(batch: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
     """Return in which quantity or metric runs differ and by how much; nothing if they agree.
 
     Args:
-        found: Numbers by name: floats or arrays.
+        batch: Numbers of a run of the batch by name: floats or arrays.
         expected: Those of the single run.
     """
     for name, value in expected.items():
-        wanted = np.asarray(value)
-        if wanted.dtype.kind != "f" or name not in found:
+        single = np.asarray(value)
+        if single.dtype.kind != "f" or name not in batch:
             continue
-        scale = max(1.0, np.abs(wanted[np.isfinite(wanted)]).max(initial=0.0))
-        if not np.allclose(found[name], wanted, rtol=0.0, atol=_AGREEMENT * scale, equal_nan=True):
+        scale = max(1.0, np.abs(single[np.isfinite(single)]).max(initial=0.0))
+        if not np.allclose(batch[name], single, rtol=0.0, atol=_AGREEMENT * scale, equal_nan=True):
             with np.errstate(invalid="ignore"):
-                errors = np.nan_to_num(np.abs(np.asarray(found[name]) - wanted), nan=np.inf)
+                errors = np.nan_to_num(np.abs(np.asarray(batch[name]) - single), nan=np.inf)
             return f"{name} differs by {errors.max():.3g}"
     return ""
 

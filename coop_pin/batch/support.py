@@ -16,7 +16,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import Truth
+from coop_pin.simulation.sensors import Truth
 from coop_pin.simulation.signals import SensorSignals
 from coop_pin.tracing.tree import structure
 
@@ -55,8 +55,8 @@ def plant_reason(plant: PlantOptions) -> str | None:
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":
-        chosen = f"integrator {plant.integrator!r} and project {plant.project!r}"
-        return f"its plant has {chosen}; the traced one has 'rk4' and 'start'"
+        options = f"integrator {plant.integrator!r} and project {plant.project!r}"
+        return f"its plant has {options}; the traced one has 'rk4' and 'start'"
     return None
 
 
@@ -93,9 +93,9 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
     sizes = [len(arm.drive) for arm in constants.arms]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
     rows, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
-    chosen = {0, *rng.integers(run.timeline.ticks + 1, size=_TICKS - 1).tolist()}
-    for tick, signals in zip(range(max(chosen) + 1), rows, strict=False):
-        if tick not in chosen:
+    subset = {0, *rng.integers(run.timeline.ticks + 1, size=_TICKS - 1).tolist()}
+    for tick, signals in zip(range(max(subset) + 1), rows, strict=False):
+        if tick not in subset:
             continue
         time = run.timeline.time(tick)
         references, angles = run.references(time), split(begun.q + _SPREAD * rng.normal(size=sum(sizes)))

@@ -20,8 +20,9 @@ from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
-from coop_pin.simulation.actuation import TORQUE_LIMIT, Applied, DriveState, TorqueResponse
-from coop_pin.simulation.sensing import Truth, View
+from coop_pin.simulation.actuation import TORQUE_LIMIT
+from coop_pin.simulation.drives import Applied, DriveState, TorqueResponse
+from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.generic_numbers import inverse
 from coop_pin.tracing import elementary
@@ -216,8 +217,8 @@ class TickCode:
         kernel.write("surroundings", changed)
         if {*changed} - {"push"}:  # a push does its work while it lasts
             gain = energy_gain(before, before._replace(**changed), self._motion(kernel, constants))
-            *works, done = kernel.read("work")
-            kernel.write("work", [*works, done + gain])
+            *works, last = kernel.read("work")
+            kernel.write("work", [*works, last + gain])
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:

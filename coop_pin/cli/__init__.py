@@ -56,8 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _report(str(error), FAILED)
     except errors.SweepInterruptedError as interrupt:
-        kept = f"{interrupt.finished} of {interrupt.total} runs are kept in {interrupt.folder}"
-        return _report(f"{kept}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
+        status = f"{interrupt.finished} of {interrupt.total} runs are kept in {interrupt.folder}"
+        return _report(f"{status}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
     finally:

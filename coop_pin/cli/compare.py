@@ -37,8 +37,8 @@ class Compare:
         tune: search the gains of the controllers instead, and write gains.csv.
         generations: number of generations of the search after the first one.
         size: points in a generation of the search, whatever the number of gains.
-        list: only print the names of controllers and trials.
-        replay: only write the replay of a cell of the table in the output folder, or of up to four side by
+        list: print only the names of controllers and trials.
+        replay: write only the replay of a cell of the table in the output folder, or of up to four side by
             side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
             random trial.
         execution: workers, engine and folders to merge.
@@ -68,15 +68,15 @@ class Compare:
         from coop_pin.comparison import BENCHMARK, compare, controller_names, tune_controllers
         from coop_pin.comparison.controllers import GAINS
 
-        chosen, scenarios = self.controllers or tuple(controller_names()), self.scenarios or BENCHMARK
+        controllers, scenarios = self.controllers or tuple(controller_names()), self.scenarios or BENCHMARK
         if self.replay:
             self._write_replay()
         elif self.list:
-            self._print_names(chosen, scenarios)
+            self._print_names(controllers, scenarios)
         elif self.tune:
             tune_controllers(
                 scenarios,
-                chosen,
+                controllers,
                 out=self.out,
                 generations=self.generations,
                 size=self.size,
@@ -87,7 +87,7 @@ class Compare:
         else:
             result = compare(
                 scenarios,
-                {name: name for name in chosen},
+                {name: name for name in controllers},
                 self.trials or None,
                 out=self.out,
                 seeds=self.seeds,
@@ -131,6 +131,6 @@ def _run(comparison: Any, cell: list[str]) -> Any:
     """Return the result of a cell's run."""
     names, seed = cell[:3], "".join(cell[3:]) or "0"
     if len(names) < 3 or not seed.isdecimal():
-        wanted = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
-        raise FieldError(f"is {' | '.join(cell)!r}; it must be {wanted}", "--replay")
+        form = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
+        raise FieldError(f"is {' | '.join(cell)!r}; it must be {form}", "--replay")
     return kept_result(lambda: comparison.open(*names, seed=int(seed)))

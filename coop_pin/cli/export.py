@@ -23,7 +23,7 @@ class ExportC:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         arm: name of the arm.
         out: output folder; out/, the scenario's name and -c when omitted.
-        ticks: of the self-test: recorded from the start of the scenario.
+        ticks: number of ticks of the self-test, recorded from the start of the scenario.
         fields: fields of the scenario, as typed.
     """
 

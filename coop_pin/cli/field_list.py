@@ -43,8 +43,8 @@ def section(docstring: str, name: str) -> dict[str, str]:
     """Return the entries of a section of a docstring, such as "Attributes" or "Args", by their names."""
     _, _, text = inspect.cleandoc(docstring).partition(f"{name}:\n")
     text = re.split(r"^\S", text, maxsplit=1, flags=re.MULTILINE)[0]
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
-    return {entry: " ".join(meaning.split()) for entry, meaning in found}
+    matches = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
+    return {entry: " ".join(meaning.split()) for entry, meaning in matches}
 
 
 def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str, str]]:
@@ -61,16 +61,16 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
     if isinstance(value, Pose):
         entries = {name: (getattr(value, name), f"{brief}: {part}.", None) for name, part in _POSE.items()}
     elif isinstance(value, BaseModel):
-        told = meanings(type(value))
+        texts = meanings(type(value))
         kinds = [
             str(one.model_fields["kind"].default)
             for one in described(annotation)
             if "kind" in one.model_fields
         ]
         if len(kinds) > 1:
-            told["kind"] = f"{brief}; one of {', '.join(dict.fromkeys(kinds))}."
+            texts["kind"] = f"{brief}; one of {', '.join(dict.fromkeys(kinds))}."
         for name, field in type(value).model_fields.items():
-            entry = getattr(value, name), told.get(name, meaning), field.annotation
+            entry = getattr(value, name), texts.get(name, meaning), field.annotation
             entries[name.replace("_", "-")] = entry
     elif isinstance(value, dict):
         entries = {name: (entry, meaning, annotation) for name, entry in value.items()}

@@ -72,8 +72,8 @@ class Show:
     Attributes:
         what: a scenario (a name listed by 'coop-pin list', or a TOML file), or a robot (a name listed by
             'coop-pin list --robots', or a URDF or xacro file).
-        package_dirs: of a robot: folders that are searched first for its packages.
-        xacro_args: of a xacro file: its arguments.
+        package_dirs: folders that are searched first for the packages of a robot.
+        xacro_args: arguments of a xacro file.
         fields: fields of the scenario, as typed.
     """
 
@@ -104,8 +104,8 @@ class Show:
             print(cell_summary(scenario.cell, scenario.start.matrix).summary())
             return OK
         if not path.is_file() and path.suffix not in (".urdf", ".xacro") and self.what not in robots:
-            known = [*scenarios, *robots]
-            raise NameNotFoundError("scenario or robot", self.what, known, "the catalogue or the file system")
+            names = [*scenarios, *robots]
+            raise NameNotFoundError("scenario or robot", self.what, names, "the catalogue or the file system")
         refuse_fields(self.fields, self.what)
         file = _urdf_file(self.what, self.package_dirs, self.xacro_args)
         print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
@@ -144,6 +144,8 @@ class Check:
             closure_problem,
             gain_proposal,
             implausible_numbers,
+            internal_moment,
+            loads_without_an_arm,
             loop_stability,
             motion_stability,
             reachability,
@@ -155,21 +157,30 @@ class Check:
         from coop_pin.simulation import Simulation
 
         scenario = load_scenario(self.scenario, self.fields)
-        found = reachability(scenario, poses=self.poses)
-        print(*(f"! {number}" for number in implausible_numbers(scenario)), found.summary(), sep="\n")
-        torques = statics_along(scenario, found)
+        reach = reachability(scenario, poses=self.poses)
+        print(*(f"! {number}" for number in implausible_numbers(scenario)), reach.summary(), sep="\n")
+        torques = statics_along(scenario, reach)
         print(textwrap.indent(torques.summary(), "  "))
-        singular = closure_problem(scenario) if found.ok else ""
+        singular = closure_problem(scenario) if reach.ok else ""
         if singular:
             print(f"  ! {singular}")
-        ok = found.ok and torques.ok and not singular
-        if not found.ok or scenario.controller.user_code:
+        ok = reach.ok and torques.ok and not singular
+        if not reach.ok or scenario.controller.user_code:
             return OK if ok else FAILED
+        for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
+            if limp > 1.0:
+                print(
+                    f"  ! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
+                    f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
+                )
         simulation = Simulation(scenario, build_controller(scenario))
-        sampled = motion_stability(simulation, found)
-        stable = sampled, loop_stability(simulation, found), step_stability(simulation)
+        sampled = motion_stability(simulation, reach)
+        stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        print(f"  {gain_proposal(scenario, found).summary()}")
+        print(f"  {gain_proposal(scenario, reach).summary()}")
+        posture = getattr(scenario.controller, "posture", None)
+        if not scenario.cell.controls_turns and "holding torque" in scenario.controller.needs:
+            print(f"  {internal_moment(scenario, reach, posture).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 

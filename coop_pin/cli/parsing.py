@@ -77,13 +77,13 @@ def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[st
     """
     names = [option.name for field in dataclasses.fields(command) for option in _options(field)]
     forms = {form for name in names for form in (name, name.replace("_", "-"))}
-    known = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
+    flags = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
     options: list[str] = []
     fields: dict[str, list[str]] = {}
     open_field: list[str] | None = None
     for word in words:
         option, equals, value = word.partition("=")
-        if word == "-h" or option in known:
+        if word == "-h" or option in flags:
             open_field = None
             options.append(word)
         elif option.startswith("--"):

@@ -31,7 +31,7 @@ class Run:
         quiet: no progress bar and no table.
         verbose: list every breach of the trust thresholds.
         stop_at_breach: end the run at its first breach of the trust thresholds.
-        engine: what computes the motion; traced is compiled code.
+        engine: engine that computes the motion; traced is compiled code.
         replay: write replay.html, the motion in 3-D.
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.

@@ -23,7 +23,7 @@ class Sweep:
         out: output folder for the runs and their table; out/ and the file's name when omitted.
         execution: workers, engine and folders to merge.
         retry_failed: repeat runs that failed for lack of time or of a worker.
-        estimate: only print the plan and an estimate of its duration.
+        estimate: print only the plan and an estimate of its duration.
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SWEEP.toml")]
@@ -53,7 +53,7 @@ class SweepShow:
     Attributes:
         folder: the folder of a sweep.
         best: a metric; the runs with its smallest values are listed.
-        count: how many of them.
+        count: number of these runs.
         failures: list the runs that failed, with their errors.
         figure: draw the metric over the fields that vary; written as PNG and as SVG.
         metric: the metric that the figure shows.

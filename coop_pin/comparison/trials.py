@@ -62,7 +62,8 @@ def benchmark_scenario(scenario: Scenario, duration: float | None = None) -> Sce
 def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     """Return the standard trials of a benchmark scenario by name.
 
-    The first arm is the one with a bias, the last one loses its torque. The push is the payload's weight on
+    The first arm is the one with a bias, the last one loses its torque, or its commands: then the robot goes
+    on to carry its own weight. The push is the payload's weight on
     Earth for a fifth of a second. Cells without friction have no friction trials.
 
     Args:
@@ -76,7 +77,7 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
         wrist: {"noise": {"force": 1.0, "moment": 0.05}},
         "sensors.encoder": {"resolution": 1e-5, "noise": 1e-5},
     }
-    lost = scenario.actuators.replace(torque_lost_at=half)
+    last, drives = f"arm_actuators.{arms[-1]}", scenario.actuators
     rubbing = any(
         found.viscous.any() or found.coulomb.any()
         for found in (friction(arm, name) for name, arm in scenario.cell.arms.items())
@@ -98,7 +99,8 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
         "wrench 3 ticks late": Trial({f"{wrist}.delay": 3}),
         **{f"{rate:g} Hz": Trial(_rate(scenario, rate)) for rate in _RATES_HZ},
         "wrist lost at half time": Trial({f"{wrist}.lost": [[half, scenario.duration]]}),
-        "torque of an arm lost": Trial({f"arm_actuators.{arms[-1]}": lost.model_dump()}),
+        "torque of an arm lost": Trial({last: drives.replace(torque_lost_at=half).model_dump()}),
+        "commands of an arm lost": Trial({last: drives.replace(commands_lost_at=half).model_dump()}),
     }
 
 

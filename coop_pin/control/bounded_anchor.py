@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,16 @@ class AnchorState(NamedTuple):
 
     Attributes:
         moved: A, what the anchor has moved within about 1 / k_I, N and N m, shape (k_0,).
-        centre: C, the bias that the start has shown, m and rad, shape (k_0,).
+        from_base: C_B, the bias that the start has shown, as of a base that is off: constant in world axes, m
+            and rad, shape (k_0,).
+        from_tip: C_E, the same as of a tip that is off: constant in payload axes, m and rad, shape (k_0,).
+        measured_for: t_m, time with recent measurements since t_0, s.
     """
 
     moved: Array
-    centre: Array
+    from_base: Array
+    from_tip: Array
+    measured_for: float
 
 
 class BoundedAnchor(NamedTuple):
@@ -32,17 +37,22 @@ class BoundedAnchor(NamedTuple):
     ::
 
         y        = G^-1 (A + a)                              a is what the anchor asks for at this tick
+        C        = (C_B + R C_E) / 2                         R as this arm sees the payload
         goal     = y min(max(2 |y| / b_0 - 1, 0), 1)         0 for |y| < b_0 / 2, y for |y| > b_0
-        C       <- C + (goal - C) min(1, d / |goal - C|)     d = T nu (b_max - b_0) exp(-nu (t - t_0))
+        step     = (goal - C) min(1, d / |goal - C|)         d = T nu (b_max - b_0) exp(-nu t_m)
+        C_B     <- C_B + step,  C_E <- C_E + R^T step
+        b        = b_0 + |C_B - R C_E| / 2                   b_0 until the payload turns
         off      = y - C min(max(y.C / |C|^2, 0), 1)         from the nearest point between 0 and C
-        anchored = a - G off (1 - b_0 / max(|off|, b_0))     exactly a while |off| <= b_0
+        anchored = a - G off (1 - b / max(|off|, b))         exactly a while |off| <= b
         A       <- (I - T K k_I K^-1) (A + anchored)         while measurements are recent
         A       <- A + what else changes the integral        while they are not: the next ones take it back
 
     Norms and products are those of positions and those of rotations, each by itself. A constant bias moves A
-    only while it takes effect after the start, and C follows it; later, what moves A is no bias.
+    only while it takes effect after the first measurements, and C follows it; later, what moves A is no bias.
+    A bias turns with the payload as far as it is of the tip, which the start does not tell: b covers both.
 
     Attributes:
+        rows: The task rows.
         gain: G = c K gamma, shape (k_0, k_0).
         gain_inverse: G^-1.
         same_kind: 1.0 between two positions or two rotations, else 0.0, shape (k_0, k_0).
@@ -53,6 +63,7 @@ class BoundedAnchor(NamedTuple):
         period: T, s.
     """
 
+    rows: TaskRows
     gain: Array
     gain_inverse: Array
     same_kind: Array
@@ -81,53 +92,67 @@ class BoundedAnchor(NamedTuple):
             biases: b_0 and b_max, m and rad each.
             gain: G.
             forget: K k_I K^-1, 1/s, shape (k_0, k_0).
-            largest: Largest errors within the layer of the integral, m and rad, shape (k_0,).
+            largest: Edges of the layer of the integral as errors, m and rad, shape (k_0,).
             rate: nu, 1/s.
             period: T, s.
         """
         positions, angles = (rows.select(np.repeat(pair, 3)) for pair in ((1.0, 0.0), (0.0, 1.0)))
         same_kind = np.outer(positions, positions) + np.outer(angles, angles)
+        b_0, b_max = (rows.select(np.repeat(bias, 3)) for bias in biases)
         edge = np.array([largest[row > 0.0].min() for row in same_kind])
-        free, most = (rows.select(np.repeat(bias, 3)) for bias in biases)
-        free, most = within_layer(free, most, edge)
+        free = np.minimum(b_0, edge / 2.0)
+        further = np.minimum(b_max - b_0, same_kind.dot(largest**2) ** 0.5 - free)
         kept = np.eye(rows.size) - period * forget
-        return cls(gain, inverse(gain)[0], same_kind, free, most - free, rate, kept, period)
+        return cls(rows, gain, inverse(gain)[0], same_kind, free, further, rate, kept, period)
 
     def start(self) -> AnchorState:
         """Return the memory at t_0."""
-        return AnchorState(np.zeros_like(self.free), np.zeros_like(self.free))
+        nothing = np.zeros_like(self.free)
+        return AnchorState(nothing, nothing, nothing, 0.0)
 
     def step(
-        self, state: AnchorState, asked: Array, age: float, fresh: float, may_follow: float
+        self, state: AnchorState, asked: Array, fresh: float, may_follow: float, pose: Array
     ) -> tuple[Array, AnchorState]:
         """Return what the anchor moves the integral by, N and N m, shape (k_0,), and the memory with it.
 
         Args:
             state: Memory.
             asked: a, N and N m, shape (k_0,).
-            age: t - t_0, s.
             fresh: 1.0 where the measurement is new, else 0.0: then nothing is asked, and no bound acts.
             may_follow: 1.0 where C may move, else 0.0.
+            pose: Payload pose as this arm sees it, shape (4, 4).
         """
-        y, C = self.gain_inverse.dot(state.moved + asked), state.centre
-        goal = y * _part(2.0 * self._norm(y) / self.free - 1.0) - C
-        allowed = may_follow * self.period * self.rate * np.exp(-self.rate * age) * self.further
-        C = C + goal * np.minimum(1.0, allowed / np.maximum(self._norm(goal), _TINY))
+        y, C_B, C_E = self.gain_inverse.dot(state.moved + asked), state.from_base, state.from_tip
+        goal = y * _part(2.0 * self._norm(y) / self.free - 1.0)
+        d = may_follow * self.period * self.rate * np.exp(-self.rate * state.measured_for) * self.further
+        step = goal - self.centre(state, pose)
+        step = step * np.minimum(1.0, d / np.maximum(self._norm(step), _TINY))
+        C_B, C_E = C_B + step, C_E + self.rows.turn(pose.T, step)
+        turned = self.rows.turn(pose, C_E)
+        C, b = (C_B + turned) / 2.0, self.free + self._norm(C_B - turned) / 2.0
         off = y - C * _part(self._sum(y * C) / np.maximum(self._sum(C * C), _TINY))
-        beyond = off * (1.0 - self.free / np.maximum(self._norm(off), self.free))
+        beyond = off * (1.0 - b / np.maximum(self._norm(off), b))
         anchored = asked - fresh * self.gain.dot(beyond)
-        return anchored, AnchorState(state.moved + anchored, C)
+        return anchored, AnchorState(state.moved + anchored, C_B, C_E, state.measured_for)
 
-    def after(self, state: AnchorState, stale: float, change: Array) -> AnchorState:
+    def centre(self, state: AnchorState, pose: Array) -> Array:
+        """Return C at a payload pose, m and rad, shape (k_0,)."""
+        C: Array = (state.from_base + self.rows.turn(pose, state.from_tip)) / 2.0
+        return C
+
+    def after(self, state: AnchorState, recent: float, change: Array) -> AnchorState:
         """Return the memory after a tick.
 
         Args:
             state: Memory with what the anchor has moved.
-            stale: 1.0 where no measurement is recent, else 0.0.
+            recent: 1.0 where a measurement is recent, else 0.0.
             change: What else changes the integral, N and N m, shape (k_0,).
         """
         A = state.moved
-        return state._replace(moved=np.where(stale, A + change, self.kept.dot(A)))
+        return state._replace(
+            moved=np.where(recent, self.kept.dot(A), A + change),
+            measured_for=state.measured_for + recent * self.period,
+        )
 
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""
@@ -136,11 +161,6 @@ class BoundedAnchor(NamedTuple):
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
         return self._sum(values * values) ** 0.5
-
-
-def within_layer(free: Any, most: Any, largest: Any) -> tuple[Any, Any]:
-    """Return b_0, at most half of the largest error within the layer, and b_max, at most that error."""
-    return np.minimum(free, largest / 2.0), np.minimum(most, largest)
 
 
 def _part(values: Array) -> Array:

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, within_layer
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain, gain_vector
 from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
 from coop_pin.control.law import ControlledArm, LawController, PostureGains
@@ -186,12 +186,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         fhat, age = self._measured_wrench(measurement, f_r)
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
-        uncut = 1.0 - measurement.saturated.any()
+        uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
         Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
         asked = fresh * gains.anchor_gain * (fhat - f_r)
         if self.bound is not None and anchor is not None:
-            since, cut = measurement.time - state.start_time, self._cut(measurement, state)
-            given, anchor = self.bound.step(anchor, -asked, since, fresh, uncut * (1.0 - stale))
+            cut = recent * self._cut(measurement, state)
+            given, anchor = self.bound.step(anchor, -asked, fresh, uncut * recent, measurement.payload_pose)
             Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
         Z = Z - asked
         Z_hold = np.where(fresh, Z, Z_hold)
@@ -204,11 +204,11 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
         leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
-        goes_on = uncut if waits else 1.0
+        goes_on = uncut if waits else np.maximum(uncut, recent)
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         change = T * (integral - leak)
         if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, stale, change)
+            anchor = self.bound.after(anchor, recent, change)
         return ArmCommand(
             tau,
             state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor),
@@ -251,8 +251,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             force path itself takes.
         anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
             integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
-        anchor_bias_answered: b_max, the bias for which they may while it shows after the start, m and rad; at
-            most the layer. Equal to b_0: a fixed bound.
+        anchor_bias_answered: b_max, the bias for which they may while it shows at the start, m and rad; at
+            most the norm of the edges of the layer. Equal to b_0: a fixed bound.
     """
 
     equal_gains: ClassVar[Mapping[str, str]] = {
@@ -267,8 +267,16 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     posture: PostureGains = PostureGains()
     payload_mass: NotNegative | None = None
     stale_after: int = Field(default=3, ge=1)
-    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = "none"
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_bound(cls, fields: Any) -> Any:
+        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
+        omitted = {*_BOUND, "payload_mass"}
+        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
+        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:
@@ -357,7 +365,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
             free = most = np.inf
             if width is not None:
-                free, most = within_layer(biases[0][0], biases[1][0], width / gamma)
+                edge = width / gamma
+                free, most = min(biases[0][0], edge / 2.0), biases[1][0]
             return SteadyDirection(
                 spring=lambda x: 0.0 if anchored else K * gamma * x,
                 integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),

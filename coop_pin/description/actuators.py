@@ -38,7 +38,7 @@ class Actuators(Description):
         c[k] = tau_c[k], or c[k-1] with probability missed_ticks
         u[k] = clip(c[k] + (1 + mass_error) T^-T g(q(t_k)), -torque_limits, torque_limits)
         tau = u[k], or with lag or rate limit: d tau/dt = clip((u[k] - tau) / lag, -rate_limit, rate_limit)
-        tau = 0 from torque_lost_at on
+        tau = 0 from torque_lost_at on, or tau_c = 0 from commands_lost_at on
 
     The compensation, with g(q) the true weight of the arm alone, is held over the tick; a missed tick does
     not stop it. Lag and rate limit are solved exactly between ticks, whatever the control rate; each
@@ -52,6 +52,8 @@ class Actuators(Description):
             with the last one.
         gravity_compensation: what the robot adds to the commands.
         torque_lost_at: time from which the arm gives no torque, s; its joints then turn freely.
+        commands_lost_at: time from the next tick of which no command reaches the drives, s; the robot goes on
+            with zero in their place, and with its own gravity compensation.
     """
 
     lag: NotNegative = 0.0
@@ -59,11 +61,20 @@ class Actuators(Description):
     missed_ticks: float = Field(default=0.0, ge=0.0, le=1.0)
     gravity_compensation: GravityCompensation | None = None
     torque_lost_at: NotNegative | None = None
+    commands_lost_at: NotNegative | None = None
+
+    @property
+    def lost_at(self) -> float | None:
+        """Time at which the arm loses its torque or its commands, s; None for never."""
+        return self.torque_lost_at if self.commands_lost_at is None else self.commands_lost_at
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
-        """Return what is wrong with the time of a loss of torque, given the fields of the run."""
-        lost, duration = self.torque_lost_at, run.get("duration", math.inf)
+        """Return what is wrong with the time of a loss, given the fields of the run."""
+        lost, duration = self.lost_at, run.get("duration", math.inf)
+        field = "torque_lost_at" if self.commands_lost_at is None else "commands_lost_at"
+        if field == "commands_lost_at" and self.torque_lost_at is not None:
+            return [FieldError("is stated beside torque_lost_at, which leaves nothing: state one", field)]
         if lost is None or lost <= duration:
             return []
-        detail = f"the run ends at {duration:g} s: lengthen it, or lose the torque earlier"
-        return [FieldError(f"is {lost:g} s; {detail}", "torque_lost_at")]
+        detail = f"the run ends at {duration:g} s: lengthen it, or lose the arm earlier"
+        return [FieldError(f"is {lost:g} s; {detail}", field)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, cast, get_args
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field
 
@@ -65,7 +65,7 @@ class ModelBasedLaw(DecentralisedLaw[G], Generic[G]):
 
     def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:
         """Return the controller of one arm."""
-        return cast(ArmController, _made(self, gains, scenario, arm))
+        return _made(self, gains, scenario, arm)
 
 
 class CentralisedLaw(ParametricLaw[G], Generic[G]):
@@ -83,7 +83,7 @@ class CentralisedLaw(ParametricLaw[G], Generic[G]):
         """Return the controller; see Law."""
         seats = list(arms)
         gains = self.gains.sized(seats[0].rows.size, 0)
-        return cast(CellController, _made(self, gains, scenario, seats))
+        return _made(self, gains, scenario, seats)
 
 
 class ComputedTorqueGains(AnchoredGains):

@@ -12,7 +12,15 @@ from pydantic import Field, field_validator
 from coop_pin.arrays import Array
 from coop_pin.description.plant import Clock
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, Interval, Magnitude, NumberOrVector, Positive, not_negative
+from coop_pin.schema.base import (
+    Description,
+    Interval,
+    Magnitude,
+    NotNegative,
+    NumberOrVector,
+    Positive,
+    not_negative,
+)
 
 _SLACK = 1e-9
 
@@ -107,6 +115,7 @@ class WristSensor(Description):
         rate_hz: of the samples, Hz: the control rate, which is the default, divided by a whole number. The
             last sample is held in between.
         lost: intervals of time without samples, [start, end), s.
+        stuck_at: time from which every sample repeats the one before, s; it arrives as a new one.
     """
 
     noise: WrenchParts = WrenchParts()
@@ -115,6 +124,7 @@ class WristSensor(Description):
     delay: int = Field(default=0, ge=0)
     rate_hz: Positive | None = None
     lost: tuple[Interval, ...] = ()
+    stuck_at: NotNegative | None = None
 
     @field_validator("noise")
     @classmethod

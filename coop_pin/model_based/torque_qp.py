@@ -13,7 +13,7 @@ from coop_pin.control.law import ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
 from coop_pin.description.controller import TorqueQp
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import InvalidStateError, MissingExtraError
+from coop_pin.errors import InvalidStateError, needs_extra
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque
@@ -49,10 +49,8 @@ class TorqueQpController(CellController):
             MissingExtraError: proxsuite is not installed.
             CoopPinError: the model cannot be built.
         """
-        try:
-            from proxsuite import proxqp  # an extra
-        except ImportError:
-            raise MissingExtraError("proxsuite", "compare", "to solve quadratic programs") from None
+        with needs_extra("proxsuite", "compare", "to solve quadratic programs"):
+            from proxsuite import proxqp
         self._solve, self._solved = proxqp.dense.solve, proxqp.PROXQP_SOLVED
         cell = scenario.cell
         self._law, self._rows, self._shares = law, arms[0].rows, [arm.load_share for arm in arms]

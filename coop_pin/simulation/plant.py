@@ -31,7 +31,7 @@ class Plant:
     Attributes:
         engine: name of what computes the motion.
         chain: the cell's closed chain.
-        transmission: between its drives and joints, with friction.
+        transmission: transmission between its drives and joints, with friction.
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.

@@ -26,7 +26,7 @@ from coop_pin.results.quantities import (
     quantities,
 )
 from coop_pin.results.trust import Breach, TrustMonitor
-from coop_pin.simulation.actuation import Applied
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.timeline import Timeline
 

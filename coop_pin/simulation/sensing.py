@@ -1,10 +1,10 @@
-"""Sensing: what each arm measures at a tick, the only path from plant to controller."""
+"""Sensing of a run: the sensors of all arms, and the kinematics of the arms by Pinocchio."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,233 +15,13 @@ from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
-from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.signals import CellSignals, SensorSignals
-from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
-from coop_pin.spatial import rotate_vector6, weight_wrench
-from coop_pin.spatial.task_rows import TaskRows
-
-View = Callable[[int, Array | None], PayloadKinematics]
-"""Payload pose and Jacobian by an arm's own kinematics, at its measured joint angles; None: the true ones."""
+from coop_pin.simulation.sensors import Truth, cell_sensors, sensors_path
+from coop_pin.simulation.signals import SensorSignals
+from coop_pin.spatial import weight_wrench
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
-
-
-def measurement(
-    view: PayloadKinematics,
-    q: Array,
-    v: Array,
-    time: Any,
-    internal_wrench: Array | None,
-    saturated: Mask,
-    *others: Any,
-    **named: Any,
-) -> ArmMeasurement:
-    """Return the measurement of an arm.
-
-    Args:
-        view: Payload pose and Jacobian by its own kinematics.
-        q: Measured drive coordinates, rad, shape (k,).
-        v: Measured drive velocities, rad/s, shape (k,).
-        time: t_k, s.
-        internal_wrench: Measured internal wrench, shape (k_0,); None without a force path.
-        saturated: Mask of the drive torques that were cut, shape (k,).
-        others: Remaining fields of the measurement, in order.
-        named: Remaining fields of the measurement, by name.
-    """
-    pose, J = view
-    joints = frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
-    return ArmMeasurement(time, *joints, internal_wrench, saturated, *others, **named)
-
-
-class Truth(NamedTuple):
-    """What the sensors of a cell sense at a tick.
-
-    Attributes:
-        time: t_k, s.
-        angles: joint angles of each arm, shape (k,) each.
-        rates: joint rates of each arm, shape (k,) each.
-        signals: errors of the sensors, and when samples arrive.
-        saturated: which drive torques were cut over the last tick, shape (k,) each.
-        reported: parts of the last commands that acted, N m, shape (k,) each; zero at the first.
-        wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
-            not read unless ``CellSensors.needs_wrenches``.
-        R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
-    """
-
-    time: Any
-    angles: Sequence[Array]
-    rates: Sequence[Array]
-    signals: CellSignals
-    saturated: Sequence[Mask]
-    reported: Sequence[Array]
-    wrenches: Array
-    R_WP: Array
-
-
-class ArmSensors(NamedTuple):
-    """Sensors of one arm.
-
-    Attributes:
-        drive: T, shape (k, k).
-        to_joints: T^-1, shape (k, k).
-        encoders: encoders of the drives; None if they are ideal.
-        has_wrist: whether the controller gets its readings; without, it is ideal and part of the force path.
-    """
-
-    drive: Array
-    to_joints: Array
-    encoders: Encoders | None
-    has_wrist: bool
-
-
-class SensorState(NamedTuple):
-    """Memory of the sensors of a cell.
-
-    Attributes:
-        encoders: memory of each arm's encoders.
-        wrists: memory of each arm's wrist sensor; none if no arm has one.
-        path: memory of the force path.
-    """
-
-    encoders: tuple[EncoderState | None, ...]
-    wrists: tuple[Wrist, ...]
-    path: ForcePathState | None
-
-
-class CellSensors(NamedTuple):
-    """Sensors of all arms, and the force path f_m[k] = p f_m[k-1] + (1 - p) f(t_{k-D}^-), f_m[0] = f_d.
-
-    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1. It is
-    assembled from what the wrist sensors report, where an arm without one has an ideal one. Its age is that
-    of the oldest of these readings, and it has no new sample until every one of them is new.
-
-    Attributes:
-        arms: sensors of each arm.
-        wrists: wrist sensor of each arm before its first sample; none if no arm has one.
-        rows: task rows of the cell.
-        shares: c_i, shape (m,).
-        path: force path; None if the controllers get no internal wrenches.
-    """
-
-    arms: tuple[ArmSensors, ...]
-    wrists: tuple[Wrist, ...]
-    rows: TaskRows
-    shares: Array
-    path: ForcePath | None
-
-    @property
-    def needs_wrenches(self) -> bool:
-        """Whether anything of the wrenches is measured."""
-        return bool(self.wrists) or self.path is not None
-
-    def start(self, truth: Truth, view: View, references: Sequence[ArmReference]) -> SensorState:
-        """Return the state before the first tick.
-
-        Args:
-            truth: What is sensed at the first tick.
-            view: Kinematics of the arms.
-            references: References of the first tick, for f_m[0] = f_d as the arms see the payload.
-        """
-        encoders = tuple(
-            arm.encoders and arm.encoders.start(arm.drive.dot(angles), signals.encoder_noise)
-            for arm, angles, signals in zip(self.arms, truth.angles, truth.signals.arms, strict=True)
-        )
-        state = SensorState(encoders, self.wrists, None)
-        if self.path is None:
-            return state
-        joints, _ = self._joints(state, truth, view)
-        desired = [
-            self.rows.turn(seen.pose, reference.internal_wrench)
-            for (seen, _, _), reference in zip(joints, references, strict=True)
-        ]
-        return state._replace(path=self.path.start(np.stack(desired)))
-
-    def step(self, state: SensorState, truth: Truth, view: View) -> tuple[list[ArmMeasurement], SensorState]:
-        """Return what the arms measure at a tick, and the state."""
-        joints, encoders = self._joints(state, truth, view)
-        signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
-        if wrists:
-            wrists = self._wrists(state, truth, [seen.pose for seen, _, _ in joints])
-            wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
-        if self.path is not None and path is not None:
-            internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
-            path = self.path.step(path, self.rows.select(internal.T).T, signals.arrived)
-            frozen(path.measured)
-        measured = [
-            measurement(
-                seen,
-                q,
-                v,
-                truth.time,
-                None if path is None else path.measured[index],
-                truth.saturated[index],
-                signals.age,
-                frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
-                signals.arms[index].wrist_age,
-                None,
-                truth.reported[index],
-            )
-            for index, (arm, (seen, q, v)) in enumerate(zip(self.arms, joints, strict=True))
-        ]
-        return measured, SensorState(encoders, wrists, path)
-
-    def _joints(
-        self, state: SensorState, truth: Truth, view: View
-    ) -> tuple[list[tuple[PayloadKinematics, Array, Array]], tuple[EncoderState | None, ...]]:
-        """Return the view of the payload and measured q and v of each arm, and the memories of encoders."""
-        joints, memories = [], []
-        for index, arm in enumerate(self.arms):
-            q, v = arm.drive.dot(truth.angles[index]), arm.drive.dot(truth.rates[index])
-            angles, memory = None, state.encoders[index]
-            if arm.encoders is not None and memory is not None:
-                (q, v), memory = arm.encoders.step(memory, q, v, truth.signals.arms[index].encoder_noise)
-                angles = arm.to_joints.dot(q)
-            joints.append((view(index, angles), q, v))
-            memories.append(memory)
-        return joints, tuple(memories)
-
-    def _wrists(self, state: SensorState, truth: Truth, poses: Sequence[Array]) -> tuple[Wrist, ...]:
-        """Return the wrists after a tick."""
-        in_payload = rotate_vector6(truth.R_WP.T, truth.wrenches)
-        return tuple(
-            wrist.step(F_P, signals.wrist_error, pose[:3, :3], signals.wrist_arrived)
-            for wrist, F_P, pose, signals in zip(
-                state.wrists, in_payload, poses, truth.signals.arms, strict=True
-            )
-        )
-
-
-def cell_sensors(scenario: Scenario, places: Sequence[ArmPlace]) -> CellSensors:
-    """Return the sensors of a cell.
-
-    Args:
-        scenario: Cell, sensors and force path.
-        places: Positions of the arms in the cell's model.
-
-    Raises:
-        FieldError: a row of values for each joint has another size.
-    """
-    sensors = [scenario.sensors_of(place.name) for place in places]
-    wrists, path, arms = [options.wrist for options in sensors], scenario.controller.force_path, []
-    for place, options in zip(places, sensors, strict=True):
-        encoders, k = None, len(place.drive)
-        if not options.joints_are_ideal:
-            name = _path(scenario, place.name)
-            encoders = Encoders.of_sensors(options, scenario.clock.period, k, name)
-        arms.append(ArmSensors(place.drive, place.from_drive, encoders, options.wrist is not None))
-    at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
-    rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
-    if path.measures:
-        transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
-    return CellSensors(tuple(arms), at_rest, rows, shares, transport)
-
-
-def _path(scenario: Scenario, arm: str) -> str:
-    """Return the place of an arm's sensors in a scenario, for error messages."""
-    return f"arm_sensors.{arm}" if arm in scenario.arm_sensors else "sensors"
 
 
 class Sensing:
@@ -254,7 +34,7 @@ class Sensing:
     def __init__(
         self,
         scenario: Scenario,
-        places: Sequence[ArmPlace],
+        slots: Sequence[ArmPlace],
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
     ) -> None:
@@ -262,23 +42,23 @@ class Sensing:
 
         Args:
             scenario: Cell, sensors and force path.
-            places: Positions of the arms in the cell's model.
+            slots: Positions of the arms in the cell's model.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
 
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._scenario, self._places, self._holding_torques = scenario, places, holding_torques
+        self._scenario, self._slots, self._holding_torques = scenario, slots, holding_torques
         self._kinematics, self._angles, self._holding_factors = [], list[Array](), []
-        for place in places:
-            arm, grasp, k = scenario.cell.arms[place.name], scenario.cell.grasps[place.name], len(place.drive)
+        for slot in slots:
+            arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
             self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
-            self._angles.append(place.posture)
-            error = np.array(scenario.sensors_of(place.name).holding_torque_error)
-            path = f"{_path(scenario, place.name)}.holding_torque_error"
+            self._angles.append(slot.posture)
+            error = np.array(scenario.sensors_of(slot.name).holding_torque_error)
+            path = f"{sensors_path(scenario, slot.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))
-        self.sensors = cell_sensors(scenario, places)
+        self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
@@ -287,18 +67,18 @@ class Sensing:
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
         ``F_i = c_i [m_0 g, 0]``, without internal wrench.
         """
-        cell, place = self._scenario.cell, self._places[0]
-        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._places]
+        cell, first = self._scenario.cell, self._slots[0]
+        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._slots]
         free = [frozen(torque > 0.0) for torque in rest]
         self._signals = SensorSignals(self._scenario, [len(torque) for torque in rest]).rows()
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
-            R_WP = CellArm(cell, place.name).payload_pose(q[place.q_slice])[:3, :3]
+            R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
         measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
         return [
-            seen._replace(holding_torque=frozen(torque * factor))
-            for seen, torque, factor in zip(
+            reading._replace(holding_torque=frozen(torque * factor))
+            for reading, torque, factor in zip(
                 measured, self._holding_torques(q), self._holding_factors, strict=True
             )
         ]
@@ -326,16 +106,16 @@ class Sensing:
             v: Velocity of the cell, shape (nv,).
             others: Fields of Truth after the signals.
         """
-        for index, place in enumerate(self._places):
-            angles = q[place.q_slice]
-            if not place.angles.is_vector:
-                angles = place.angles.near(angles, self._angles[index])
+        for index, slot in enumerate(self._slots):
+            angles = q[slot.q_slice]
+            if not slot.angles.is_vector:
+                angles = slot.angles.near(angles, self._angles[index])
             self._angles[index] = angles
-        rates = [v[place.v_slice] for place in self._places]
+        rates = [v[slot.v_slice] for slot in self._slots]
         return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
-        place = self._places[index]
+        slot = self._slots[index]
         return self._kinematics[index].view(
-            q[place.q_slice] if angles is None else place.angles.configuration(angles)
+            q[slot.q_slice] if angles is None else slot.angles.configuration(angles)
         )

@@ -45,7 +45,7 @@ class ArmSignals(NamedTuple):
     Attributes:
         encoder_noise: noise of the drives' encoders, rad, shape (n, k).
         wrist_error: error of a wrist sample about P in payload axes, N and N m, shape (n, 6).
-        wrist_arrived: whether a sample of the wrist arrives, shape (n,).
+        wrist_arrived: whether a sample of the wrist arrives that does not repeat the last, shape (n,).
         wrist_age: age of the newest sample that has arrived, ticks, inf before the first, shape (n,).
     """
 
@@ -151,9 +151,9 @@ class SensorSignals:
         arms = tuple(self._arm(index, ticks) for index in range(len(self._wrists)))
         if self._path_delay is None:
             return CellSignals(arms, np.zeros(count), np.full(count, np.inf))
-        sent = self._sent(ticks - self._path_delay)
-        is_new = sent > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
-        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(sent > 0.0, sent, -np.inf))
+        newest = self._sent(ticks - self._path_delay)
+        is_new = newest > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
+        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(newest > 0.0, newest, -np.inf))
 
     def rows(self) -> Iterator[CellSignals]:
         """Yield the signals of one tick after the other."""
@@ -168,6 +168,8 @@ class SensorSignals:
         noise = np.zeros((len(ticks), 6))
         noise[is_due] = self._wrist_noise[index](int(is_due.sum()))  # drawn while lost, too: then none shifts
         time = ticks * self._clock.period
+        stuck = np.inf if sensor.stuck_at is None else sensor.stuck_at - _EARLY * self._clock.period
+        arrives = (newest > sampling.newest(ticks - 1.0)) & (newest * self._clock.period < stuck)
         error_E = noise + sensor.offset.vector6 + time[:, None] * sensor.drift.vector6
         error_P = error_E
         if error_E.any():
@@ -175,7 +177,7 @@ class SensorSignals:
         return ArmSignals(
             encoder_noise=self._encoder_noise[index](len(ticks)),
             wrist_error=error_P,
-            wrist_arrived=(newest > sampling.newest(ticks - 1.0)).astype(np.float64),
+            wrist_arrived=arrives.astype(np.float64),
             wrist_age=ticks - (newest if self._has_wrist[index] else -np.inf),
         )
 

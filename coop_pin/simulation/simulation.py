@@ -19,7 +19,8 @@ from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfR
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.simulation.actuation import Actuation, Applied
+from coop_pin.simulation.actuation import Actuation
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.sensing import Sensing
@@ -53,7 +54,7 @@ class Simulation:
 
     Attributes:
         scenario: the scenario, with the events added since the start.
-        controller: it sees measurements only.
+        controller: controller of the cell, from measurements only.
         controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.
@@ -209,7 +210,7 @@ class Simulation:
 
     def _timeline(self) -> Timeline:
         scenario = self.scenario
-        lost = [scenario.actuators_of(name).torque_lost_at for name in scenario.cell.arms]
+        lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
         return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
 

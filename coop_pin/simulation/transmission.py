@@ -26,11 +26,11 @@ class Friction(NamedTuple):
     Attributes:
         axes: A: the drive matrix for friction at the drives, the identity for friction at the joints, shape
             (k, k).
-        viscous: N m s/rad, shape (k,).
-        coulomb: N m, shape (k,).
-        coulomb_velocity: rad/s.
+        viscous: viscous friction, N m s/rad, shape (k,).
+        coulomb: Coulomb friction, N m, shape (k,).
+        coulomb_velocity: width of the change of sign, rad/s.
         excess: stiction minus coulomb, N m, shape (k,).
-        stribeck_velocity: rad/s.
+        stribeck_velocity: velocity over which stiction decays, rad/s.
     """
 
     axes: Array
@@ -65,20 +65,20 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
     Raises:
         FieldError: the number of coefficients differs from the number of joints.
     """
-    model, chosen = load_arm_model(arm), arm.friction
+    model, options = load_arm_model(arm), arm.friction
     joints = int(model.nv)
-    if isinstance(chosen, JointFriction):
+    if isinstance(options, JointFriction):
         path = f"cell.arms.{name}.friction"
-        viscous = per_joint(np.array(chosen.viscous), joints, f"{path}.viscous")
-        coulomb = per_joint(np.array(chosen.coulomb), joints, f"{path}.coulomb")
-        highest = chosen.coulomb if chosen.stiction is None else chosen.stiction
+        viscous = per_joint(np.array(options.viscous), joints, f"{path}.viscous")
+        coulomb = per_joint(np.array(options.coulomb), joints, f"{path}.coulomb")
+        highest = options.coulomb if options.stiction is None else options.stiction
         excess = per_joint(np.array(highest), joints, f"{path}.stiction") - coulomb
         axes = arm.drive_matrix(joints)
     else:
-        share, chosen = 1.0 if chosen == "urdf" else 0.0, JointFriction()
+        share, options = 1.0 if options == "urdf" else 0.0, JointFriction()
         viscous, coulomb, excess = share * model.damping, share * model.friction, np.zeros(joints)
         axes = np.eye(joints)
-    return Friction(axes, viscous, coulomb, chosen.coulomb_velocity, excess, chosen.stribeck_velocity)
+    return Friction(axes, viscous, coulomb, options.coulomb_velocity, excess, options.stribeck_velocity)
 
 
 class Transmission:

@@ -6,14 +6,14 @@ Names are loaded on first use: the host process of local workers lies in this pa
 from coop_pin import lazy_names
 
 _PUBLIC = {
-    "Estimate": "coop_pin.sweeps.engine",
+    "Estimate": "coop_pin.sweeps.duration",
     "Execution": "coop_pin.sweeps.execution",
     "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.dimensions",
     "Span": "coop_pin.sweeps.dimensions",
     "SweepPlan": "coop_pin.sweeps.plan",
     "SweepResult": "coop_pin.sweeps.result",
-    "estimate": "coop_pin.sweeps.engine",
+    "estimate": "coop_pin.sweeps.duration",
     "linspace": "coop_pin.sweeps.dimensions",
     "logspace": "coop_pin.sweeps.dimensions",
     "sweep": "coop_pin.sweeps.engine",

@@ -68,8 +68,8 @@ def _with_singles(
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
     """Return the next jobs: as many as wanted, or the most of those that are simulated together."""
     first = list(itertools.islice(jobs, 1))
-    wanted = _LARGEST_BATCH if first and first[0].engine == "batch" else size
-    return first + list(itertools.islice(jobs, wanted - 1))
+    count = _LARGEST_BATCH if first and first[0].engine == "batch" else size
+    return first + list(itertools.islice(jobs, count - 1))
 
 
 class Backend(Protocol):
@@ -104,10 +104,10 @@ def outcomes(backend: Backend, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
         done, under_way = futures.wait(under_way, _POLL_S, futures.FIRST_COMPLETED)
         for future in done:
             with _reported():
-                found = future.result()
-            for outcome in found:
+                results = future.result()
+            for outcome in results:
                 mean_s += 0.2 * (outcome.record.wall_s - mean_s)
-            yield found
+            yield results
 
 
 @contextlib.contextmanager
@@ -147,8 +147,8 @@ class Worker:
         arguments = pickle.dumps(jobs), memory_limit
         error, content = self._reply(kill_s, worker_host.run_pickled, arguments, {}, kill_s)
         if error is None:
-            done = _with_singles(jobs, pickle.loads(content), lambda job: self.compute([job]))
-            return list(itertools.chain.from_iterable(done))
+            results = _with_singles(jobs, pickle.loads(content), lambda job: self.compute([job]))
+            return list(itertools.chain.from_iterable(results))
         is_late, deaths = isinstance(error, TimeoutError), deaths + 1
         if not isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool | MemoryError | EOFError):
             raise error
@@ -222,8 +222,8 @@ _workers: dict[int, tuple[str, Worker]] = {}
 def run_in_thread(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
     """Return the outcomes of jobs, by the worker that the calling thread keeps for a sweep."""
     thread = threading.get_ident()
-    known, worker = _workers.get(thread, ("", Worker()))
-    if known != sweep:
+    owner, worker = _workers.get(thread, ("", Worker()))
+    if owner != sweep:
         worker.close()  # other threads may still compute for the other sweep
         _, worker = _workers[thread] = sweep, Worker()
     return worker.compute(jobs)
@@ -231,7 +231,7 @@ def run_in_thread(sweep: str, jobs: Sequence[Job]) -> list[Outcome]:
 
 def close_workers(sweep: str) -> None:
     """End the workers of a sweep, also those at work."""
-    threads = [thread for thread, (known, _) in list(_workers.items()) if known == sweep]
+    threads = [thread for thread, (owner, _) in list(_workers.items()) if owner == sweep]
     ended = [_workers.pop(thread)[1] for thread in threads]
     with futures.ThreadPoolExecutor(max(1, len(ended))) as pool:
         list(pool.map(Worker.close, ended))
@@ -241,7 +241,7 @@ class LocalBackend:
     """Execution backend on local workers, until it is closed.
 
     Args:
-        workers: how many processes compute at once.
+        workers: number of processes that compute at once.
     """
 
     def __init__(self, workers: int) -> None:

@@ -119,8 +119,9 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         if job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index))
         wall_s, cpu_s = outcome.record.wall_s + float(shared[0]), outcome.record.cpu_s + float(shared[1])
-        made = dataclasses.replace(outcome.record, engine="batch", family=family)
-        record = dataclasses.replace(made, wall_s=wall_s, cpu_s=cpu_s)
+        record = dataclasses.replace(
+            outcome.record, engine="batch", family=family, wall_s=wall_s, cpu_s=cpu_s
+        )
         outcomes.append(outcome._replace(record=record))
     batch.release()
     return outcomes

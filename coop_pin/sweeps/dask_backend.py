@@ -85,11 +85,11 @@ def connected(address: str) -> Iterator[DaskBackend]:
             client = _CLIENT(address, set_as_default=False, timeout="5s")
             stack.callback(_close, client)
         except (ValueError, TypeError) as error:
-            wanted = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
-            raise FieldError(f"is {address!r} ({error}); it must be {wanted}", "scheduler") from None
+            form = "an address such as tls://192.0.2.1:8786, with certificates in dask's configuration"
+            raise FieldError(f"is {address!r} ({error}); it must be {form}", "scheduler") from None
         except OSError as error:
-            said = f"there is no dask scheduler at {address!r} ({error})"
-            raise WorkersLostError(f"{said}; start one with: dask scheduler") from None
+            text = f"there is no dask scheduler at {address!r} ({error})"
+            raise WorkersLostError(f"{text}; start one with: dask scheduler") from None
         if not address.startswith("tls://"):
             _LOG.warning("%s has no TLS: whoever reaches it can read the runs and run code as you", address)
         yield stack.enter_context(contextlib.closing(DaskBackend(client)))

@@ -58,21 +58,21 @@ def _fitting(count: int) -> int:
 _SPACINGS = {"linspace": linspace, "logspace": logspace, "range": _range}
 
 
-def _values(given: Any) -> tuple[Any, ...]:
+def _values(argument: Any) -> tuple[Any, ...]:
     """Return the values of a list, or those of ``{linspace = [first, last, count]}`` and the like."""
-    if isinstance(given, Mapping):
+    if isinstance(argument, Mapping):
         try:
-            ((kind, numbers),) = given.items()
+            ((kind, numbers),) = argument.items()
             return tuple(_SPACINGS[kind](*numbers))
         except (TypeError, ValueError, KeyError, ArithmeticError) as error:
-            wanted = "{linspace = [first, last, count]}, {logspace = [...]} or {range = [start, stop, step]}"
-            raise FieldError(f"is {dict(given)!r}; it must be {wanted} ({error})") from None
-    if isinstance(given, np.ndarray):
-        given = given.tolist()
-    if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        wanted = f"a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
-        raise FieldError(f"is {given!r}; it must be {wanted}")
-    return tuple(given)
+            form = "{linspace = [first, last, count]}, {logspace = [...]} or {range = [start, stop, step]}"
+            raise FieldError(f"is {dict(argument)!r}; it must be {form} ({error})") from None
+    if isinstance(argument, np.ndarray):
+        argument = argument.tolist()
+    if isinstance(argument, str) or not isinstance(argument, Sequence) or not argument:
+        form = f"a list with at least one value, or one of {', '.join(_SPACINGS)} = [...]"
+        raise FieldError(f"is {argument!r}; it must be {form}")
+    return tuple(argument)
 
 
 Values = Annotated[tuple[Any, ...], BeforeValidator(_values)]
@@ -84,7 +84,7 @@ class Dimension(NamedTuple):
 
     Attributes:
         fields: the values of each field, all of one length; the first name is the dimension's.
-        kind: what the values are, for the summary.
+        kind: kind of the values, for the summary.
         cases: named groups of changes, such as controllers or payloads that take several fields to describe;
             the values of the only field are then their names.
     """
@@ -103,14 +103,14 @@ class Dimension(NamedTuple):
         """Number of places."""
         return len(self.fields[self.name])
 
-    def changes(self, place: int) -> Mapping[str, Any]:
+    def changes(self, index: int) -> Mapping[str, Any]:
         """Return the changed fields at one place."""
-        values = {field: values[place] for field, values in self.fields.items() if field != "sample"}
+        values = {field: values[index] for field, values in self.fields.items() if field != "sample"}
         return values if self.cases is None else self.cases[values[self.name]]
 
-    def labels(self, place: int) -> dict[str, Any]:
+    def labels(self, index: int) -> dict[str, Any]:
         """Return the coordinates of one place."""
-        return {field: _label(values[place]) for field, values in self.fields.items()}
+        return {field: _label(values[index]) for field, values in self.fields.items()}
 
     def summary(self) -> str:
         """Return the values, or the names of the cases, on one line."""
@@ -142,9 +142,9 @@ class Span(Description):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_a_pair(cls, given: Any) -> Any:
-        is_pair = isinstance(given, list | tuple) and len(given) == 2
-        return {"low": given[0], "high": given[1]} if is_pair else given
+    def _of_a_pair(cls, argument: Any) -> Any:
+        is_pair = isinstance(argument, list | tuple) and len(argument) == 2
+        return {"low": argument[0], "high": argument[1]} if is_pair else argument
 
     @model_validator(mode="after")
     def _with_valid_ends(self) -> Self:
@@ -168,7 +168,7 @@ class Sample(Description):
         count: number of points; a power of two for "sobol" and "saltelli".
         method: "sobol" (scrambled), "latin-hypercube", "random", or "saltelli": count (2 + number of fields)
             points, from which Sobol' indices are computed.
-        seed: of the sampling.
+        seed: seed of the sampling.
     """
 
     fields: dict[str, Span] = Field(min_length=1)
@@ -179,8 +179,8 @@ class Sample(Description):
     @model_validator(mode="after")
     def _balanced(self) -> Self:
         if self.method in ("sobol", "saltelli") and self.count & (self.count - 1):
-            wanted = f"a power of two for {self.method}, for example {1 << self.count.bit_length()}"
-            raise FieldError(f"is {self.count}; it must be {wanted}", "count")
+            form = f"a power of two for {self.method}, for example {1 << self.count.bit_length()}"
+            raise FieldError(f"is {self.count}; it must be {form}", "count")
         return self
 
     def fractions(self) -> Array:

@@ -39,10 +39,10 @@ def checked_content(line: bytes) -> bytes:
     Raises:
         FileReadError: the line is damaged, cut, or was written by something else.
     """
-    found = _LINE.fullmatch(line)
-    if found is None or hashlib.sha256(found[2]).hexdigest().encode() != found[1]:
+    match = _LINE.fullmatch(line)
+    if match is None or hashlib.sha256(match[2]).hexdigest().encode() != match[1]:
         raise FileReadError("it was not written by a sweep, or is damaged: its checksum does not match")
-    return found[2]
+    return match[2]
 
 
 @dataclass(frozen=True, config=ConfigDict(ser_json_inf_nan="strings"))  # JSON has no infinity
@@ -50,14 +50,14 @@ class Record:
     """Stored record of one run, finished or failed.
 
     Attributes:
-        key: what ``run_key`` returned.
-        changes: what was changed in the base scenario, by dotted path.
+        key: key of the run, see ``run_key``.
+        changes: changes of the base scenario, by dotted path.
         metrics: metrics by name; empty if the run failed.
         failure: name of its error's class; empty if it finished.
         message: the error's message, after its place in the user's code if it is not coop_pin's own.
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
-        engine: what simulated it: "single", or "batch" together with others.
+        engine: engine that simulated it: "single", or "batch" together with others.
         family: digest of the family and the code of a run of a user's law in a batch; some of its runs are
             repeated singly.
         wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
@@ -79,14 +79,14 @@ class Record:
     @classmethod
     def of_failure(cls, key: str, changes: Mapping[str, Any], error: BaseException) -> Self:
         """Return the record of a failed run: text, not the error's result up to then, which may be large."""
-        own = isinstance(error, CoopPinError)
-        foreign = error.__cause__ if own else error
+        is_own = isinstance(error, CoopPinError)
+        foreign = error.__cause__ if is_own else error
         trace = "" if foreign is None else "".join(traceback.format_exception(foreign)[-4:])
         plain = (kind.__name__ for kind in (MemoryError, KeyboardInterrupt) if isinstance(foreign, kind))
         kind = next(plain, type(error).__name__)
-        failed_at_s = getattr(error, "time", None) if own else None
+        failed_at_s = getattr(error, "time", None) if is_own else None
         message = str(error) or kind
-        if isinstance(error, Exception) and not own:  # of a user's metric or constructor, for example
+        if isinstance(error, Exception) and not is_own:  # of a user's metric or constructor, for example
             message = "at {}:{} in {}: {}".format(*place_of(error), message)
         return cls(key, dict(changes), {}, kind, message, failed_at_s, trace)
 
@@ -116,9 +116,9 @@ class Job(NamedTuple):
     """One run to be computed.
 
     Attributes:
-        key: what ``run_key`` returned.
+        key: key of the run, see ``run_key``.
         scenario: the resolved scenario. Jobs that are sent together send what they share once.
-        changes: what was changed in its base, for the record.
+        changes: changes of its base scenario, for the record.
         metrics: the user's metrics, "module:function".
         time_limit_s: wall time after which the run is aborted, s.
         memory_limit: memory of a worker, bytes; 0 for no limit.

@@ -124,8 +124,8 @@ def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
             n_startup_trials=size, multivariate=True, constant_liar=True, seed=first.seed
         )
         study = optuna.create_study(sampler=sampler)
-        for place in range(size):
-            study.enqueue_trial(dict(start.changes(place)))
+        for index in range(size):
+            study.enqueue_trial(dict(start.changes(index)))
         for _ in range(generations + 1):
             trials = [study.ask() for _ in range(size)]
             points = [

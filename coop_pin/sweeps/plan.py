@@ -26,23 +26,23 @@ COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "wall_s", "c
 """Columns that the table of every sweep has beside metrics and varied fields."""
 
 
-def _scenarios(given: Any) -> Any:
+def _scenarios(argument: Any) -> Any:
     """Return scenarios by name, from a scenario, its name or path, several of these, or a table of them."""
-    if isinstance(given, str | Path | Scenario):
-        given = [given]
-    if isinstance(given, Mapping):
-        return {str(name): _scenario(entry) for name, entry in given.items()}
-    if not isinstance(given, Sequence) or not given:
-        raise FieldError(f"is {given!r}; it must be a scenario, its name or path, or several of them")
-    scenarios = [_scenario(entry) for entry in given]
+    if isinstance(argument, str | Path | Scenario):
+        argument = [argument]
+    if isinstance(argument, Mapping):
+        return {str(name): _scenario(entry) for name, entry in argument.items()}
+    if not isinstance(argument, Sequence) or not argument:
+        raise FieldError(f"is {argument!r}; it must be a scenario, its name or path, or several of them")
+    scenarios = [_scenario(entry) for entry in argument]
     named = {scenario.name: scenario for scenario in scenarios}
     if len(named) < len(scenarios):
         raise FieldError("has several scenarios of one name; give each a name: {first = ..., second = ...}")
     return named
 
 
-def _scenario(given: Any) -> Scenario:
-    loaded = Scenario(**given) if isinstance(given, Mapping) else given
+def _scenario(argument: Any) -> Scenario:
+    loaded = Scenario(**argument) if isinstance(argument, Mapping) else argument
     return loaded if isinstance(loaded, Scenario) else Scenario.load(loaded)
 
 
@@ -65,10 +65,10 @@ class Point(NamedTuple):
     """One run of a plan.
 
     Attributes:
-        number: its place in the plan, counted from 0.
+        number: number in the plan, counted from 0.
         base: name of its scenario.
-        changes: what is changed in it, by dotted path.
-        parameters: its coordinates: the label along every dimension and the value of every varied field.
+        changes: changes of that scenario, by dotted path.
+        parameters: coordinates: the label along every dimension and the value of every varied field.
     """
 
     number: int
@@ -98,8 +98,8 @@ class SweepPlan(Description):
         engine: "single", each run alone on Pinocchio; "batch", runs of one kind together by compiled code,
             and singly those that cannot be; or "auto": "batch" if the first run can be and there are enough
             of them to be worth compiling, decided when the sweep first starts.
-        repeats: of each run, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension of the plan. With
-            1 the scenario keeps its own seed.
+        repeats: number of runs of each point, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension
+            of the plan. With 1 the scenario keeps its own seed.
     """
 
     base: Bases
@@ -129,8 +129,8 @@ class SweepPlan(Description):
             raise FieldError(f"has {size:.3g} runs; let fewer fields vary")
         for run in () if self.keep in ("all", "none") else self.keep:
             if isinstance(run, str) or not -size <= run < size:
-                wanted = f"'all', 'none' or numbers of runs, of which there are {size}, counted from 0"
-                raise FieldError(f"is {self.keep!r}; it must be {wanted}", "keep")
+                form = f"'all', 'none' or numbers of runs, of which there are {size}, counted from 0"
+                raise FieldError(f"is {self.keep!r}; it must be {form}", "keep")
         self._require_known_fields()
         return self
 
@@ -180,9 +180,9 @@ class SweepPlan(Description):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)
         changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, place in zip(self.dimensions, np.unravel_index(index, self.shape), strict=True):
-            changes |= dimension.changes(int(place))
-            parameters |= dimension.labels(int(place))
+        for dimension, position in zip(self.dimensions, np.unravel_index(index, self.shape), strict=True):
+            changes |= dimension.changes(int(position))
+            parameters |= dimension.labels(int(position))
         return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
 
     def points(self) -> Iterator[Point]:
@@ -225,11 +225,11 @@ class SweepPlan(Description):
 
         Nothing is validated again.
         """
-        ((name, known),) = self.cases.items()
-        repeats, numbers = len(self) // len(known), [n for n, case in enumerate(known) if case in cases]
-        tried = {place * repeats: self._tried[n * repeats] for place, n in enumerate(numbers)}
-        chosen = {name: {case: changes for case, changes in known.items() if case in cases}}
-        part = self.model_copy(update={"cases": chosen, "engine": engine, "_tried": tried})
+        ((name, entries),) = self.cases.items()
+        repeats, numbers = len(self) // len(entries), [n for n, case in enumerate(entries) if case in cases]
+        scenarios = {index * repeats: self._tried[n * repeats] for index, n in enumerate(numbers)}
+        subset = {name: {case: changes for case, changes in entries.items() if case in cases}}
+        part = self.model_copy(update={"cases": subset, "engine": engine, "_tried": scenarios})
         vars(part).pop("dimensions")
         return part
 

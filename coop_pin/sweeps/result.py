@@ -30,8 +30,8 @@ class SweepResult:
     """Results of a sweep, or of a part of it.
 
     Attributes:
-        plan: its plan.
-        store: its folder.
+        plan: plan of the sweep.
+        store: folder of the sweep.
     """
 
     def __init__(self, plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> None:
@@ -84,12 +84,12 @@ class SweepResult:
         part._runs = self._runs
         for field, value in fields.items():
             labels = np.atleast_1d(part._coordinate(field).values).tolist()
-            places = [i for i, label in enumerate(labels) if _is_same(label, value)]
-            if not places:
-                wanted = ", ".join(map(str, labels[:20]))
-                raise FieldError(f"never is {value!r}; it must be one of {wanted}", field)
+            indices = [i for i, label in enumerate(labels) if _is_same(label, value)]
+            if not indices:
+                allowed = ", ".join(map(str, labels[:20]))
+                raise FieldError(f"never is {value!r}; it must be one of {allowed}", field)
             if dims := part._runs[field].dims:
-                part._runs = part._runs.isel({dims[0]: places if len(places) > 1 else places[0]})
+                part._runs = part._runs.isel({dims[0]: indices if len(indices) > 1 else indices[0]})
         return part
 
     def _coordinate(self, field: str) -> xr.DataArray:
@@ -124,7 +124,7 @@ class SweepResult:
 
         Args:
             path: the page.
-            metric: that it shows first, if the runs have it; the others can be chosen.
+            metric: metric that it shows first, if the runs have it; the others can be chosen.
 
         Raises:
             FieldError: no field varies.
@@ -215,7 +215,7 @@ class SweepResult:
         Args:
             field: a dimension with numbers, searched from its smallest value.
             by: the dimensions to keep, all when omitted; along the others all runs must be stable.
-            stable: which runs are stable, for example ``result.values("position_rms_m") < 0.01``; the
+            stable: mask of the stable runs, for example ``result.values("position_rms_m") < 0.01``; the
                 finished ones when omitted.
 
         Returns:
@@ -232,8 +232,8 @@ class SweepResult:
         if self._coordinate(field).name not in numeric:
             raise NameNotFoundError("dimension with numbers", field, numeric, "the sweep")
         stable = self.data["status"] == OK if stable is None else stable
-        kept = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
-        good = stable.all([dim for dim in stable.dims if dim not in kept]).sortby(field).cumprod(field) > 0
+        dims = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
+        good = stable.all([dim for dim in stable.dims if dim not in dims]).sortby(field).cumprod(field) > 0
         values = good[field].astype(float)
         return xr.Dataset(
             {"last_stable": values.where(good).max(field), "first_unstable": values.where(~good).min(field)}
@@ -261,17 +261,19 @@ class SweepResult:
         sample = self.plan.sample
         is_whole = len(self.plan.dimensions) == 1 and len(self.table) == len(self.plan)
         if sample is None or sample.method != "saltelli" or not is_whole:
-            wanted = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
-            raise FieldError(wanted, "sample")
+            form = "must be the only dimension and have method = 'saltelli' for Sobol' indices"
+            raise FieldError(form, "sample")
         values = self.values(metric).values
         self._require_all(~np.isfinite(values), "Sobol' indices")
         A, B, *AB = values.reshape(-1, 1, sample.count)
-        given, random = {"f_A": A, "f_B": B, "f_AB": np.array(AB)}, np.random.default_rng(sample.seed)
-        found = stats.sobol_indices(func=given, n=sample.count, rng=random)
-        spread = found.bootstrap(confidence_level=confidence, n_resamples=as_count("resamples", resamples, 1))
+        samples, random = {"f_A": A, "f_B": B, "f_AB": np.array(AB)}, np.random.default_rng(sample.seed)
+        analysis = stats.sobol_indices(func=samples, n=sample.count, rng=random)
+        spread = analysis.bootstrap(
+            confidence_level=confidence, n_resamples=as_count("resamples", resamples, 1)
+        )
         first, total = spread.first_order.confidence_interval, spread.total_order.confidence_interval
-        indices = {"first": found.first_order, "first_low": first.low, "first_high": first.high}
-        indices |= {"total": found.total_order, "total_low": total.low, "total_high": total.high}
+        indices = {"first": analysis.first_order, "first_low": first.low, "first_high": first.high}
+        indices |= {"total": analysis.total_order, "total_low": total.low, "total_high": total.high}
         return pd.DataFrame({name: np.ravel(x) for name, x in indices.items()}, list(sample.fields))
 
     def _require_all(self, unusable: Any, what: str) -> None:
@@ -285,8 +287,10 @@ class SweepResult:
         names = self.metric_names
         rows = self.table.loc[list(numbers), ["failure", "message", *names]]
         return [
-            PointResult(number, self.plan[number].parameters, dict(zip(names, row, strict=True)), kind, said)
-            for number, kind, said, *row in rows.itertuples(name=None)
+            PointResult(
+                number, self.plan[number].parameters, dict(zip(names, row, strict=True)), kind, message
+            )
+            for number, kind, message, *row in rows.itertuples(name=None)
         ]
 
     def point(self, number: int) -> PointResult:
@@ -300,14 +304,14 @@ class SweepResult:
             CoopPinError: the run fails.
         """
         number = self._number(number)
-        kept = self.store.read_result(self.table["key"][number])
-        return kept if kept is not None else run(self.plan.scenario(number), warn=False)
+        result = self.store.read_result(self.table["key"][number])
+        return result if result is not None else run(self.plan.scenario(number), warn=False)
 
     def _number(self, number: int) -> int:
         require_type("number", number, int, np.integer)
         with contextlib.suppress(IndexError, OverflowError):
-            if (found := self.plan[int(number)].number) in self.table.index:
-                return found
+            if (point := self.plan[int(number)].number) in self.table.index:
+                return point
         nearest = max(-sys.maxsize, min(number, sys.maxsize))
         raise OutOfRangeError("number", nearest, f"a run of this table, of the plan's {len(self.plan)}")
 

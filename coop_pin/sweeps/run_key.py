@@ -50,12 +50,12 @@ class _LocalModules(ModuleFinder):
     def find_module(self, name: str, path: Any, parent: Any = None) -> Any:
         if parent is None and (name in ("", "coop_pin") or name not in (self._tops or {name})):
             raise ImportError(name)
-        for place in (Path(folder, name) for folder in path or self.path):
-            source = place.with_suffix(".py")
-            if source.is_file() and not (place / "__init__.py").is_file():
+        for base in (Path(folder, name) for folder in path or self.path):
+            source = base.with_suffix(".py")
+            if source.is_file() and not (base / "__init__.py").is_file():
                 return source.open("rb"), str(source), _SOURCE
-            if place.is_dir():
-                return None, str(place), _PACKAGE
+            if base.is_dir():
+                return None, str(base), _PACKAGE
         if name != "__init__":  # a package need not have one
             raise ImportError(name)
         return None, None, _NO_FILE
@@ -81,11 +81,11 @@ def source_files(name: str) -> tuple[Path, ...]:
     top = module.partition(".")[0]
     with contextlib.suppress(ImportError, SyntaxError, ValueError):  # the run itself reports these better
         spec = importlib.util.find_spec(top)
-        places = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
-        for root in {Path(place).parent for place in places}:
+        locations = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
+        for root in {Path(location).parent for location in locations}:
             finder = _LocalModules(root, top)
             finder.import_hook(module)
-            files = (getattr(found, "__file__", None) for found in finder.modules.values())
+            files = (getattr(entry, "__file__", None) for entry in finder.modules.values())
             return tuple(sorted(map(Path, filter(None, files))))
     return ()
 
@@ -147,7 +147,7 @@ def run_key(
         metrics: the user's metrics, "module:function".
         code: digests of the user's code; computed when omitted.
         digest: ``file_digest``, or one that remembers.
-        engine: of the plan; batches differ from single runs by rounding.
+        engine: engine of the plan; batches differ from single runs by rounding.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
@@ -187,8 +187,8 @@ class KeyedPoint(NamedTuple):
 
     Attributes:
         point: the run.
-        key: what ``run_key`` or ``unresolved_key`` returned.
-        scenario: its scenario, or the error if the changed scenario has mistakes.
+        key: key of the run, by ``run_key`` or ``unresolved_key``.
+        scenario: scenario of the run, or the error if the changed scenario has mistakes.
         code: digests of the user's code that the key covers.
     """
 

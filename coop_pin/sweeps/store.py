@@ -165,11 +165,11 @@ class SweepStore:
         if not (other.folder / "runs").is_dir():
             raise FileReadError(f"{other.folder} holds no sweep: there is no folder 'runs' in it")
         damaged: list[bytes] = []
-        found = {record.key: record for record in other.records(damaged) if record.failure not in TRANSIENT}
-        new = [Outcome(found[key]) for key in keys if key in found and key not in self.known]
+        records = {record.key: record for record in other.records(damaged) if record.failure not in TRANSIENT}
+        new = [Outcome(records[key]) for key in keys if key in records and key not in self.known]
         self.append(new)
         message = "%d runs are taken from the %d of %s; %d others are known here or not in this plan"
-        _LOG.warning(message, len(new), len(found), other.folder, len(found) - len(new))
+        _LOG.warning(message, len(new), len(records), other.folder, len(records) - len(new))
         if damaged:
             _LOG.warning("%d damaged lines of %s are left out", len(damaged), other.folder)
 

@@ -25,7 +25,7 @@ class PointResult(NamedTuple):
     """One run of a sweep.
 
     Attributes:
-        number: its place in the plan, counted from 0; ``open`` takes it.
+        number: number in the plan, counted from 0; ``open`` takes it.
         parameters: values of the varied fields.
         metrics: metrics by name.
         kind: name of its error's class; empty if it did not fail.
@@ -47,16 +47,16 @@ def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = N
     missing.
 
     Args:
-        plan: of the runs.
-        store: of their records.
-        keys: of all points, where they are known.
+        plan: plan of the runs.
+        store: store of their records.
+        keys: keys of all points, where they are known.
     """
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
-    wanted = set(keys)
+    members = set(keys)
     rows = (
         record.metrics | {name: getattr(record, name) for name in _STORED}
         for record in store.records()
-        if record.key in wanted
+        if record.key in members
     )
     chunks = [pd.DataFrame(chunk) for chunk in iter(lambda: list(itertools.islice(rows, 1000)), [])]
     stored = pd.concat(chunks or [pd.DataFrame(columns=_STORED)]).drop_duplicates("key", keep="last")
@@ -72,7 +72,7 @@ def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = N
     dims = [dimension.name for dimension in plan.dimensions]
     coordinates: dict[str, Any] = {}
     for dimension in plan.dimensions:
-        labels = [dimension.labels(place) for place in range(dimension.size)]
+        labels = [dimension.labels(index) for index in range(dimension.size)]
         coordinates |= {name: (dimension.name, np.array([at[name] for at in labels])) for name in labels[0]}
     return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in columns.items()}, coordinates)
 
@@ -84,8 +84,10 @@ def require_own_names(plan: SweepPlan, metrics: Iterable[str]) -> None:
         FieldError: a metric of the user has such a name.
     """
     fields = (name for dimension in plan.dimensions for name in dimension.labels(0))
-    if taken := sorted({*COLUMNS, *fields} & {*metrics}):
-        raise FieldError(f"return {taken[0]!r}, which another column of the table has; rename it", "metrics")
+    if clashes := sorted({*COLUMNS, *fields} & {*metrics}):
+        raise FieldError(
+            f"return {clashes[0]!r}, which another column of the table has; rename it", "metrics"
+        )
 
 
 def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
@@ -96,11 +98,11 @@ def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
         reason = f"{len(runs)} {kind}; run {runs.index[0]}: {runs['message'].iloc[0]}"
         lines.append("  " + reason.replace("\n", "\n    "))
     ok = table.loc[table["status"] == OK, metrics]
-    known = ok.reindex(columns=["trustworthy", "settling_time_s", "window_start_s", "window_end_s"])
+    checks = ok.reindex(columns=["trustworthy", "settling_time_s", "window_start_s", "window_end_s"])
     doubts = {
-        "NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why": known["trustworthy"] == 0.0,
-        "never settled: settling_time_s is infinite": known["settling_time_s"] == np.inf,
-        f"without steady metrics: {NO_STEADY_METRICS}": known["window_end_s"] <= known["window_start_s"],
+        "NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why": checks["trustworthy"] == 0.0,
+        "never settled: settling_time_s is infinite": checks["settling_time_s"] == np.inf,
+        f"without steady metrics: {NO_STEADY_METRICS}": checks["window_end_s"] <= checks["window_start_s"],
     }
     lines += [f"  {runs.sum()} {text}" for text, runs in doubts.items() if runs.any()]
     if named := [f"{name} ({count})" for name, count in ok.isna().sum().items() if count]:

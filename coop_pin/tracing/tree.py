@@ -80,7 +80,7 @@ def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
         numbers += tree.ravel().tolist()
         if tree.dtype.kind == "O" and any(truths := tuple(map(is_truth, tree.flat))):
             return tree.shape, truths
-        return cast(Hashable, tree.shape)
+        return tree.shape
     if kind is _CONSTANT:
         return type(tree), repr(tree)
     return (type(tree), *[(name, _flatten(part, numbers)) for name, part in _parts(tree)])
@@ -90,7 +90,7 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     """Return the same tree with other numbers."""
     kind = _kind(cast(Any, tree).__class__)
     if kind is _NUMBER or kind is _MASK:
-        return cast(Tree, _like(tree, next(numbers)))
+        return _like(tree, next(numbers))
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
         entries = np.empty(tree.size, dtype=object)
         for index, entry in enumerate(tree.ravel().tolist()):

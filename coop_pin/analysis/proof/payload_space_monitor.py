@@ -80,7 +80,7 @@ class _MonitoredCell:
         self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.gains.sliding_gain, np.nan)
         self.start: list[tuple[Array, Array]] = []
         self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
-        self.anchors = [AnchorState(*np.zeros((2, self.rows.size)))] * len(self.laws)
+        self.anchors = [AnchorState(*np.zeros((3, self.rows.size)), 0.0)] * len(self.laws)
         self.commands = list[Array]()
 
     def at_tick(self, now: RecordedTick) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class _MonitoredCell:
         slid = self.c * np.array([gain.sliding_gain @ s_i for gain, s_i in zip(gains, s, strict=True)])
         fed_back = f_r - self._each("force_gain") * error
         Z = w - slid - fed_back
-        cut = self._cut(now)
+        cut = np.where(is_stale, 0.0, self._cut(now))
         self.Z_hold = np.where(is_fresh, Z, self.Z_hold - cut if self.Z_hold.size else Z)
         a = self._arm_wrenches(now, w)
         ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
@@ -106,14 +106,18 @@ class _MonitoredCell:
         )
         leak = np.array([[law.leak] for law in self.laws])
         waits = [
-            law.bound is None and arm.measured.saturated.any()
-            for law, arm in zip(self.laws, now.arms, strict=True)
+            (law.bound is None or is_stale[i, 0]) and now.arms[i].measured.saturated.any()
+            for i, law in enumerate(self.laws)
         ]
         rate = ~np.array(waits)[:, None] * integral - is_stale * leak * (Z - self.Z_hold)
         held = np.array([self._held(*pair) for pair in zip(self.laws, self.anchors, strict=True)])
+        centre = np.zeros_like(held)
         for i, law in enumerate(self.laws):
             if law.bound is not None:
-                self.anchors[i] = law.bound.after(self.anchors[i], is_stale[i, 0], self.period * rate[i])
+                centre[i] = law.bound.centre(self.anchors[i], now.arms[i].measured.payload_pose)
+                self.anchors[i] = law.bound.after(
+                    self.anchors[i], float(not is_stale[i, 0]), self.period * rate[i]
+                )
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
@@ -127,7 +131,7 @@ class _MonitoredCell:
             "anchor_acts": is_fresh[:, 0],
             "anchor_is_bounded": (bounded != asked).any(axis=1),
             "anchor_held": held,
-            "anchor_centre": np.array([anchor.centre for anchor in self.anchors]),
+            "anchor_centre": centre,
             "memory_rate": rate,
             "integral_is_limited": (np.abs(phi) >= 1.0).any(axis=1),
             "Zbar": Zbar,
@@ -146,7 +150,7 @@ class _MonitoredCell:
             if law.bound is not None:
                 follows = float(not (is_stale[i] or arm.measured.saturated.any()))
                 given, self.anchors[i] = law.bound.step(
-                    self.anchors[i], -asked[i], now.t, float(is_fresh[i]), follows
+                    self.anchors[i], -asked[i], float(is_fresh[i]), follows, arm.measured.payload_pose
                 )
                 taken[i] = -given
         return taken
