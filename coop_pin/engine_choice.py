@@ -24,7 +24,7 @@ class EngineChoice(NamedTuple):
     Attributes:
         engine: "single", each run alone on Pinocchio, or "batch", many together by compiled code.
         obstacle: kind of the reason why it is "single"; None if that was asked for.
-        reason: that reason in words.
+        reason: text of that reason.
     """
 
     engine: Literal["single", "batch"]
