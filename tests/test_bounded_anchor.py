@@ -582,15 +582,18 @@ def attacked(base, seed):
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        *(("adept-anchored", range(3)), ("three-ur5-far", (0, 3, 4, 9))),
+        *(("adept-anchored", (0, 3, 6)), ("three-ur5-far", (0, 3, 6, 9))),
         *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
     ],
 )
 def test_no_random_attack_on_the_measurements_loses_the_payload(name, seeds):
     """504 runs in all; the centre that turns, and time without measurements, decide most of them."""
-    runs = BatchSimulator().run([attacked(Scenario.load(name), seed) for seed in seeds])
-    ends = [last_second(runs.result(index)) for index in range(len(seeds))]
-    assert max(position for (position, _), _, _ in ends) < 20e-3
+    base, simulator, ends = Scenario.load(name), BatchSimulator(), {}
+    for family in range(3):  # samples that are late or rare are batches of their own
+        same = [seed for seed in seeds if seed % 3 == family]
+        runs = simulator.run([attacked(base, seed) for seed in same]) if same else None
+        ends |= {seed: last_second(runs.result(index))[0][0] for index, seed in enumerate(same)}
+    assert {seed: position for seed, position in ends.items() if not position < 20e-3} == {}
 
 
 def test_steady_errors_know_the_bound():
