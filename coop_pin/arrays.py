@@ -265,8 +265,8 @@ def require_memory(what: str, needed: float, remedy: str) -> None:
 
     Args:
         what: the arrays, for the error message.
-        needed: their size, bytes.
-        remedy: what makes them smaller.
+        needed: size of the arrays, bytes.
+        remedy: advice that makes them smaller.
 
     Raises:
         NotEnoughMemoryError: they do not fit.

@@ -30,7 +30,7 @@ class EngineChoice(NamedTuple):
     Attributes:
         engine: "single", each run alone on Pinocchio, or "batch", many together by compiled code.
         obstacle: kind of the reason why it is "single"; None if that was asked for.
-        reason: why it is this one, in words.
+        reason: text that says why it is this one.
     """
 
     engine: Literal["single", "batch"]

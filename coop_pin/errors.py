@@ -261,7 +261,7 @@ def one_or_all(problems: Sequence[FieldError], owner: str) -> ScenarioError:
     """Return the only problem itself, to be caught by its type, or all of them as one ScenarioError.
 
     Args:
-        problems: at least one.
+        problems: mistakes, at least one.
         owner: the file or scenario that has them.
     """
     return problems[0] if len(problems) == 1 else ScenarioError(problems, owner)
@@ -413,7 +413,7 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     current folder if it is below it; of any other the name alone is returned: tables hold no paths of a host.
 
     Args:
-        error: as caught; an exception that was never raised has the place ("", 0, "").
+        error: exception that was caught; one that was never raised has the place ("", 0, "").
     """
     frames = list(traceback.walk_tb(error.__traceback__))[::-1]
     if not frames:

@@ -12,11 +12,11 @@ class ProgressBar:
 
     Attributes:
         finished: items done, those of earlier sessions included.
-        failed: how many of these failed.
+        failed: number of these that failed.
 
     Args:
-        unit: what is counted, for example "runs".
-        total: how many there are; ``advance_to`` can give it later.
+        unit: name of what is counted, for example "runs".
+        total: number of all; ``advance_to`` can give it later.
         title: text before the bar.
         quiet: draw nothing at all.
         keep: leave the finished bar on the terminal.

@@ -35,12 +35,13 @@ def run(
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
-        progress: called after every tick with (ticks done, ticks in all).
-        view: called with a snapshot after every tick, for example what coop_pin.viz.open_view returns.
+        progress: function that is called after every tick with (ticks done, ticks in all).
+        view: function that is called with a snapshot after every tick, for example what
+            coop_pin.viz.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
-        engine: what computes the motion. "traced" is compiled code: faster, and equal to rounding.
+        engine: engine that computes the motion. "traced" is compiled code: faster, and equal to rounding.
         warn: whether to look for what makes the run doubtful; that takes a part of a second.
 
     Raises:

@@ -30,7 +30,7 @@ def read_user_file(path: str | Path, *, limit: int, kind: str) -> bytes:
     Args:
         path: the file.
         limit: largest size, bytes, also of what an archive unpacks to.
-        kind: what it should be, for messages: "a mesh".
+        kind: kind of file that it should be, for messages: "a mesh".
 
     Raises:
         FileReadError: it is missing, no regular file, too large, unreadable, or packed other than by ZIP.
@@ -94,8 +94,8 @@ def parse_toml(data: bytes, source: str, *, kind: str) -> dict[str, Any]:
 
     Args:
         data: the text, UTF-8.
-        source: its name, for messages.
-        kind: what it should be: "a scenario".
+        source: name of the text, for messages.
+        kind: kind of file that it should be: "a scenario".
 
     Raises:
         FileReadError: it is no TOML, is nested more than 50 deep, or has an integer beyond 64 bits.

@@ -132,7 +132,7 @@ LAWS = {
     ),
     "zeroed leaky": Law(False, False, {"zero_at_grasp": True}, {}, (GAMMA, K_I, LEAK)),
     "own wrench": Law(False, True, {"payload_mass": 0.0}, {}, (GAMMA, K_I, (G[0], 0.002, 0.2))),
-    "anchored": Law(False, True, LATE, {}, (GAMMA, K_I, G)),
+    "anchored": Law(False, True, LATE | {"anchor_bias": "none"}, {}, (GAMMA, K_I, G)),
 }
 
 

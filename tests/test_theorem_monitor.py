@@ -5,7 +5,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS, planar_three_arms, spatial_scenario
 
 import coop_pin as cp
-from coop_pin.analysis import theorem_monitor
+from coop_pin.analysis import anchor_bounded_time, theorem_monitor
 from coop_pin.errors import ArgumentError
 from coop_pin.figures import theorem_figure
 
@@ -122,6 +122,18 @@ def test_the_integrals_disagree_as_predicted_and_v_has_its_rates(name, measured)
     if measured == "late, pushed":
         assert largest(unbounded) < 1e-9
     assert bool(unbounded.max() > 0.1) == (measured == "own wrist")
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
+    """The metric counts the time; in the spatial cell the way to another pose is beyond 0.1 mm, too."""
+    last = list(SCENARIOS[name]().cell.arms)[-1]
+    times = []
+    for lost_at in (0.05, None):
+        changes = {"controller.anchor_bias": [1e-4, 1e-3], f"arm_actuators.{last}.torque_lost_at": lost_at}
+        times.append(anchor_bounded_time(anchored(name, changes, duration=0.2))["anchor_bounded_s"])
+    assert times[0] > times[1] + 0.05
+    assert name == "spatial" or times[1] == 0.0
 
 
 MORE_ARMS = {

@@ -7,7 +7,7 @@ from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
 from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
-from coop_pin.analysis.proof import theorem_monitor
+from coop_pin.analysis.proof import anchor_bounded_time, theorem_monitor
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
@@ -54,6 +54,7 @@ __all__ = [
     "Suggestion",
     "TaskInertia",
     "Unreachable",
+    "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
     "fewest_steps",

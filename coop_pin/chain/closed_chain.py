@@ -89,7 +89,7 @@ class ClosedChain:
 
         Args:
             model: the tree; it is kept, not copied.
-            closures: between its frames.
+            closures: closures between its frames.
             stabilisation: Baumgarte's; 10 rad/s and critical damping when omitted.
             formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows
                 only), "kkt" (a KKT system by truncated SVD, any rows), or "auto": "proximal" for the dynamics
@@ -135,7 +135,7 @@ class ClosedChain:
 
         Args:
             path_or_xml: path of a URDF or xacro file, name of a known robot, or the XML text itself.
-            closures: between its frames, after those of the file.
+            closures: closures between its frames, after those of the file.
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: stabilisation, as for the constructor.
             formulation: formulation, as for the constructor.

@@ -80,7 +80,7 @@ def run_figure(
         rows: number of rows of panels.
         columns: number of columns of panels.
         result: the run; its name is in the title, its caption below the panels.
-        title: above all panels.
+        title: title above all panels.
         panel: width and height of a panel, inches.
     """
     scenario = result.scenario
@@ -211,7 +211,7 @@ def scale_to_field(panel: Axes, axis: str, values: Array) -> None:
     Args:
         panel: the axes.
         axis: "x" or "y".
-        values: shape (n,).
+        values: numbers, shape (n,).
     """
     if is_log_spaced(values):
         panel.set(**{f"{axis}scale": "log"})

@@ -65,7 +65,7 @@ def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
 
     Args:
         model: the tree.
-        angles: rad, or m for a prismatic joint, by joint name.
+        angles: joint positions by joint name, rad, or m for a prismatic joint.
 
     Raises:
         NameNotFoundError: a joint does not exist.
@@ -80,7 +80,7 @@ def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
 
     Args:
         model: the tree.
-        rates: rad/s, or m/s for a prismatic joint, by joint name.
+        rates: joint velocities by joint name, rad/s, or m/s for a prismatic joint.
 
     Raises:
         NameNotFoundError: a joint does not exist.

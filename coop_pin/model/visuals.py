@@ -55,7 +55,7 @@ class CellVisuals:
     """Bodies of the arms of a cell, and their poses.
 
     Attributes:
-        bodies: those with visual shapes.
+        bodies: bodies with visual shapes.
         joints: names of the joints of each arm, in the order of its drives.
     """
 

@@ -23,7 +23,7 @@ class AdaptiveState(NamedTuple):
             viscous and Coulomb friction of each drive, shape (12 k,).
         payload: phihat, ten of the arm's share of the payload, shape (10,).
         disturbance: dhat, N m, shape (k,).
-        force: as of computed torque.
+        force: state of the internal force integral, as of computed torque.
         start: drive angles at t_0, to which spare joints return, rad, shape (k,).
     """
 

@@ -129,7 +129,7 @@ class ArmDynamics:
         C is Christoffel's: the quadratic C(q, v) v is polarised, which is bilinear and symmetric.
 
         Args:
-            measurement: of the arm.
+            measurement: measurement of the arm.
             v_r: drive velocities, shape (k,).
             a_r: drive accelerations, shape (k,).
         """
@@ -151,9 +151,9 @@ class ArmDynamics:
         V_r x* (M_0 V) is Q_0 V at V_r = V and does no work on V_r, so that Mdot_0 - 2 Q_0 is skew.
 
         Args:
-            measurement: of the arm, with V.
+            measurement: measurement of the arm, with V.
             V_r: twist on the task rows, shape (k_0,).
-            A_r: its derivative, shape (k_0,).
+            A_r: derivative of V_r, shape (k_0,).
         """
         R = measurement.payload_pose[:3, :3]
         turn = np.kron(np.eye(2), R.T)

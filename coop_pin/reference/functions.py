@@ -26,8 +26,8 @@ class FunctionMotion(PoseReference):
     Attributes:
         target: "module:function", called as ``function(time, **options)`` -> X_WP_d, shape (4, 4). In Python
             it may be given as the function itself.
-        twist: likewise -> V_WP_d, world axes, linear first, shape (6,).
-        acceleration: likewise -> A_WP_d, the derivative of V_WP_d, shape (6,).
+        twist: function likewise -> V_WP_d, world axes, linear first, shape (6,).
+        acceleration: function likewise -> A_WP_d, the derivative of V_WP_d, shape (6,).
         options: keyword arguments of all three.
     """
 

@@ -261,7 +261,7 @@ class SwingMotion(PoseReference):
     Attributes:
         pose: X_WP_d before the swing.
         axis: e in world axes, any length.
-        amplitude: rad.
+        amplitude: largest angle, rad.
         period: s.
         ramp: time until the full amplitude, s.
         start_time: s.

@@ -87,7 +87,7 @@ class ConstantSqueeze(SqueezeReference):
     """f_d = wrenches at all times.
 
     Attributes:
-        wrenches: for each arm; zero when omitted.
+        wrenches: wrench on each arm; zero when omitted.
     """
 
     kind: Literal["constant"] = "constant"
@@ -140,7 +140,7 @@ class TipWrenchSqueeze(SqueezeReference):
     """f_d of wrenches stated at the tips: about P they are ``[f_i, n_i + r_i x f_i]``, and sum to zero.
 
     Attributes:
-        wrenches: on each arm by the payload about its own tip E, in payload axes, N and N m.
+        wrenches: wrench on each arm by the payload about its own tip E, in payload axes, N and N m.
     """
 
     kind: Literal["tip-wrench"] = "tip-wrench"
@@ -170,8 +170,8 @@ class RampSqueeze(SqueezeReference):
     """f_d = (1 - s) start + s goal, s(t) the quintic from rest to rest.
 
     Attributes:
-        start: for each arm, before; zero when omitted.
-        goal: for each arm, afterwards.
+        start: wrench on each arm before the ramp; zero when omitted.
+        goal: wrench on each arm after it.
         duration: time of the ramp, s.
         start_time: s.
     """

@@ -231,7 +231,7 @@ class LimitViolation(NamedTuple):
             what is applied never exceeds the limit).
         worst: the value furthest beyond, rad or m, rad/s or m/s, N m.
         limit: the limit that was exceeded.
-        first_time: when it was exceeded first, s.
+        first_time: time at which it was exceeded first, s.
     """
 
     arm: str
@@ -296,9 +296,9 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
     trace of its inertia, by the load shares.
 
     Args:
-        data: of a run.
+        data: data of a run.
         load_shares: c_i, shape (m,).
-        payload: for the virtual bodies.
+        payload: payload, for the virtual bodies.
     """
     F = data["interaction_wrench"].values
     p_WP = data["payload_position"].values[:, None]

@@ -111,7 +111,7 @@ def _internal_parts(
     Args:
         name: Name of the quantities, with {} for the part.
         text: Name of the wrench.
-        wrench: shape (..., m, 6).
+        wrench: wrench on each arm, shape (..., m, 6).
         group: Group of the quantities.
     """
 

@@ -35,9 +35,9 @@ class RunResult:
     """Result of a run, finished or not.
 
     Attributes:
-        scenario: what was run.
+        scenario: scenario that was run.
         data: xarray Dataset with dimensions time, arm, joint, axis; units are attributes of the variables.
-        arrays: the same without labels, by name.
+        arrays: arrays of the same without labels, by name.
     """
 
     ENDED_BY = "ended_by"

@@ -20,12 +20,12 @@ class Snapshot(NamedTuple):
         desired_pose: X_WP_d, shape (4, 4).
         tip_position: m, shape (m, 3).
         interaction_wrench: N and N m, shape (m, 6); NaN in rows that rigid bodies do not determine.
-        internal_wrench: likewise.
+        internal_wrench: internal wrenches likewise.
         desired_internal_wrench: N and N m, shape (m, 6).
         external_wrench: N and N m, shape (6,).
-        torque: N m, shape (m, k); NaN beyond an arm's joints.
-        saturated: shape (m, k).
-        jacobian_condition: shape (m,).
+        torque: drive torques, N m, shape (m, k); NaN beyond an arm's joints.
+        saturated: mask of the torques that were cut, shape (m, k).
+        jacobian_condition: condition number of each payload Jacobian, shape (m,).
         measured_internal_wrench: internal wrenches that the controllers get, N and N m, shape (m, 6); None
             where they are not recorded.
     """

@@ -34,10 +34,10 @@ class Breach(NamedTuple):
     """Trust threshold that a run exceeded.
 
     Attributes:
-        cause: what exceeded it.
+        cause: name of what exceeded it.
         arm: the arm; empty for the energy and for an error.
         joint: the joint or the drive of that number; empty where the arm as a whole is concerned.
-        time: when it was exceeded first, s; of a torque cut its start.
+        time: time at which it was exceeded first, s; of a torque cut its start.
         value: the value furthest beyond: rad or m, s, J, or a number; of an error the time of the end, s.
         allowed: the threshold at that value, or the joint limit; of an error the scenario's duration, s.
     """
@@ -64,11 +64,11 @@ class _Series(NamedTuple):
     """Samples of what a threshold bounds, shape (..., n) and those of the arms and joints.
 
     Attributes:
-        cause: of a breach.
-        beyond: which samples exceed the threshold.
-        values: of the quantity.
+        cause: cause of a breach.
+        beyond: mask of the samples that exceed the threshold.
+        values: values of the quantity.
         allowed: the threshold at each sample.
-        excess: what the worst sample has most of; NaN counts as most.
+        excess: measure that the worst sample has most of; NaN counts as most.
     """
 
     cause: Cause
@@ -94,7 +94,7 @@ class TrustMonitor:
         """Start before the first sample.
 
         Args:
-            thresholds: of the scenario.
+            thresholds: thresholds of the scenario.
             joints: name of each arm, and names of its joints.
             lower: smallest joint positions, shape (..., m, k); NaN where there is no limit.
             upper: largest joint positions, likewise.
@@ -110,7 +110,7 @@ class TrustMonitor:
         """Return the breaches in the next samples of a run, in the order of their first times.
 
         Args:
-            samples: of the quantities by name, n samples that follow those of the last call.
+            samples: quantities by name, n samples that follow those of the last call.
         """
         return in_time(
             [breach for series in self._series(samples) for breach in self._found(series, samples)]

@@ -72,9 +72,9 @@ class Windows(NamedTuple):
     """Windows of the metrics of a run.
 
     Attributes:
-        steady: of means and rms values, from 4 s to the first event.
-        event: from the first event on.
-        after_event: from 4 s after the last event ended; empty without events.
+        steady: window of means and rms values, from 4 s to the first event.
+        event: window from the first event on.
+        after_event: window from 4 s after the last event ended; empty without events.
         has_events: whether there are events; they end at the end of the run otherwise.
     """
 

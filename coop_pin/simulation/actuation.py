@@ -48,6 +48,7 @@ class Actuation:
         self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
         lost = [scenario.actuators_of(name).lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
+        self._has_losses = min(self.lost_at) < np.inf
         self.drives = cell_drives(scenario, self._slots, limits)
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
         self.state = DriveState(tuple(self.holding_commands(plant.q)), None)
@@ -99,14 +100,14 @@ class Actuation:
             commanded,
             self._missed.draw(1)[0],
             partial(self._weight, q),
-            () if self.is_held else self.gives(time),
+            self.gives(time) if self._has_losses or not self.is_held else (),
             since,
         )
         return applied
 
     @property
     def is_held(self) -> bool:
-        """Whether torques are held between ticks: no lag, no rate limit, none lost."""
+        """Whether torques are held between ticks: no lag, no rate limit, no torque lost."""
         return self.drives.response is None
 
     def torques(self, time: float, duration: float = 0.0) -> list[Array]:

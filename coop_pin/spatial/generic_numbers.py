@@ -58,7 +58,7 @@ def inverse(A: Array) -> tuple[Array, float]:
     called directly: numpy's wrapper around it costs three times the solution.
 
     Args:
-        A: shape (n, n).
+        A: matrix, shape (n, n).
     """
     A_inverse: Array
     if type(A) is not np.ndarray:

@@ -43,7 +43,7 @@ def quaternions(R: Array) -> Array:
     A matrix gives four multiples of its quaternion; that of the largest entry is accurate.
 
     Args:
-        R: shape (..., 3, 3).
+        R: rotation matrices, shape (..., 3, 3).
 
     Raises:
         ShapeError: the shape differs.
@@ -115,7 +115,7 @@ def log3(R: Array) -> Array:
     ``2 atan2(|(x, y, z)|, w)`` along (x, y, z), with w >= 0.
 
     Args:
-        R: shape (..., 3, 3).
+        R: rotation matrices, shape (..., 3, 3).
 
     Raises:
         ShapeError: the shape differs.

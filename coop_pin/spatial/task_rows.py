@@ -59,7 +59,7 @@ class TaskRows(ABC):
         A wrench about P is A^-T F about Q, and A^-1 is the matrix of the opposite displacement.
 
         Args:
-            displacement: from P to Q in world axes, m, shape (3,).
+            displacement: displacement from P to Q in world axes, m, shape (3,).
         """
 
     def expand(self, rows: Array) -> Array:

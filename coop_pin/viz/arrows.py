@@ -31,7 +31,7 @@ class ArrowScales(NamedTuple):
 
     Attributes:
         newtons_per_metre: N/m.
-        newton_metres_per_metre: N m/m; None if there are no moments to draw.
+        newton_metres_per_metre: scale of moments, N m/m; None if there are no moments to draw.
     """
 
     newtons_per_metre: float

@@ -121,7 +121,7 @@ def thinned_rows(rows: Array, always: Iterable[int] = ()) -> Array:
     """Return rows thinned for a plot: evenly, and with the extremes of every column in every interval.
 
     Args:
-        rows: shape (n, columns).
+        rows: values, shape (n, columns).
         always: indices of rows that are kept, for example those of the frames.
     """
     n, columns = rows.shape

@@ -34,8 +34,8 @@ class LiveRun:
         scenario: scenario with all changes; the next reset starts from it.
         error: the error that ended the run; None if there is none.
         squeeze: largest desired internal force on an arm, N.
-        on_end: called from the run's thread when the run finishes or fails.
-        on_change: called after a change of gains, mass or squeeze, and after a reset.
+        on_end: function that is called from the run's thread when the run finishes or fails.
+        on_change: function that is called after a change of gains, mass or squeeze, and after a reset.
     """
 
     error: CoopPinError | None
@@ -172,7 +172,7 @@ class LiveRun:
         """Apply an external wrench to the payload from the next tick on.
 
         Args:
-            wrench: about P in world axes, N and N m, six numbers.
+            wrench: wrench about P in world axes, N and N m, six numbers.
             duration: s; shortened to the end of the run.
         """
         with self._lock:

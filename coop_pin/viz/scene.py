@@ -36,11 +36,11 @@ class Item(NamedTuple):
 
     Attributes:
         node: path of the node.
-        drawable: shape or axes.
+        drawable: drawn object, a shape or axes.
         colour: "#rrggbb".
         pose: pose of the drawable in its node, shape (4, 4).
         layer: name of the layer that shows and hides it.
-        opacity: from 0 to 1.
+        opacity: opacity from 0 to 1.
         lit: True if it is shaded and casts a shadow.
     """
 

@@ -11,7 +11,7 @@ from coop_pin.arrays import typed
 from coop_pin.errors import ArgumentError
 from coop_pin.results import RunResult
 
-__all__ = ["theorem_monitor"]
+__all__ = ["anchor_bounded_time", "theorem_monitor"]
 
 
 @typed
@@ -40,3 +40,23 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
             " 'sliding-mode' with rows 'planar' or 'full'"
         )
     return payload_space_monitor(result) if kind == "payload-space" else sliding_mode_monitor(result)
+
+
+@typed
+def anchor_bounded_time(result: RunResult) -> dict[str, float]:
+    """Return the time for which the bound of an anchor acts, as a metric of runs and sweeps.
+
+    Much of it says that what an anchor meets is no bias of the start: a dead arm, drives that are too weak,
+    a wrong wrench, or a bias that has changed. See the page "The bounded anchor".
+
+    Args:
+        result: Run of the payload-space law, as for ``theorem_monitor``.
+
+    Returns:
+        ``anchor_bounded_s``: the time of the arm for which it is longest, s.
+
+    Raises:
+        ArgumentError: as of ``theorem_monitor``.
+    """
+    ticks = theorem_monitor(result)["anchor_is_bounded"].sum("time")
+    return {"anchor_bounded_s": float(ticks.max()) * result.scenario.clock.period}

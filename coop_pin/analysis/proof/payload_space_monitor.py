@@ -46,7 +46,7 @@ def payload_space_monitor(result: RunResult) -> xr.Dataset:
         result: run of the payload-space law, every tick kept.
 
     Raises:
-        ArgumentError: the torques change between ticks, or the law is zeroed at grasp.
+        ArgumentError: the torques change between ticks but by a loss, or the law is zeroed at grasp.
     """
     cell = _MonitoredCell(result)
     columns: dict[str, list[Any]] = {}
@@ -64,10 +64,11 @@ class _MonitoredCell:
         stated: Any = scenario.controller
         controller: Any = build_controller(scenario)
         self.simulation = Simulation(scenario, controller)
-        if stated.zero_at_grasp or not self.simulation.actuation.is_held:
+        response = self.simulation.actuation.drives.response
+        if stated.zero_at_grasp or not (response is None or response.at_once.all()):
             raise ArgumentError(
                 "the monitor of the payload-space law needs torques that are held over a tick and payload"
-                " frames without correction; run without lag, rate_limit, torque_lost_at and zero_at_grasp"
+                " frames without correction; run without lag, rate_limit and zero_at_grasp"
             )
         cell = scenario.cell
         self.rows, self.c, self.period = cell.task_rows, cell.shares[:, None], scenario.clock.period
