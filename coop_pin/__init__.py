@@ -8,6 +8,7 @@ their packages (``cp.chain.Trajectory``).
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 from collections.abc import Callable, Iterable, Mapping
@@ -146,10 +147,9 @@ def lazy_names(
         elif name in packages:
             value = importlib.import_module(f"{package}.{name}")
         else:
-            from coop_pin.errors import suggestion  # only then
-
-            hint = suggestion(name, [*public, *packages])
-            raise AttributeError(f"module {package!r} has no attribute {name!r}; {hint}")
+            close = difflib.get_close_matches(name, [*public, *packages], cutoff=0.5)
+            hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         setattr(sys.modules[package], name, value)
         return value
 
